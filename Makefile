@@ -1,0 +1,62 @@
+# Every target sets up what it needs: an own environment in .venv from the lock files, then the project itself.
+# A second call finds the stamps in .venv and starts at once; a changed lock file makes the environment anew.
+
+PYTHON := $(shell for python in "$$PYTHON" python3.11 python3.12 python3.13 python3; do \
+	"$$python" -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
+	&& { echo "$$python"; break; }; done)
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+SCENARIO ?= parts-3-easy
+
+.DELETE_ON_ERROR:
+.PHONY: run test test-container check format lock hooks clean
+
+run: .venv/.project
+	$(BIN)/dynpf run $(SCENARIO)
+
+test: .venv/.dev
+	$(BIN)/pytest
+
+test-container: .venv/.dev
+	$(BIN)/pytest -m container
+
+check: .venv/.dev
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: .venv/.dev
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+# Keeps the versions that are locked, as far as pyproject.toml lets it; `make lock UPGRADE=1` takes the newest.
+COMPILE = $(BIN)/uv pip compile pyproject.toml --quiet --universal --python-version 3.11 --generate-hashes --fork-strategy fewest \
+	--no-emit-index-url --no-emit-find-links --custom-compile-command 'make lock' $(if $(UPGRADE),--upgrade)
+lock: .venv/.dev
+	$(COMPILE) --group build --output-file requirements.lock
+	$(COMPILE) --group build --group dev --constraint requirements.lock --output-file requirements-dev.lock
+
+hooks:
+	printf '#!/bin/sh\nexec make check\n' > "$$(git rev-parse --git-path hooks)/pre-commit"
+	chmod +x "$$(git rev-parse --git-path hooks)/pre-commit"
+
+clean:
+	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
+	find dynpf protocol services tests -name __pycache__ -prune -exec rm -rf {} +
+
+.venv/.runtime: requirements.lock
+	$(if $(PYTHON),,$(error dynpf needs Python 3.11 or newer with its venv module, and found none (Debian: apt install python3-venv). \
+		Another one can be named: make PYTHON=/path/to/python3))
+	@echo "Installing the locked dependencies for $$($(PYTHON) --version) into .venv"
+	$(PYTHON) -m venv --clear .venv
+	$(PIP) install --require-hashes --requirement requirements.lock
+	touch $@
+
+.venv/.project: .venv/.runtime pyproject.toml
+	$(PIP) install --no-build-isolation --no-deps --editable .
+	touch $@
+
+.venv/.dev: .venv/.project requirements-dev.lock
+	$(PIP) install --require-hashes --requirement requirements-dev.lock
+	touch $@
