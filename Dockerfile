@@ -21,6 +21,5 @@ COPY --from=build /opt/dynpf /opt/dynpf
 ENV PATH=/opt/dynpf/bin:$PATH PYTHONUNBUFFERED=1
 USER dynpf
 WORKDIR /recordings
-VOLUME /recordings
 ENTRYPOINT ["dynpf"]
 CMD ["--help"]

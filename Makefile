@@ -1,9 +1,10 @@
 # Every target sets up what it needs: an own environment in .venv from the lock files, then the project itself.
 # A second call finds the stamps in .venv and starts at once; a changed lock file makes the environment anew.
 
-PYTHON := $(shell for python in "$$PYTHON" python3.11 python3.12 python3.13 python3; do \
-	"$$python" -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
-	&& { echo "$$python"; break; }; done)
+# The first of these that is new enough; `make PYTHON=/path/to/python3` names another.
+USABLE := import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))
+PYTHON := $(shell for python in $$PYTHON python3.11 python3.12 python3.13 python3; do \
+	"$$python" -c '$(USABLE)' 2>/dev/null && echo "$$python" && exit; done; echo python3)
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 SCENARIO ?= parts-3-easy
@@ -25,6 +26,7 @@ check: .venv/.dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m checks.pure_code
 
 format: .venv/.dev
 	$(BIN)/ruff format .
@@ -43,20 +45,20 @@ hooks:
 
 clean:
 	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
-	find dynpf protocol services tests -name __pycache__ -prune -exec rm -rf {} +
+	find dynpf protocol services checks tests -name __pycache__ -prune -exec rm -rf {} +
 
 .venv/.runtime: requirements.lock
-	$(if $(PYTHON),,$(error dynpf needs Python 3.11 or newer with its venv module, and found none (Debian: apt install python3-venv). \
-		Another one can be named: make PYTHON=/path/to/python3))
+	@$(PYTHON) -c '$(USABLE)' 2>/dev/null || { echo "dynpf needs Python 3.11 or newer with its venv module (Debian: apt" \
+		"install python3-venv), which '$(PYTHON)' is not; name another one: make PYTHON=/path/to/python3" >&2; exit 1; }
 	@echo "Installing the locked dependencies for $$($(PYTHON) --version) into .venv"
-	$(PYTHON) -m venv --clear .venv
-	$(PIP) install --require-hashes --requirement requirements.lock
-	touch $@
+	@$(PYTHON) -m venv --clear .venv
+	@$(PIP) install --require-hashes --requirement requirements.lock
+	@touch $@
 
 .venv/.project: .venv/.runtime pyproject.toml
-	$(PIP) install --no-build-isolation --no-deps --editable .
-	touch $@
+	@$(PIP) install --no-build-isolation --no-deps --editable .
+	@touch $@
 
 .venv/.dev: .venv/.project requirements-dev.lock
-	$(PIP) install --require-hashes --requirement requirements-dev.lock
-	touch $@
+	@$(PIP) install --require-hashes --requirement requirements-dev.lock
+	@touch $@
