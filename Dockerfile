@@ -18,7 +18,7 @@ RUN pip --python /opt/dynpf/bin/python install --no-cache-dir --no-index --no-de
 FROM ${BASE}
 RUN useradd --system --uid 10001 --no-create-home dynpf && install --directory --owner=dynpf /recordings
 COPY --from=build /opt/dynpf /opt/dynpf
-ENV PATH=/opt/dynpf/bin:$PATH PYTHONUNBUFFERED=1
+ENV PATH=/opt/dynpf/bin:$PATH PYTHONSAFEPATH=1 PYTHONUNBUFFERED=1
 USER dynpf
 WORKDIR /recordings
 ENTRYPOINT ["dynpf"]
