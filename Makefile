@@ -27,6 +27,7 @@ check: .venv/.dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m checks.pure_code
+	$(BIN)/python -m pip check
 
 format: .venv/.dev
 	$(BIN)/ruff format .
@@ -39,9 +40,12 @@ lock: .venv/.dev
 	$(COMPILE) --group build --output-file requirements.lock
 	$(COMPILE) --group build --group dev --constraint requirements.lock --output-file requirements-dev.lock
 
+# Every commit then has to pass `make check`.
+HOOK = $(shell git rev-parse --git-path hooks)/pre-commit
 hooks:
-	printf '#!/bin/sh\nexec make check\n' > "$$(git rev-parse --git-path hooks)/pre-commit"
-	chmod +x "$$(git rev-parse --git-path hooks)/pre-commit"
+	mkdir -p $(dir $(HOOK))
+	printf '#!/bin/sh\nexec make check\n' > $(HOOK)
+	chmod +x $(HOOK)
 
 clean:
 	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist

@@ -34,8 +34,8 @@ def engine() -> None:
     script = [str(ROOT / ".ci/docker-engine"), *(["--install"] if in_ci else [])]
     ready = subprocess.run(script, capture_output=True, text=True, check=False)
     if ready.returncode != 0:
-        reason = ready.stderr.strip() or "no container engine"
-        pytest.fail(reason) if in_ci else pytest.skip(f"{reason} (.ci/docker-engine --install)")
+        reason = ready.stderr.strip().rpartition("\n")[2]
+        pytest.fail(reason) if in_ci else pytest.skip(f"{reason}; as root, .ci/docker-engine --install may help")
 
 
 class Compose:
