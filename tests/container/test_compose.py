@@ -1,12 +1,12 @@
 """The containers: compose runs a scenario to its end, and its recording replays exactly outside of them."""
 
+import json
 import os
 import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from subprocess import PIPE, STDOUT
 
 import pytest
 
@@ -21,10 +21,9 @@ def run(
     command: Sequence[str | Path], seconds: float = 120.0, cwd: Path = ROOT, env: Mapping[str, str] | None = None
 ) -> str:
     """Return what the command prints; a failure shows all of it."""
-    done = subprocess.run(
-        command, check=False, stdout=PIPE, stderr=STDOUT, text=True, timeout=seconds, cwd=cwd, env=env
-    )
-    assert done.returncode == 0, f"{' '.join(map(str, command))} ended with {done.returncode}:\n{done.stdout[-8000:]}"
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=seconds, cwd=cwd, env=env)
+    output = f"{done.stdout[-8000:]}\n{done.stderr[-4000:]}"
+    assert done.returncode == 0, f"{' '.join(map(str, command))} ended with {done.returncode}:\n{output}"
     return done.stdout
 
 
@@ -94,4 +93,4 @@ def test_the_recording_is_whole_and_replays_exactly_outside(finished: Compose, t
     run(["docker", "cp", f"{container}:/recordings/.", tmp_path])
     (recording,) = tmp_path.glob("*.mcap")
     run([DYNPF, "doctor", recording])
-    run([DYNPF, "replay", recording], seconds=300)
+    assert json.loads(run([DYNPF, "replay", recording, "--json"], seconds=300))["same"] is True
