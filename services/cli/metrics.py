@@ -16,8 +16,8 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from services.metrics import measure, summary  # noqa: PLC0415
-    from services.recording.reader import read_recording  # noqa: PLC0415
+    from services.metrics import measure, summary
+    from services.recording.reader import read_recording
 
     recording = read_recording(options.recording)
     measures = measure(recording)

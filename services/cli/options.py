@@ -20,9 +20,9 @@ class Log:
     """An imported log: its records, its content digest, its landmarks, and what is attached to it."""
 
     def __init__(self, path: Path) -> None:
-        from services.recording.digest import content_digest  # noqa: PLC0415  only runs with a log need it
-        from services.recording.reader import read_recording  # noqa: PLC0415
-        from services.runners.replay import log_records  # noqa: PLC0415
+        from services.recording.digest import content_digest
+        from services.recording.reader import read_recording
+        from services.runners.replay import log_records
 
         recording = read_recording(path)
         self.path = path

@@ -28,12 +28,12 @@ def _rate(text: str) -> float:
 
 
 def run(options: argparse.Namespace) -> int:
-    from protocol.envelope import Envelope, encode_envelope  # noqa: PLC0415  slow to load
-    from protocol.topics import topic  # noqa: PLC0415
-    from services.bus import DATA, Bus  # noqa: PLC0415
-    from services.errors import UsageError  # noqa: PLC0415
-    from services.member import StopSignal, say  # noqa: PLC0415
-    from services.recording.reader import read_recording  # noqa: PLC0415
+    from protocol.envelope import Envelope, encode_envelope
+    from protocol.topics import topic
+    from services.bus import DATA, Bus
+    from services.errors import UsageError
+    from services.member import StopSignal, say
+    from services.recording.reader import read_recording
 
     recording = read_recording(options.recording)
     wanted = {topic(name).name for name in options.topics or ()}

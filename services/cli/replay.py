@@ -34,8 +34,8 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from services.recording.reader import read_recording  # noqa: PLC0415  slow to load
-    from services.scenario import override_resolved  # noqa: PLC0415
+    from services.recording.reader import read_recording
+    from services.scenario import override_resolved
 
     recording = read_recording(options.recording)
     if options.output is not None and options.output.exists():
@@ -51,10 +51,10 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _each_alone(options: argparse.Namespace, recording: "Recording", scenario: "Scenario") -> int:
-    from services.nodes import build_nodes  # noqa: PLC0415
-    from services.recording.writer import RecordingWriter  # noqa: PLC0415
-    from services.recorder.host import run_header  # noqa: PLC0415
-    from services.runners.replay import replay_node, write_replayed  # noqa: PLC0415
+    from services.nodes import build_nodes
+    from services.recorder.host import run_header
+    from services.recording.writer import RecordingWriter
+    from services.runners.replay import replay_node, write_replayed
 
     nodes = build_nodes(scenario)
     chosen = [options.node] if options.node else list(scenario.nodes)
@@ -92,13 +92,13 @@ def _print_outcomes(outcomes: Sequence["Replayed"], *, as_json: bool) -> None:
 
 
 def _closed_loop(options: argparse.Namespace, recording: "Recording", scenario: "Scenario") -> int:
-    from services.cli.diff import print_difference  # noqa: PLC0415
-    from services.recorder.host import run_header  # noqa: PLC0415
-    from services.recording.diff import diff  # noqa: PLC0415
-    from services.recording.reader import read_recording  # noqa: PLC0415
-    from services.recording.writer import RecordingWriter  # noqa: PLC0415
-    from services.runners.inline import run_inline  # noqa: PLC0415
-    from services.runners.replay import log_records  # noqa: PLC0415
+    from services.cli.diff import print_difference
+    from services.recorder.host import run_header
+    from services.recording.diff import diff
+    from services.recording.reader import read_recording
+    from services.recording.writer import RecordingWriter
+    from services.runners.inline import run_inline
+    from services.runners.replay import log_records
 
     if scenario.clock != "lockstep":
         raise UsageError(

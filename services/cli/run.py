@@ -60,10 +60,10 @@ def _check_output(path: Path) -> None:
 
 
 def _run_inline(scenario: Scenario, path: Path, log: Log | None) -> None:
-    from services.member import StopSignal  # noqa: PLC0415
-    from services.recorder.host import run_header  # noqa: PLC0415
-    from services.recording.writer import RecordingWriter  # noqa: PLC0415
-    from services.runners.inline import run_inline  # noqa: PLC0415
+    from services.member import StopSignal
+    from services.recorder.host import run_header
+    from services.recording.writer import RecordingWriter
+    from services.runners.inline import run_inline
 
     with (
         StopSignal.installed() as stop,
@@ -74,16 +74,16 @@ def _run_inline(scenario: Scenario, path: Path, log: Log | None) -> None:
 
 
 def _run_on_bus(scenario: Scenario, path: Path, log: Log | None) -> None:
-    from services.member import StopSignal  # noqa: PLC0415
-    from services.runners.bus import run_on_bus  # noqa: PLC0415
+    from services.member import StopSignal
+    from services.runners.bus import run_on_bus
 
     with StopSignal.installed() as stop:
         run_on_bus(scenario, path, log.path if log else None, stop)
 
 
 def _summary(path: Path, *, as_json: bool) -> int:
-    from services.metrics import measure, summary  # noqa: PLC0415
-    from services.recording.reader import read_recording  # noqa: PLC0415
+    from services.metrics import measure, summary
+    from services.recording.reader import read_recording
 
     recording = read_recording(path)
     measures = measure(recording)

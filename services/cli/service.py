@@ -26,7 +26,7 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from services.member import StopSignal, say  # noqa: PLC0415  Zenoh is slow to load
+    from services.member import StopSignal, say
 
     log = load_log(options) if options.name != "router" or options.log else None
     scenario = scenario_from(options, log)
@@ -38,19 +38,19 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError("this scenario plays an imported log: give it with --log IN.mcap (dynpf import makes one)")
     with StopSignal.installed() as stop:
         if options.name == "router":
-            from services.router.host import run_router  # noqa: PLC0415
+            from services.router.host import run_router
 
             run_router(scenario, options.listen, stop)
         elif options.name == "recorder":
-            from services.cli.run import default_output  # noqa: PLC0415
-            from services.recorder.host import run_recorder  # noqa: PLC0415
+            from services.cli.run import default_output
+            from services.recorder.host import run_recorder
 
             path = options.output or default_output(Path(options.scenario).stem, scenario.seed)
             end = run_recorder(scenario, options.connect, path, log.attachments if log else (), stop)
             if not options.quiet:
                 say("recorder", f"{path} is complete: {end.reason}")
         else:
-            from services.host import run_node  # noqa: PLC0415
+            from services.host import run_node
 
             run_node(options.name, scenario, options.connect, log.records if log else [], stop)
     return 0

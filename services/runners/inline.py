@@ -11,9 +11,9 @@ from protocol.envelope import Envelope
 from protocol.journal import encode_entry
 from services.executor import Executor, Sent
 from services.faults import FaultyLink
+from services.gaps import GapWatch, notice_gaps
 from services.graph import Graph
 from services.inbox import LockstepInbox, Ready
-from services.gaps import GapWatch, notice_gaps
 from services.node import Node, Received
 from services.nodes import build_nodes
 from services.recording.writer import RecordingWriter
