@@ -11,7 +11,7 @@ from protocol import messages
 from protocol.errors import UnknownTopicError
 from protocol.messages import Message
 
-__all__ = ["LOG_NODE", "NODES", "TOPICS", "Delivery", "Topic", "topic"]
+__all__ = ["HOST_NODES", "LOG_NODE", "NODES", "TOPICS", "Delivery", "Topic", "topic"]
 
 NODES = ("simulator", "vision", "sensors", "estimator", "controller")
 """The nodes, in the order in which a lockstep tick goes round."""
@@ -20,6 +20,7 @@ LOG_NODE = "log"
 """The sender's name of records that a host feeds in from an imported log."""
 
 HOST_NODES = (*NODES, LOG_NODE)
+"""Every sender whose messages a node may consume."""
 
 
 class Delivery(StrEnum):
