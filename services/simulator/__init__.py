@@ -1,0 +1,1 @@
+"""The simulator: the true world, its camera, and the run's clock."""
