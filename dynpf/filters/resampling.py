@@ -11,9 +11,10 @@ FloatArray = NDArray[np.float64]
 def normalize_log_weights(log_weights: FloatArray) -> tuple[FloatArray, float]:
     """Return the normalized weights, shape (N,), and the log of the sum of the unnormalized ones.
 
-    A NaN counts as an impossible particle (log-weight -inf). When every particle is impossible, the measurement
-    says nothing about which to prefer: the weights are uniform and the log-sum is -inf, which a caller tests to
-    recognize a lost filter. Particles at +inf share all of the weight. Raises ValueError when there are none.
+    A NaN counts as an impossible particle (log-weight -inf). When every particle is impossible, the
+    measurement says nothing about which to prefer: the weights are uniform and the log-sum is -inf, which
+    a caller tests to recognize a lost filter. Particles at +inf share all of the weight. Raises ValueError
+    when there are no particles.
     """
     if log_weights.size == 0:
         raise ValueError("normalize_log_weights: no particles (shape (0,)); at least one is needed")
@@ -30,17 +31,17 @@ def normalize_log_weights(log_weights: FloatArray) -> tuple[FloatArray, float]:
 
 
 def effective_sample_size(weights: FloatArray) -> float:
-    """Return 1 / sum(w^2) of normalized weights: N when all are equal, 1 when one has all (PARTS eq. 3.24)."""
+    """Return 1 / sum(w^2) of normalized weights: N if all are equal, 1 if one has all (PARTS eq. 3.24)."""
     return 1.0 / float(np.dot(weights, weights))
 
 
 def systematic(weights: FloatArray, uniform: float, count: int | None = None) -> NDArray[np.intp]:
     """Return the indices of the particles that survive, ascending, shape (count,) (PARTS appendix B).
 
-    One number ``uniform`` in [0, 1) places a comb of ``count`` (default: N) equidistant teeth on the cumulative
-    weights: particle i is taken floor(count w_i) or ceil(count w_i) times, count w_i in the mean. A particle of
-    weight zero is never taken. The weights need not be normalized; raises ValueError when their sum is not
-    positive and finite.
+    One number ``uniform`` in [0, 1) places a comb of ``count`` (default: N) equidistant teeth on the
+    cumulative weights: particle i is taken floor(count w_i) or ceil(count w_i) times, count w_i in the
+    mean. A particle of weight zero is never taken. The weights need not be normalized; raises ValueError
+    when their sum is not positive and finite.
     """
     teeth = weights.size if count is None else count
     cumulative = np.cumsum(weights)
