@@ -1,0 +1,440 @@
+"""Message types: one frozen struct a topic, in SI units and radians.
+
+Types named ``foxglove.*`` have the exact shape of Foxglove's well-known schemas, so that Foxglove and Lichtblick draw
+them; types named ``dynpf.*`` are ours. Lengths, ranges and signs are part of the types: decoding checks them.
+"""
+
+import math
+from enum import IntEnum
+from typing import Annotated, ClassVar, Literal
+
+import msgspec
+from msgspec import Meta
+
+__all__ = [
+    "Color",
+    "Command",
+    "CompressedImage",
+    "Detection",
+    "Detections",
+    "Diagnostics",
+    "Duration",
+    "Estimate",
+    "Gap",
+    "Gripper",
+    "HostEvent",
+    "LandmarkReading",
+    "LandmarkReadings",
+    "LaserScan",
+    "Log",
+    "LogLevel",
+    "Message",
+    "Odometry",
+    "PartEstimate",
+    "PartState",
+    "PartsState",
+    "Point3",
+    "Pose",
+    "PoseInFrame",
+    "PosesInFrame",
+    "Quaternion",
+    "RobotState",
+    "SceneEntity",
+    "SceneEntityDeletion",
+    "SceneUpdate",
+    "Timestamp",
+    "Vector3",
+    "heading",
+    "planar_pose",
+    "timestamp",
+]
+
+NonNegative = Annotated[float, Meta(ge=0.0)]
+Positive = Annotated[float, Meta(gt=0.0)]
+Angle = Annotated[float, Meta(ge=-7.0, le=7.0)]
+Count = Annotated[int, Meta(ge=0)]
+
+
+class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A piece of a message; has no topic of its own."""
+
+
+class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What a topic carries. ``schema_name`` is the name under which a recording files its schema."""
+
+    schema_name: ClassVar[str]
+
+
+# --- Foxglove's well-known shapes ----------------------------------------------------------------------------------
+
+
+class Timestamp(Part, frozen=True, kw_only=True):
+    sec: Annotated[int, Meta(ge=0, lt=2**32)]
+    nsec: Annotated[int, Meta(ge=0, lt=10**9)]
+
+
+class Duration(Part, frozen=True, kw_only=True):
+    sec: Annotated[int, Meta(ge=-(2**31), lt=2**31)] = 0
+    nsec: Annotated[int, Meta(ge=0, lt=10**9)] = 0
+
+
+class Vector3(Part, frozen=True, kw_only=True):
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+
+
+class Point3(Part, frozen=True, kw_only=True):
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+
+
+class Quaternion(Part, frozen=True, kw_only=True):
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    w: float = 1.0
+
+
+class Pose(Part, frozen=True, kw_only=True):
+    position: Vector3
+    orientation: Quaternion
+
+
+class Color(Part, frozen=True, kw_only=True):
+    r: float
+    g: float
+    b: float
+    a: float = 1.0
+
+
+class CompressedImage(Message, frozen=True, kw_only=True):
+    """A camera frame; ``data`` is base64 text on the wire, as JSON schemas of Foxglove have it."""
+
+    schema_name = "foxglove.CompressedImage"
+    timestamp: Timestamp
+    frame_id: str
+    data: bytes
+    format: Literal["jpeg", "png"]
+
+
+class PoseInFrame(Message, frozen=True, kw_only=True):
+    schema_name = "foxglove.PoseInFrame"
+    timestamp: Timestamp
+    frame_id: str
+    pose: Pose
+
+
+class PosesInFrame(Message, frozen=True, kw_only=True):
+    """Poses for looking at, such as a decimated particle cloud: at most 200."""
+
+    schema_name = "foxglove.PosesInFrame"
+    timestamp: Timestamp
+    frame_id: str
+    poses: Annotated[tuple[Pose, ...], Meta(max_length=200)]
+
+
+class LaserScan(Message, frozen=True, kw_only=True):
+    """Ranges in metres over [start_angle, end_angle]; a beam without return carries the sensor's maximum range."""
+
+    schema_name = "foxglove.LaserScan"
+    timestamp: Timestamp
+    frame_id: str
+    pose: Pose
+    start_angle: float
+    end_angle: float
+    ranges: Annotated[tuple[NonNegative, ...], Meta(max_length=100_000)]
+    intensities: Annotated[tuple[float, ...], Meta(max_length=100_000)] = ()
+
+
+class LogLevel(IntEnum):
+    UNKNOWN = 0
+    DEBUG = 1
+    INFO = 2
+    WARNING = 3
+    ERROR = 4
+    FATAL = 5
+
+
+class Log(Message, frozen=True, kw_only=True):
+    schema_name = "foxglove.Log"
+    timestamp: Timestamp
+    level: LogLevel
+    message: str
+    name: str
+    file: str = ""
+    line: Count = 0
+
+
+class KeyValuePair(Part, frozen=True, kw_only=True):
+    key: str
+    value: str
+
+
+class SceneEntityDeletion(Part, frozen=True, kw_only=True):
+    timestamp: Timestamp
+    type: Annotated[int, Meta(ge=0, le=1)]
+    id: str
+
+
+class ArrowPrimitive(Part, frozen=True, kw_only=True):
+    pose: Pose
+    shaft_length: float
+    shaft_diameter: float
+    head_length: float
+    head_diameter: float
+    color: Color
+
+
+class CubePrimitive(Part, frozen=True, kw_only=True):
+    pose: Pose
+    size: Vector3
+    color: Color
+
+
+class SpherePrimitive(Part, frozen=True, kw_only=True):
+    pose: Pose
+    size: Vector3
+    color: Color
+
+
+class CylinderPrimitive(Part, frozen=True, kw_only=True):
+    pose: Pose
+    size: Vector3
+    bottom_scale: float
+    top_scale: float
+    color: Color
+
+
+class LinePrimitive(Part, frozen=True, kw_only=True):
+    type: Annotated[int, Meta(ge=0, le=2)]
+    pose: Pose
+    thickness: float
+    scale_invariant: bool
+    points: tuple[Point3, ...]
+    color: Color
+    colors: tuple[Color, ...] = ()
+    indices: tuple[Count, ...] = ()
+
+
+class TriangleListPrimitive(Part, frozen=True, kw_only=True):
+    pose: Pose
+    points: tuple[Point3, ...]
+    color: Color
+    colors: tuple[Color, ...] = ()
+    indices: tuple[Count, ...] = ()
+
+
+class TextPrimitive(Part, frozen=True, kw_only=True):
+    pose: Pose
+    billboard: bool
+    font_size: float
+    scale_invariant: bool
+    color: Color
+    text: str
+
+
+class ModelPrimitive(Part, frozen=True, kw_only=True):
+    pose: Pose
+    scale: Vector3
+    color: Color
+    override_color: bool
+    url: str
+    media_type: str
+    data: bytes
+
+
+class SceneEntity(Part, frozen=True, kw_only=True):
+    timestamp: Timestamp
+    frame_id: str
+    id: str
+    lifetime: Duration = Duration()
+    frame_locked: bool = False
+    metadata: tuple[KeyValuePair, ...] = ()
+    arrows: tuple[ArrowPrimitive, ...] = ()
+    cubes: tuple[CubePrimitive, ...] = ()
+    spheres: tuple[SpherePrimitive, ...] = ()
+    cylinders: tuple[CylinderPrimitive, ...] = ()
+    lines: tuple[LinePrimitive, ...] = ()
+    triangles: tuple[TriangleListPrimitive, ...] = ()
+    texts: tuple[TextPrimitive, ...] = ()
+    models: tuple[ModelPrimitive, ...] = ()
+
+
+class SceneUpdate(Message, frozen=True, kw_only=True):
+    """Shapes for looking at: discs, goals, landmarks."""
+
+    schema_name = "foxglove.SceneUpdate"
+    deletions: tuple[SceneEntityDeletion, ...] = ()
+    entities: tuple[SceneEntity, ...] = ()
+
+
+# --- the true state ------------------------------------------------------------------------------------------------
+
+
+class RobotState(Message, frozen=True, kw_only=True):
+    """The robot's true or reference pose; ``heading_valid`` is false where the reference's heading is known to lie."""
+
+    schema_name = "dynpf.RobotState"
+    x: float
+    y: float
+    theta: float
+    v: float = 0.0
+    w: float = 0.0
+    heading_valid: bool = True
+
+
+class PartState(Part, frozen=True, kw_only=True):
+    x: float
+    y: float
+    radius: Positive
+    goal_x: float
+    goal_y: float
+
+
+class PartsState(Message, frozen=True, kw_only=True):
+    """The true state of every part; ``held`` is the index of the part in the gripper, or -1."""
+
+    schema_name = "dynpf.PartsState"
+    parts: Annotated[tuple[PartState, ...], Meta(max_length=64)]
+    held: Annotated[int, Meta(ge=-1, lt=64)]
+    contacts: Count  # ticks so far in which two discs, or a disc and a wall, overlapped
+    finished: bool  # the controller has said that it is done
+
+
+# --- what is sensed ------------------------------------------------------------------------------------------------
+
+
+class Detection(Part, frozen=True, kw_only=True):
+    """A disc in workspace coordinates; ``grey`` is its median grey level less the background's."""
+
+    x: float
+    y: float
+    radius: Positive
+    grey: float
+    residual: NonNegative = 0.0  # RMS distance of the edge points from the fitted circle
+
+
+class Detections(Message, frozen=True, kw_only=True):
+    schema_name = "dynpf.Detections"
+    discs: Annotated[tuple[Detection, ...], Meta(max_length=256)]
+
+
+class Odometry(Message, frozen=True, kw_only=True):
+    """Forward speed (m/s) and turning rate (rad/s), held until the next message."""
+
+    schema_name = "dynpf.Odometry"
+    v: float
+    w: float
+
+
+class LandmarkReading(Part, frozen=True, kw_only=True):
+    landmark: Annotated[int, Meta(ge=0)]
+    range: NonNegative
+    bearing: Angle
+
+
+class LandmarkReadings(Message, frozen=True, kw_only=True):
+    """Range and bearing to identified landmarks, all taken at the message's stamp."""
+
+    schema_name = "dynpf.LandmarkReadings"
+    readings: Annotated[tuple[LandmarkReading, ...], Meta(max_length=256)]
+
+
+class Gripper(Message, frozen=True, kw_only=True):
+    """The gripper's own sensing: contact switch and angle encoder (rad, from the x axis of the workspace)."""
+
+    schema_name = "dynpf.Gripper"
+    contact: bool
+    theta: Angle
+
+
+# --- what is estimated and commanded -------------------------------------------------------------------------------
+
+
+class PartEstimate(Part, frozen=True, kw_only=True):
+    x: float
+    y: float
+    variance: NonNegative  # of each coordinate, m^2
+    seen: bool  # a detection was associated in this step
+
+
+class Estimate(Message, frozen=True, kw_only=True):
+    """The pose estimate: weighted mean with circular heading, covariance of (x, y, theta) row by row, and health."""
+
+    schema_name = "dynpf.Estimate"
+    x: float
+    y: float
+    theta: Angle
+    covariance: Annotated[tuple[float, ...], Meta(min_length=9, max_length=9)]
+    n_eff: NonNegative
+    parts: Annotated[tuple[PartEstimate, ...], Meta(max_length=64)] = ()
+    held: Annotated[int, Meta(ge=-1, lt=64)] = -1
+
+
+class Command(Message, frozen=True, kw_only=True):
+    """What the robot shall do until the next command: velocity in workspace axes, gripper turning rate, grip."""
+
+    schema_name = "dynpf.Command"
+    mode: Literal["idle", "mate", "move", "leave", "drive"]
+    target: Annotated[int, Meta(ge=-1, lt=64)] = -1
+    vx: float = 0.0
+    vy: float = 0.0
+    w: float = 0.0
+    grip: bool = False
+    finished: bool = False
+
+
+# --- what hosts say ------------------------------------------------------------------------------------------------
+
+
+class HostEvent(Message, frozen=True, kw_only=True):
+    """Something that happened to a node's inputs, told to the node as an input: a gap in a topic's sequence."""
+
+    schema_name = "dynpf.HostEvent"
+    kind: Literal["gap"]
+    topic: str
+    node: str
+    first: Count
+    last: Count
+
+
+class Gap(Message, frozen=True, kw_only=True):
+    """Sequence numbers that the recorder never received."""
+
+    schema_name = "dynpf.Gap"
+    topic: str
+    node: str
+    boot: str
+    first: Count
+    last: Count
+
+
+class Diagnostics(Message, frozen=True, kw_only=True):
+    """Timings and counters of one process; wall-clock figures live here and nowhere else."""
+
+    schema_name = "dynpf.Diagnostics"
+    node: str
+    steps: Count
+    step_time_s: NonNegative  # spent in the node's own step since the last report
+    refused: dict[str, Count]  # topic -> messages refused so far
+    queue: Count  # messages waiting
+
+
+def timestamp(stamp_ns: int) -> Timestamp:
+    """Return a logical stamp in nanoseconds as Foxglove's seconds and nanoseconds."""
+    return Timestamp(sec=stamp_ns // 10**9, nsec=stamp_ns % 10**9)
+
+
+def planar_pose(x: float, y: float, theta: float) -> Pose:
+    """Return a pose in the plane, heading ``theta`` in radians, as position and quaternion."""
+    return Pose(
+        position=Vector3(x=x, y=y),
+        orientation=Quaternion(z=math.sin(theta / 2), w=math.cos(theta / 2)),
+    )
+
+
+def heading(orientation: Quaternion) -> float:
+    """Return the yaw in radians of a quaternion that turns about z alone."""
+    return 2.0 * math.atan2(orientation.z, orientation.w)

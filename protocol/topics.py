@@ -1,0 +1,215 @@
+"""The topic table: what travels, who writes it, who it wakes, how it is delivered, and what is kept of it.
+
+Host, recorder, replay, documentation and tests all read this one table.
+"""
+
+from enum import StrEnum
+
+import msgspec
+
+from protocol import messages
+from protocol.errors import UnknownTopicError
+from protocol.messages import Message
+
+__all__ = ["HOST_NODES", "LOG_NODE", "NODES", "TOPICS", "Delivery", "Topic", "topic"]
+
+NODES = ("simulator", "vision", "sensors", "estimator", "controller")
+"""The nodes, in the order in which a lockstep tick goes round."""
+
+LOG_NODE = "log"
+"""The sender's name of records that a host feeds in from an imported log."""
+
+HOST_NODES = (*NODES, LOG_NODE)
+"""Every sender whose messages a node may consume."""
+
+
+class Delivery(StrEnum):
+    """How a topic is delivered."""
+
+    RELIABLE = "reliable"  # must arrive: the publisher waits for room
+    FRESH = "fresh"  # in realtime runs only the newest matters; in lockstep as reliable
+
+
+class Topic(msgspec.Struct, frozen=True, kw_only=True):
+    """One row of the table."""
+
+    name: str
+    type: type[Message]
+    publishers: tuple[str, ...]
+    description: str
+    delivery: Delivery = Delivery.RELIABLE
+    triggers: tuple[str, ...] = ()  # nodes that step when it arrives (realtime clock)
+    compared: bool = True  # part of "the same run"
+    recorded: bool = True
+
+
+_ROWS = (
+    Topic(
+        name="log/odometry",
+        type=messages.Odometry,
+        publishers=(LOG_NODE,),
+        triggers=("sensors",),
+        description="Odometry record of an imported log",
+    ),
+    Topic(
+        name="log/landmarks",
+        type=messages.LandmarkReadings,
+        publishers=(LOG_NODE,),
+        triggers=("sensors",),
+        description="Landmark readings of an imported log",
+    ),
+    Topic(
+        name="log/scan",
+        type=messages.LaserScan,
+        publishers=(LOG_NODE,),
+        triggers=("sensors",),
+        description="Range scan of an imported log",
+    ),
+    Topic(
+        name="log/truth",
+        type=messages.RobotState,
+        publishers=(LOG_NODE,),
+        description="Reference pose of an imported log; rides along with the next sensor record and wakes nobody",
+    ),
+    Topic(
+        name="camera/image",
+        type=messages.CompressedImage,
+        publishers=("simulator",),
+        triggers=("vision",),
+        delivery=Delivery.FRESH,
+        description="Frame of the overhead camera",
+    ),
+    Topic(
+        name="truth/robot",
+        type=messages.RobotState,
+        publishers=("simulator",),
+        triggers=("sensors",),
+        description="True pose and twist of the robot",
+    ),
+    Topic(
+        name="truth/parts",
+        type=messages.PartsState,
+        publishers=("simulator",),
+        description="True positions of the parts, what is held, contacts so far",
+    ),
+    Topic(
+        name="truth/scene",
+        type=messages.SceneUpdate,
+        publishers=("simulator",),
+        description="The true world as shapes, for looking at: at most five times a second",
+    ),
+    Topic(
+        name="vision/detections",
+        type=messages.Detections,
+        publishers=("vision",),
+        triggers=("estimator",),
+        description="Discs that the camera chain found, in workspace coordinates",
+    ),
+    Topic(
+        name="sensors/overhead",
+        type=messages.Detections,
+        publishers=("sensors",),
+        triggers=("estimator",),
+        description="Discs as a noisy overhead tracker gives them, for runs without camera frames",
+    ),
+    Topic(
+        name="sensors/odometry",
+        type=messages.Odometry,
+        publishers=("sensors",),
+        triggers=("estimator",),
+        description="Forward speed and turning rate as the wheel encoders see them",
+    ),
+    Topic(
+        name="sensors/landmarks",
+        type=messages.LandmarkReadings,
+        publishers=("sensors",),
+        triggers=("estimator",),
+        description="Range and bearing to the landmarks in view",
+    ),
+    Topic(
+        name="sensors/scan",
+        type=messages.LaserScan,
+        publishers=("sensors",),
+        triggers=("estimator",),
+        delivery=Delivery.FRESH,
+        description="Ranges of a scanning sensor on the robot",
+    ),
+    Topic(
+        name="sensors/gripper",
+        type=messages.Gripper,
+        publishers=("sensors",),
+        description="Gripper contact switch and angle encoder",
+    ),
+    Topic(
+        name="estimator/state",
+        type=messages.Estimate,
+        publishers=("estimator",),
+        triggers=("controller",),
+        description="Estimate of the robot's pose, with covariance and effective sample size, and of the parts",
+    ),
+    Topic(
+        name="estimator/pose",
+        type=messages.PoseInFrame,
+        publishers=("estimator",),
+        description="The estimated pose, for looking at",
+    ),
+    Topic(
+        name="estimator/dead_reckoning",
+        type=messages.PoseInFrame,
+        publishers=("estimator",),
+        description="Where odometry alone would put the robot",
+    ),
+    Topic(
+        name="estimator/particles",
+        type=messages.PosesInFrame,
+        publishers=("estimator",),
+        description="At most 200 of the particles, at most five times a second of logical time",
+    ),
+    Topic(
+        name="controller/command",
+        type=messages.Command,
+        publishers=("controller",),
+        description="Velocity, turning rate and grip commanded to the robot",
+    ),
+    *(
+        Topic(
+            name=f"event/{node}",
+            type=messages.HostEvent,
+            publishers=(node,),
+            compared=False,
+            description=f"What the host of {node} tells its node about missing inputs",
+        )
+        for node in NODES
+    ),
+    Topic(
+        name="log",
+        type=messages.Log,
+        publishers=(*NODES, "recorder"),
+        compared=False,
+        description="Warnings and errors in words",
+    ),
+    Topic(
+        name="diagnostics",
+        type=messages.Diagnostics,
+        publishers=NODES,
+        compared=False,
+        description="Timings, refusals and queue lengths of each process; wall-clock figures",
+    ),
+    Topic(
+        name="recorder/gap",
+        type=messages.Gap,
+        publishers=("recorder",),
+        compared=False,
+        description="Sequence numbers that never reached the recorder",
+    ),
+)
+
+TOPICS: dict[str, Topic] = {row.name: row for row in _ROWS}
+
+
+def topic(name: str) -> Topic:
+    """Return the row of a topic; raises UnknownTopicError for a name that is not in the table."""
+    try:
+        return TOPICS[name]
+    except KeyError:
+        raise UnknownTopicError(f"topic {name!r} is not in the topic table") from None

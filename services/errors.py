@@ -1,0 +1,23 @@
+"""Errors whose text is for a person: where, which value, what was expected, what to do."""
+
+__all__ = ["DynpfError", "RunError", "ScenarioError", "UsageError"]
+
+
+class DynpfError(Exception):
+    """An error told in one line on stderr; ``exit_code`` is what the command ends with."""
+
+    exit_code = 2
+
+
+class UsageError(DynpfError):
+    """The command was called in a way that cannot work."""
+
+
+class ScenarioError(DynpfError):
+    """A scenario file, or an override of it, says something that it cannot say."""
+
+
+class RunError(DynpfError):
+    """A run could not be carried through."""
+
+    exit_code = 1

@@ -1,0 +1,38 @@
+"""Facts of a run that several nodes share: the rearrangement task and the landmarks."""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+__all__ = ["Landmark", "PartSpec", "RearrangementTask"]
+
+Positive = Annotated[float, Meta(gt=0.0)]
+Point = tuple[float, float]
+
+
+class PartSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One disc to be moved; metres."""
+
+    radius: Positive
+    goal: Point
+    start: Point | None = None  # None: drawn by the seed
+
+
+class RearrangementTask(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """PARTS: a disc robot brings disc parts to their goals in a rectangle centred at the origin; metres."""
+
+    parts: Annotated[tuple[PartSpec, ...], Meta(min_length=1, max_length=64)]
+    width: Positive = 2.0
+    height: Positive = 2.0
+    robot_radius: Positive = 0.10
+    robot_start: Point | None = None  # None: drawn by the seed
+    reach: Annotated[float, Meta(ge=0.0)] = 0.01  # gap between robot and held part
+
+
+class Landmark(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A landmark that can be told from the others; metres."""
+
+    id: Annotated[int, Meta(ge=0)]
+    x: float
+    y: float
