@@ -5,7 +5,7 @@ messages as they come, and what it took is journalled.
 """
 
 import heapq
-from collections import defaultdict
+from collections import Counter, defaultdict
 from typing import NamedTuple
 
 from protocol.control import TickDone
@@ -35,11 +35,16 @@ class LockstepInbox:
         self._link = link
         self._messages: defaultdict[tuple[str, int], list[Received]] = defaultdict(list)
         self._done: dict[tuple[str, int], TickDone] = {}
+        self._refused: Counter[tuple[str, int]] = Counter()
         self._late: list[tuple[int, Received]] = []
         self.tick = 0
 
-    def deliver(self, received: Received, tick: int) -> None:
+    def deliver(self, received: Received, tick: int, _now_ns: int = 0) -> None:
         self._messages[received.node, tick].append(received)
+
+    def deliver_refused(self, node: str, tick: int) -> None:
+        """Count a message that came but cannot be given to the node, so that nobody waits for it."""
+        self._refused[node, tick] += 1
 
     def done(self, done: TickDone) -> None:
         if done.node in self._lags:
@@ -61,17 +66,12 @@ class LockstepInbox:
         self.tick += 1
         return ready
 
-    def waiting_for(self) -> list[str]:
-        """Return the nodes whose tick is still missing."""
-        needed = [(node, self.tick - lag) for node, lag in self._lags.items() if self.tick >= lag]
-        return [key[0] for key in needed if not self._complete(key)]
-
     def _complete(self, key: tuple[str, int]) -> bool:
         done = self._done.get(key)
         if done is None:
             return False
         expected = sum(count for topic, count in done.counts.items() if topic in self._reads)
-        return len(self._messages.get(key, ())) >= expected
+        return len(self._messages.get(key, ())) + self._refused[key] >= expected
 
     def _through_link(self, arrived: list[Received], stamp_ns: int | None) -> list[Received]:
         for one in arrived:
@@ -86,8 +86,9 @@ class LockstepInbox:
 class RealtimeInbox:
     """Gives the node whatever has arrived as soon as one of the messages triggers it; times are wall-clock."""
 
-    def __init__(self, node: str, link: FaultyLink) -> None:
+    def __init__(self, graph: Graph, node: str, link: FaultyLink) -> None:
         self._node = node
+        self._running = {upstream for upstream, lag in graph.lags[node].items() if lag == 0}
         self._link = link
         self._arrived: list[Received] = []
         self._late: list[tuple[int, int, Received]] = []
@@ -95,30 +96,49 @@ class RealtimeInbox:
         self._stamp_ns = 0
         self.tick = 0
 
-    def deliver(self, received: Received, now_ns: int) -> None:
+    def deliver(self, received: Received, _tick: int, now_ns: int) -> None:
         delay_ns = self._link.delay_ns(received.topic, received.sequence)
         if delay_ns is not None:
             self._count += 1
             heapq.heappush(self._late, (now_ns + delay_ns, self._count, received))
 
+    def deliver_refused(self, node: str, tick: int) -> None:
+        """Nobody waits for a message here: what cannot be given to the node is simply missing."""
+
+    def done(self, done: TickDone) -> None:
+        if done.last:
+            self._running.discard(done.node)
+
+    @property
+    def upstream_ended(self) -> bool:
+        """Whether every node whose output this one needs has made its last step."""
+        return not self._running
+
     def due_ns(self) -> int | None:
         """Return when the next delayed message arrives, or None."""
         return self._late[0][0] if self._late else None
 
-    def take(self, now_ns: int, *, always: bool = False) -> Ready | None:
-        """Return a step's inputs in order of arrival, or None while nothing triggers the node.
+    def take(self, now_ns: int) -> Ready | None:
+        """Return a step's inputs in order of arrival, or None while nothing triggers the node."""
+        self._arrive(now_ns)
+        if any(self._node in TOPICS[one.topic].triggers for one in self._arrived):
+            return self._take(last=False)
+        return None
 
-        With ``always`` (the source at its tick, or the end of the run) the node steps on whatever is there.
-        """
+    def take_all(self, now_ns: int) -> Ready:
+        """Return whatever is there, for a source at its tick and for the last step."""
+        self._arrive(now_ns)
+        return self._take(last=self.upstream_ended)
+
+    def _arrive(self, now_ns: int) -> None:
         while self._late and self._late[0][0] <= now_ns:
             self._arrived.append(heapq.heappop(self._late)[2])
-        if not always and not any(self._node in TOPICS[one.topic].triggers for one in self._arrived):
-            return None
+
+    def _take(self, *, last: bool) -> Ready:
         inputs, self._arrived = _fresh(self._arrived), []
         self._stamp_ns = max([self._stamp_ns, *(one.stamp_ns for one in inputs)])
-        ready = Ready(self.tick, self._stamp_ns, inputs, False)
         self.tick += 1
-        return ready
+        return Ready(self.tick - 1, self._stamp_ns, inputs, last)
 
 
 def _fresh(arrived: list[Received]) -> list[Received]:

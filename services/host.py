@@ -1,0 +1,223 @@
+"""The host of one node on the bus: receives, decodes, calls step, numbers, encodes, journals, publishes.
+
+All that is impure about a process is here and in ``member``; the node inside knows nothing of it.
+"""
+
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+import cv2
+
+from protocol.control import TickDone, decode_control, encode_control
+from protocol.envelope import Envelope, encode_envelope
+from protocol.journal import encode_entry
+from protocol.messages import Diagnostics, HostEvent, Log, LogLevel, timestamp
+from protocol.topics import TOPICS, Delivery
+from services.bus import DATA, JOURNAL, TICK, Arrival
+from services.executor import Executor, Sent
+from services.faults import FaultyLink
+from services.graph import Graph
+from services.inbox import LockstepInbox, Ready, RealtimeInbox
+from services.intake import GapWatch, Intake, Refusal
+from services.member import Member, StopSignal, join, say
+from services.node import Node, Received
+from services.nodes import build_nodes
+from services.scenario import Scenario
+from services.source import Feed, LogRecord, feed_log, feed_ticks
+
+__all__ = ["run_node"]
+
+AHEAD = 1000
+"""How many ticks the source may run ahead of the recorder."""
+
+REPORT_S = 1.0
+
+
+def run_node(name: str, scenario: Scenario, endpoint: str, log: Sequence[LogRecord], stop: StopSignal) -> None:
+    """Run the node ``name`` of ``scenario`` on the bus, from joining to the recorder's word that the run is kept.
+
+    Raises RunError if the run cannot go on, UsageError if this process does not fit into it.
+    """
+    cv2.setNumThreads(1)  # one order of evaluation, and no threads that wait for each other on few cores
+    nodes = build_nodes(scenario)
+    graph = Graph.of(list(nodes.values()))
+    with join(name, scenario, endpoint, stop) as member:
+        host = _Host(nodes[name], scenario, graph, member)
+        host.subscribe()
+        member.assemble()
+        host.run(host.feeds(log) if name == graph.source else None)
+        member.await_recorded()
+
+
+class _Host:
+    def __init__(self, node: Node, scenario: Scenario, graph: Graph, member: Member) -> None:
+        self._node = node
+        self._scenario = scenario
+        self._graph = graph
+        self._member = member
+        self._bus = member.bus
+        self._executor = Executor(node, member.boot, scenario.state_digest_ticks)
+        self._intake = Intake(member.boots, graph.source)
+        self._gaps = GapWatch()
+        self._realtime = scenario.clock == "realtime"
+        link = FaultyLink(scenario.faults, node.name, scenario.seed)
+        self._lockstep_inbox = LockstepInbox(graph, node.name, node.reads, link)
+        self._realtime_inbox = RealtimeInbox(graph, node.name, link)
+        self._inbox = self._realtime_inbox if self._realtime else self._lockstep_inbox
+        self._step_time_s = 0.0
+        self._report_at = 0.0
+        self._stamp_ns = 0
+
+    def subscribe(self) -> None:
+        name = self._node.name
+        for topic in sorted(self._node.reads):
+            if any(writer in self._graph.nodes for writer in TOPICS[topic].publishers if writer != name):
+                self._bus.subscribe(DATA + topic)
+        for upstream in self._graph.lags[name]:
+            self._bus.subscribe(TICK + upstream)
+
+    def feeds(self, log: Sequence[LogRecord]) -> Iterator[Feed]:
+        if not self._scenario.needs_log:
+            return feed_ticks(self._scenario.tick_ns, self._scenario.max_ticks)
+        return feed_log(
+            log,
+            node=self._node.name,
+            boot=self._member.boot,
+            reads=self._node.reads,
+            publish_ns=time.time_ns(),
+            max_ticks=self._scenario.max_ticks,
+        )
+
+    def run(self, feeds: Iterator[Feed] | None) -> None:
+        """Step until the last tick; ``feeds`` begin the ticks where this node is the source."""
+        if self._realtime:
+            steps = self._follow_realtime() if feeds is None else self._lead_realtime(feeds)
+        else:
+            steps = self._lockstep(feeds)
+        for last in steps:
+            if last:
+                return
+
+    def _lockstep(self, feeds: Iterator[Feed] | None) -> Iterator[bool]:
+        while True:
+            ready = self._lockstep_inbox.take()
+            if ready is None:
+                self._receive(self._member.poll())
+            elif feeds is None:
+                yield self._step(ready, ready.stamp_ns or 0, last=ready.last)
+            else:
+                while self._member.ticks - self._member.behind("recorder") > AHEAD:
+                    self._receive(self._member.poll())
+                yield self._lead(ready, next(feeds))
+
+    def _lead_realtime(self, feeds: Iterator[Feed]) -> Iterator[bool]:
+        began_ns = time.monotonic_ns()
+        first_ns: int | None = None
+        for feed in feeds:
+            first_ns = feed.stamp_ns if first_ns is None else first_ns
+            due_ns = began_ns + feed.stamp_ns - first_ns
+            while (left_ns := due_ns - time.monotonic_ns()) > 0 or self._bus.waiting:
+                self._receive(self._member.poll(max(left_ns, 0) * 1e-9))
+            yield self._lead(self._realtime_inbox.take_all(time.monotonic_ns()), feed)
+
+    def _follow_realtime(self) -> Iterator[bool]:
+        inbox = self._realtime_inbox
+        while True:
+            due_ns = inbox.due_ns()
+            wait_s = 0.5 if due_ns is None else max(due_ns - time.monotonic_ns(), 0) * 1e-9
+            self._receive(self._member.poll(wait_s))
+            if inbox.upstream_ended:
+                ready: Ready | None = inbox.take_all(time.monotonic_ns())
+            else:
+                ready = inbox.take(time.monotonic_ns())
+            if ready is not None:
+                yield self._step(ready, ready.stamp_ns or 0, last=ready.last)
+
+    def _lead(self, ready: Ready, feed: Feed) -> bool:
+        """Step as the source: the feed gives the time, and the log's records if there is a log."""
+        ready.inputs[:0] = feed.inputs
+        last = feed.last or bool(self._member.stop_reason)
+        return self._step(ready, feed.stamp_ns, feed.sent, last=last)
+
+    def _step(self, ready: Ready, stamp_ns: int, fed: Sequence[Sent] = (), *, last: bool) -> bool:
+        """Run one step, publish what came of it, and return whether it was the last."""
+        self._stamp_ns = stamp_ns
+        for one in fed:
+            self._publish(one)
+        events = self._notice_gaps(ready)
+        began = time.perf_counter()
+        executed = self._executor.step(ready.tick, stamp_ns, ready.inputs, time.time_ns(), last=last)
+        self._step_time_s += time.perf_counter() - began
+        for one in (*events, *executed.sent):
+            self._publish(one)
+        self._end_step(executed.entry.step, executed.entry.last, ready.tick, (*fed, *events, *executed.sent))
+        envelope = Envelope(
+            self._node.name, self._member.boot, executed.entry.step, ready.tick, stamp_ns, time.time_ns()
+        )
+        self._bus.put(JOURNAL + self._node.name, encode_entry(executed.entry), encode_envelope(envelope))
+        if not executed.entry.last:
+            self._report()
+        return executed.entry.last
+
+    def _end_step(self, step: int, last: bool, tick: int, sent: Sequence[Sent]) -> None:
+        counts = dict(Counter(one.topic for one in sent))
+        done = TickDone(self._node.name, self._member.boot, step, tick, self._stamp_ns, counts, last)
+        self._bus.put(TICK + self._node.name, encode_control(done))
+        self._member.ticks = tick + 1
+
+    def _publish(self, one: Sent) -> None:
+        may_drop = self._realtime and TOPICS[one.topic].delivery is Delivery.FRESH
+        self._bus.put(DATA + one.topic, one.payload, encode_envelope(one.envelope), may_drop=may_drop)
+
+    def _receive(self, arrival: Arrival | None) -> None:
+        if arrival is None:
+            return
+        if arrival.key.startswith(TICK):
+            self._inbox.done(decode_control(arrival.payload, TickDone))
+            return
+        accepted = self._intake.accept(arrival)
+        if not isinstance(accepted, Refusal):
+            received, envelope = accepted
+            self._inbox.deliver(received, envelope.tick, time.monotonic_ns())
+            return
+        if accepted.envelope is not None:
+            self._inbox.deliver_refused(accepted.envelope.node, accepted.envelope.tick)
+        if accepted.first_of_its_kind:
+            text = f"{accepted.topic}: message refused: {accepted.reason}"
+            say(self._node.name, text)
+            message = Log(
+                timestamp=timestamp(self._stamp_ns), level=LogLevel.WARNING, message=text, name=self._node.name
+            )
+            self._publish(self._stamped("log", message))
+
+    def _notice_gaps(self, ready: Ready) -> list[Sent]:
+        """Make an event of each gap in the inputs' sequences, and an input too if the node wants to know."""
+        sent = []
+        topic = f"event/{self._node.name}"
+        for one in list(ready.inputs):
+            gap = self._gaps.see(one.topic, one.node, one.sequence)
+            if gap is not None:
+                event = HostEvent(kind="gap", topic=gap.topic, node=gap.node, first=gap.first, last=gap.last)
+                told = self._stamped(topic, event)
+                sent.append(told)
+                if topic in self._node.reads:
+                    place = told.envelope
+                    ready.inputs.append(Received(topic, place.node, place.boot, place.sequence, place.stamp_ns, event))
+        return sent
+
+    def _report(self) -> None:
+        now = time.monotonic()
+        if now >= self._report_at:
+            self._report_at = now + REPORT_S
+            message = Diagnostics(
+                node=self._node.name,
+                steps=self._executor.steps,
+                step_time_s=self._step_time_s,
+                refused=dict(self._intake.refused),
+                queue=self._bus.waiting,
+            )
+            self._publish(self._stamped("diagnostics", message))
+
+    def _stamped(self, topic: str, message: Diagnostics | HostEvent | Log) -> Sent:
+        return self._executor.stamp(topic, message, self._member.ticks, self._stamp_ns, time.time_ns())

@@ -1,0 +1,157 @@
+"""The recorder process: a member of the run that takes everything and writes it down, outside the lockstep loop."""
+
+import sys
+import time
+from collections import Counter
+from contextlib import suppress
+from pathlib import Path
+
+from protocol.control import Recorded, TickDone, decode_control, encode_control
+from protocol.envelope import decode_envelope
+from protocol.errors import ProtocolError
+from services.bus import ALIVE, CONTROL, DATA, JOURNAL, TICK, Arrival
+from services.errors import RunError
+from services.intake import check_sender
+from services.member import Member, StopSignal, join, say
+from services.recording.header import Attachment, RunEnd, RunHeader
+from services.recording.provenance import collect
+from services.recording.writer import RecordingWriter
+from services.scenario import Scenario, resolved_json
+
+__all__ = ["run_header", "run_recorder"]
+
+FLUSH_POLL_S = 0.1
+SETTLE_S = 3.0
+"""How long the recorder waits, after the last step of every node, for messages that are still missing."""
+
+
+def run_header(scenario: Scenario) -> RunHeader:
+    """Return the header of a run of ``scenario`` made by this program here."""
+    return RunHeader(scenario=resolved_json(scenario), seed=scenario.seed, provenance=collect())
+
+
+def run_recorder(
+    scenario: Scenario, endpoint: str, path: Path, attachments: tuple[Attachment, ...], stop: StopSignal
+) -> RunEnd:
+    """Record one run into ``path`` and return how it ended.
+
+    Raises RunError if the run broke off, after closing the recording and marking it incomplete, and RecordingError if
+    the file cannot be written.
+    """
+    with join("recorder", scenario, endpoint, stop) as member:
+        recorder = _Recorder(member, scenario)
+        for key in (f"{DATA}**", f"{JOURNAL}*", f"{TICK}*"):
+            member.bus.subscribe(key)
+        with RecordingWriter(path, run_header(scenario), attachments, boot=member.boot) as writer:
+            try:
+                member.assemble()
+                end = recorder.record(writer)
+            except (RunError, KeyboardInterrupt) as error:
+                recorder.drain(writer)
+                reason = str(error) or "stopped before the run began"
+                end = writer.close(complete=False, reason=reason)
+                recorder.confirm(end)
+                raise
+        recorder.confirm(end)
+        recorder.see_off()
+        if not end.complete:
+            raise RunError(f"{path} is incomplete: {end.reason}")
+        return end
+
+
+class _Recorder:
+    def __init__(self, member: Member, scenario: Scenario) -> None:
+        self._member = member
+        self._nodes = scenario.nodes
+        self._source = scenario.nodes[0]
+        self._promised: Counter[str] = Counter()
+        self._received: Counter[str] = Counter()
+        self._steps: dict[str, int] = {}
+        self._entries: Counter[str] = Counter()
+        self._ticks: dict[str, int] = {}
+        self._last: set[str] = set()
+        self._refused: Counter[str] = Counter()
+        self._shown = 0.0
+        self._path = Path()
+
+    def record(self, writer: RecordingWriter) -> RunEnd:
+        """Take everything until every node has made its last step and all that it sent is here."""
+        self._path = writer.path
+        settled_by: float | None = None
+        while not self._whole():
+            if settled_by is None and len(self._last) == len(self._nodes):
+                settled_by = time.monotonic() + SETTLE_S
+                self._member.leaving = True
+            if settled_by is not None and time.monotonic() > settled_by:
+                return writer.close(complete=False, reason=self._lacking())
+            self._take(self._member.poll(FLUSH_POLL_S), writer)
+            writer.flush_if_due(time.monotonic_ns())
+            self._show_progress()
+        self._member.leaving = True
+        return writer.close(complete=True, reason=self._member.stop_reason or "finished")
+
+    def drain(self, writer: RecordingWriter) -> None:
+        """Take what has already arrived."""
+        while (arrival := self._member.bus.receive(0.0)) is not None:
+            self._take(arrival, writer)
+
+    def confirm(self, end: RunEnd) -> None:
+        """Tell everybody that the file is closed."""
+        self._member.leaving = True
+        message = Recorded(end.complete, end.reason, str(self._path))
+        self._member.bus.put(f"{CONTROL}recorded", encode_control(message))
+
+    def see_off(self) -> None:
+        """Wait a moment until the others have heard it and left."""
+        bus, deadline = self._member.bus, time.monotonic() + 2.0
+        while time.monotonic() < deadline and any(
+            not key.startswith((f"{ALIVE}recorder/", f"{ALIVE}router/")) for key in bus.tokens(f"{ALIVE}**")
+        ):
+            bus.receive(0.05)
+
+    def _take(self, arrival: Arrival | None, writer: RecordingWriter) -> None:
+        if arrival is None:
+            return
+        try:
+            if arrival.key.startswith(DATA):
+                name, envelope = check_sender(arrival, self._member.boots, self._source)
+                writer.message(name, envelope, arrival.payload)
+                self._received[name] += 1
+            elif arrival.key.startswith(JOURNAL):
+                envelope = decode_envelope(arrival.attachment)
+                if self._member.boots.get(envelope.node) != envelope.boot:
+                    raise ProtocolError(f"unknown sender {envelope.node!r} with boot {envelope.boot!r}")
+                writer.journal(envelope, arrival.payload)
+                self._entries[envelope.node] += 1
+            elif arrival.key.startswith(TICK):
+                self._tick(decode_control(arrival.payload, TickDone))
+        except ProtocolError as error:
+            self._refused[arrival.key] += 1
+            if self._refused[arrival.key] == 1:
+                say("recorder", f"{arrival.key}: message refused: {error}")
+
+    def _tick(self, done: TickDone) -> None:
+        self._promised.update(done.counts)
+        self._steps[done.node] = done.step + 1
+        self._ticks[done.node] = done.tick + 1
+        if done.last:
+            self._last.add(done.node)
+        self._member.ticks = min(self._ticks.get(node, 0) for node in self._nodes)
+
+    def _whole(self) -> bool:
+        return len(self._last) == len(self._nodes) and not self._missing()
+
+    def _missing(self) -> dict[str, int]:
+        missing = {topic: count - self._received[topic] for topic, count in self._promised.items()}
+        missing |= {f"journal/{node}": steps - self._entries[node] for node, steps in self._steps.items()}
+        return {topic: count for topic, count in missing.items() if count > 0}
+
+    def _lacking(self) -> str:
+        return "never arrived: " + ", ".join(f"{count} on {topic}" for topic, count in sorted(self._missing().items()))
+
+    def _show_progress(self) -> None:
+        now = time.monotonic()
+        if sys.stderr.isatty() and now - self._shown > 0.5:
+            self._shown = now
+            with suppress(OSError):
+                print(f"\rtick {self._member.ticks}, {self._received.total()} messages ", end="", file=sys.stderr)

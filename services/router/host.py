@@ -1,0 +1,57 @@
+"""The router process: a Zenoh session in router mode that knows which scenario is run through it."""
+
+import os
+import time
+
+from protocol.control import Beat, Recorded, Stop, decode_control, encode_control
+from services.bus import ALIVE, BEAT, CONTROL, READY, SCENARIO, open_router
+from services.errors import RunError
+from services.member import BEAT_S, StopSignal, new_boot, say
+from services.scenario import Scenario, resolved_json
+
+__all__ = ["run_router"]
+
+
+def run_router(scenario: Scenario, endpoint: str, stop: StopSignal) -> None:
+    """Be the hub at ``endpoint`` until the run that goes through it has ended and everybody has left.
+
+    Raises UsageError if it cannot listen there, RunError if everybody left before the run was recorded.
+    """
+    boot, parent = new_boot(), os.getppid()
+    with open_router(endpoint) as bus:
+        stop.wakes(bus)
+        bus.answer(SCENARIO, resolved_json(scenario).encode())
+        bus.subscribe(f"{CONTROL}*")
+        bus.watch(f"{ALIVE}**")
+        bus.watch(f"{READY}**")
+        bus.declare(f"{ALIVE}router/{boot}")
+        say("router", f"listening at {endpoint}")
+        present: set[str] = set()
+        began = stopping = False
+        recorded: Recorded | None = None
+        next_beat = 0.0
+        while not (began and not present):
+            now = time.monotonic()
+            if now >= next_beat:
+                next_beat = now + BEAT_S
+                bus.put(f"{BEAT}router", encode_control(Beat("router", boot, 0)), may_drop=True)
+                if os.getppid() != parent and not stop.requested:
+                    stop.request("the process that started this one is gone")
+            arrival = bus.receive(max(next_beat - now, 0.0))
+            if stop.requested and (stop.at_once or not began):
+                raise KeyboardInterrupt
+            if stop.requested and not stopping:
+                stopping = True
+                bus.put(f"{CONTROL}stop", encode_control(Stop("router", stop.reason)))
+            if arrival is None or not arrival.key:
+                continue
+            if arrival.key.startswith(ALIVE) and not arrival.key.startswith(f"{ALIVE}router/"):
+                (present.add if arrival.present else present.discard)(arrival.key)
+            elif arrival.key.startswith(READY):
+                began = True
+            elif arrival.key == f"{CONTROL}recorded":
+                recorded = decode_control(arrival.payload, Recorded)
+        if recorded is None:
+            raise RunError("everybody has left before the run was recorded")
+        if not recorded.complete:
+            raise RunError(f"the run ended incomplete: {recorded.reason}")

@@ -1,0 +1,262 @@
+"""Scenarios: one TOML file describes a whole run.
+
+Loading checks every key, type and range at once and says what is wrong in words: the file, the key, the value, what was
+expected, and the nearest known name. The resolved scenario, defaults and seed included, is what processes compare when
+they meet and what a recording carries.
+"""
+
+import difflib
+import json
+import re
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, cast
+
+import msgspec
+from msgspec import Meta
+
+from protocol.topics import NODES, TOPICS
+from services.controller.config import RearrangementControllerConfig
+from services.controller.config_waypoints import WaypointsConfig
+from services.errors import ScenarioError
+from services.estimator.config import LocalizationConfig, RearrangementConfig
+from services.faults import Fault
+from services.sensors.config import LogSensorsConfig, SimulatedSensorsConfig
+from services.simulator.config import WorkspaceConfig
+from services.simulator.config_room import RoomConfig
+from services.task import Landmark, RearrangementTask
+from services.vision.config import VisionConfig
+
+__all__ = [
+    "Scenario",
+    "find_scenario",
+    "first_difference",
+    "load_scenario",
+    "parse_scenario",
+    "resolved_json",
+    "scenario_files",
+]
+
+SCENARIOS = Path(__file__).parents[1] / "scenarios"
+
+
+class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A whole run. The nodes that take part are those whose section is present."""
+
+    title: str
+    seed: Annotated[int, Meta(ge=0, lt=2**63)] = 1
+    clock: Literal["lockstep", "realtime"] = "lockstep"
+    tick_s: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.05  # the source's period
+    max_ticks: Annotated[int, Meta(ge=1)] = 1_000_000
+    needs_log: bool = False  # the sensors process plays an imported log
+    log_digest: str = ""  # content digest of that log, filled in when it is given
+    state_digest_ticks: Annotated[int, Meta(ge=1)] = 10  # a digest of each node's state every so many steps
+    task: RearrangementTask | None = None
+    landmarks: tuple[Landmark, ...] = ()
+    simulator: WorkspaceConfig | RoomConfig | None = None
+    vision: VisionConfig | None = None
+    sensors: SimulatedSensorsConfig | LogSensorsConfig | None = None
+    estimator: RearrangementConfig | LocalizationConfig | None = None
+    controller: RearrangementControllerConfig | WaypointsConfig | None = None
+    faults: tuple[Fault, ...] = ()
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """The nodes that take part, in tick order; the first is the source."""
+        return tuple(name for name in NODES if getattr(self, name) is not None)
+
+    @property
+    def tick_ns(self) -> int:
+        return round(self.tick_s * 1e9)
+
+
+def scenario_files() -> list[Path]:
+    """Return the scenarios that come with dynpf, by name."""
+    return sorted(SCENARIOS.glob("*.toml"))
+
+
+def find_scenario(name: str) -> Path:
+    """Return the file of a scenario given by name or path; raises ScenarioError with the nearest name."""
+    path = Path(name)
+    if path.suffix in {".toml", ".json"} or path.parent != Path():
+        if not path.is_file():
+            raise ScenarioError(f"scenario file {name}: no such file")
+        return path
+    known = {file.stem: file for file in scenario_files()}
+    if name not in known:
+        raise ScenarioError(f"unknown scenario {name!r}{_nearest(name, list(known))} (dynpf list shows them)")
+    return known[name]
+
+
+def load_scenario(
+    name: str,
+    *,
+    overrides: Sequence[str] = (),
+    seed: int | None = None,
+    clock: str | None = None,
+    log_digest: str = "",
+    log_landmarks: Sequence[Mapping[str, Any]] = (),
+) -> Scenario:
+    """Return the resolved scenario: the file, then what the log brings, then ``--set`` overrides, seed and clock.
+
+    Raises ScenarioError that lists every problem found.
+    """
+    path = find_scenario(name)
+    try:
+        text = path.read_text(encoding="utf-8")
+        raw = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
+        raise ScenarioError(f"{path}: {error}") from error
+    if not isinstance(raw, dict):
+        raise ScenarioError(f"{path}: holds a {type(raw).__name__}, expected a table of keys")
+    if log_digest:
+        raw["log_digest"] = log_digest
+        if log_landmarks:
+            raw["landmarks"] = [dict(landmark) for landmark in log_landmarks]
+    for override in overrides:
+        _apply(raw, override)
+    if seed is not None:
+        raw["seed"] = seed
+    if clock is not None:
+        raw["clock"] = clock
+    return parse_scenario(raw, str(path))
+
+
+def parse_scenario(raw: Mapping[str, Any], where: str) -> Scenario:
+    """Return the scenario in ``raw``; raises ScenarioError naming ``where`` and every problem."""
+    problems = list(_unknown_keys(msgspec.inspect.type_info(Scenario), raw, ""))
+    if problems:
+        raise ScenarioError("\n".join(f"{where}: {problem}" for problem in problems))
+    try:
+        scenario = msgspec.convert(raw, Scenario)
+    except msgspec.ValidationError as error:
+        raise ScenarioError(f"{where}: {_explain(error, raw)}") from error
+    problems = list(_contradictions(scenario))
+    if problems:
+        raise ScenarioError("\n".join(f"{where}: {problem}" for problem in problems))
+    return scenario
+
+
+def resolved_json(scenario: Scenario) -> str:
+    """Return the scenario with all its defaults as JSON text with sorted keys."""
+    return msgspec.json.encode(scenario, order="sorted").decode()
+
+
+def first_difference(ours: str, theirs: str) -> tuple[str, Any, Any] | None:
+    """Return the first key in which two resolved scenarios differ, with both values, or None."""
+    mine, other = dict(_leaves(json.loads(ours), "")), dict(_leaves(json.loads(theirs), ""))
+    for key in sorted(mine.keys() | other.keys()):
+        if mine.get(key) != other.get(key):
+            return key, mine.get(key), other.get(key)
+    return None
+
+
+def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
+    children: Iterator[tuple[Any, Any]]
+    if isinstance(value, dict) and value:
+        children = iter(value.items())
+    elif isinstance(value, list) and value:
+        children = iter(enumerate(value))
+    else:
+        yield path, value
+        return
+    for key, child in children:
+        yield from _leaves(child, f"{path}.{key}" if path else str(key))
+
+
+def _apply(raw: dict[str, Any], override: str) -> None:
+    key, equals, text = override.partition("=")
+    if not equals or not key:
+        raise ScenarioError(f"--set {override}: expected key=value, such as estimator.n=500")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text
+    *parents, last = key.split(".")
+    table: Any = raw
+    for place, name in enumerate(parents):
+        table = _child(table, name, ".".join(parents[: place + 1]), override)
+    if isinstance(table, list):
+        table[_index(table, last, key, override)] = value
+    elif isinstance(table, dict):
+        table[last] = value
+    else:
+        raise ScenarioError(f"--set {override}: {'.'.join(parents)} is {table!r}, which has no keys")
+
+
+def _child(table: Any, name: str, path: str, override: str) -> Any:
+    if isinstance(table, list):
+        return table[_index(table, name, path, override)]
+    if isinstance(table, dict):
+        return table.setdefault(name, {})
+    raise ScenarioError(f"--set {override}: {path} lies inside {table!r}, which has no keys")
+
+
+def _index(table: list[Any], name: str, path: str, override: str) -> int:
+    if not name.isdecimal() or int(name) >= len(table):
+        raise ScenarioError(f"--set {override}: {path}: expected an index from 0 to {len(table) - 1}, got {name!r}")
+    return int(name)
+
+
+def _unknown_keys(info: Any, value: Any, path: str) -> Iterator[str]:
+    if isinstance(info, msgspec.inspect.Metadata):
+        info = info.type
+    if isinstance(info, msgspec.inspect.UnionType) and isinstance(value, dict):
+        structs = [one for one in info.types if isinstance(one, msgspec.inspect.StructType)]
+        chosen = [one for one in structs if one.tag is None or one.tag == value.get("kind")]
+        if structs and not chosen:
+            tags = [str(one.tag) for one in structs]
+            given = value.get("kind")
+            yield f"{path}.kind: {given!r}; expected one of {', '.join(tags)}{_nearest(str(given), tags)}"
+        elif chosen:
+            yield from _unknown_keys(chosen[0], value, path)
+    elif isinstance(info, msgspec.inspect.StructType) and isinstance(value, dict):
+        fields = {field.encode_name: field.type for field in info.fields}
+        known = [*fields, *([cast("str", info.tag_field)] if info.tag_field else [])]
+        for key, child in value.items():
+            here = f"{path}.{key}" if path else key
+            if key in fields:
+                yield from _unknown_keys(fields[key], child, here)
+            elif key not in known:
+                yield f"{here}: unknown key{_nearest(key, known)}"
+    elif isinstance(info, msgspec.inspect.VarTupleType) and isinstance(value, list):
+        for place, child in enumerate(value):
+            yield from _unknown_keys(info.item_type, child, f"{path}.{place}")
+
+
+def _nearest(name: str, known: Sequence[str]) -> str:
+    close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    return f"; did you mean {close[0]!r}?" if close else f"; known: {', '.join(known)}" if known else ""
+
+
+def _explain(error: msgspec.ValidationError, raw: Mapping[str, Any]) -> str:
+    text, _, place = str(error).partition(" - at `$")
+    keys = re.findall(r"[^.\[\]`]+", place)
+    value: Any = raw
+    for key in keys:
+        try:
+            value = value[int(key)] if isinstance(value, list) else value[key]
+        except (KeyError, IndexError, TypeError, ValueError):
+            return f"{'.'.join(keys)}: {text}"
+    shown = "" if isinstance(value, dict | list) and len(value) > 4 else f" {json.dumps(value, default=str)}:"
+    return f"{'.'.join(keys) or 'scenario'}:{shown} {text[:1].lower()}{text[1:]}"
+
+
+def _contradictions(scenario: Scenario) -> Iterator[str]:
+    nodes = scenario.nodes
+    if not nodes or nodes[0] not in {"simulator", "sensors"}:
+        yield "a run needs a source: a [simulator], or [sensors] that play a log"
+    if scenario.needs_log and scenario.simulator is not None:
+        yield "simulator: a run that plays a log (needs_log) has no simulator"
+    if isinstance(scenario.sensors, LogSensorsConfig) != scenario.needs_log:
+        yield "sensors.kind: 'log' and needs_log = true go together"
+    for place, fault in enumerate(scenario.faults):
+        if fault.topic not in TOPICS:
+            yield f"faults.{place}.topic: unknown topic {fault.topic!r}{_nearest(fault.topic, list(TOPICS))}"
+        if fault.to not in nodes:
+            yield f"faults.{place}.to: {fault.to!r} is not a node of this run{_nearest(fault.to, nodes)}"
+    if isinstance(scenario.simulator, WorkspaceConfig) and scenario.task is None:
+        yield "task: missing; the workspace simulator needs the parts and their goals"
+    if isinstance(scenario.estimator, LocalizationConfig) and not scenario.landmarks and not scenario.needs_log:
+        yield "landmarks: missing; the landmark filter needs a map"
