@@ -1,0 +1,1 @@
+"""The simulator: the true world of a run, and its clock."""
