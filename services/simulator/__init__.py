@@ -1,1 +1,1 @@
-"""The simulator: the true world of a run, and its clock."""
+"""The simulator: the true world, its camera, and the run's clock."""
