@@ -53,7 +53,9 @@ def summary(recording: Recording, measures: Mapping[str, Any]) -> str:
     lines.append(f"messages    {measures['messages']}, {measures['gaps']} missing")
     if "completed" in measures:
         home = "all parts home" if measures["completed"] else "NOT all parts home"
-        lines.append(f"task        {home}, {measures['collisions']} collisions, final error {measures['pi_m'] * 100:.2f} cm")
+        lines.append(
+            f"task        {home}, {measures['collisions']} collisions, final error {measures['pi_m'] * 100:.2f} cm"
+        )
         lines.append(f"paths       npl {measures['npl']:.3f}, nrl {measures['nrl']:.3f} (1 = straight lines)")
     if "position_rmse_m" in measures:
         text = f"position    RMSE {measures['position_rmse_m']:.4f} m, median {measures['position_median_m']:.4f} m"
