@@ -21,6 +21,7 @@ from protocol.messages import (
     planar_pose,
     timestamp,
 )
+from services.errors import ScenarioError
 from services.node import Output, Result, State, Step
 from services.simulator.config_room import RoomConfig
 from services.task import Landmark
@@ -37,7 +38,7 @@ class RoomSimulator:
     """True world of a room with landmarks; the source of its run.
 
     Each step is one tick: the robot drives ``tick_s`` by the last command, after the first tick, which shows it where
-    it starts. A robot that would leave the room is held at the wall. Raises ValueError for a start outside the room.
+    it starts. A robot that would leave the room is held at the wall. Raises ScenarioError for a start outside the room.
     """
 
     name = "simulator"
@@ -50,7 +51,7 @@ class RoomSimulator:
         self.tick_s = tick_s
         self.landmarks = landmarks
         if self._held_inside(*config.start) != config.start:
-            raise ValueError(
+            raise ScenarioError(
                 f"simulator.start {config.start}: the robot of radius {config.robot_radius} m does not fit there"
                 f" in the room of {config.width} m x {config.height} m"
             )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from protocol.messages import Command, RobotState, SceneUpdate
+from services.errors import ScenarioError
 from services.node import Received, Result, Step, decode_state, encode_state
 from services.simulator.config_room import RoomConfig
 from services.simulator.room import RoomSimulator, arc
@@ -86,7 +87,7 @@ def test_walls_hold_the_robot() -> None:
 
 
 def test_a_start_outside_the_room_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"does not fit .* 6\.0 m x 4\.0 m"):
+    with pytest.raises(ScenarioError, match=r"does not fit .* 6\.0 m x 4\.0 m"):
         room(start=(2.9, 0.0, 0.0))
 
 
