@@ -1,15 +1,19 @@
 """The MRCLAM importer: a small data set of known content, every way in which one can be wrong, and a real one."""
 
+import json
 import lzma
 import math
 from pathlib import Path
 
 import pytest
 
+from protocol.codec import decode
 from protocol.messages import LandmarkReading, LandmarkReadings, Odometry, RobotState
+from services.cli.main import main
 from services.importers.errors import ImportFailedError
 from services.importers.log import Record
 from services.importers.mrclam import import_mrclam
+from services.recording.reader import read_recording
 from services.task import Landmark
 
 REAL = Path(__file__).parents[3] / "../shared/data/mrclam"
@@ -174,6 +178,34 @@ def test_a_folder_without_a_data_set_is_told(tmp_path: Path, name: str) -> None:
     (tmp_path / "empty").mkdir()
     (line,) = problems(tmp_path / name)
     assert line.startswith(f"{tmp_path / name}: no ")
+
+
+def test_the_command_writes_every_record_in_order_and_prints_the_summary(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, output = folder(tmp_path), tmp_path / "log.mcap"
+    assert main(["import", "mrclam", str(source), "--robot", "1", "-o", str(output), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["landmark_readings"] == 3
+    log, recording = import_mrclam(source, 1), read_recording(output)
+    found = [Record(one.topic, one.stamp_ns, decode(one.topic, one.payload)) for one in recording.messages(node="log")]
+    assert tuple(found) == log.records
+    assert {(source.node, source.boot) for source in recording.sources} == {("log", "import")}
+    (attached,) = recording.attachments
+    assert attached.name == "landmarks.json"
+    assert json.loads(attached.data) == [{"id": 6, "x": 1.5, "y": -2.5}, {"id": 7, "x": 3.0, "y": 4.0}]
+    assert main(["doctor", str(output)]) == 0
+
+
+def test_the_command_overwrites_nothing_and_tells_faults_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "log.mcap"
+    output.write_bytes(b"kept")
+    assert main(["import", "mrclam", str(folder(tmp_path)), "-o", str(output)]) == 2
+    assert output.read_bytes() == b"kept"
+    assert main(["import", "mrclam", str(tmp_path), "--robot", "4", "-o", str(tmp_path / "new.mcap")]) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == f"dynpf import: {tmp_path}: no robot 4; it has 1"
+    assert not (tmp_path / "new.mcap").exists()
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason=f"the MRCLAM data sets are not at {REAL}")
