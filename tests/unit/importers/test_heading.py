@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dynpf.se2 import arc_displacement, compose
 from services.importers.heading import heading_faults
-from services.simulator.room import arc
 
 Floats = NDArray[np.float64]
 
 RATE = 50.0
+
+
+def arc(pose: tuple[float, float, float], v: float, w: float, seconds: float) -> tuple[float, float, float]:
+    x, y, theta = compose(np.array(pose), arc_displacement(v * seconds, w * seconds)).tolist()
+    return x, y, theta
 
 
 def trajectory(*legs: tuple[float, float, float]) -> tuple[Floats, Floats]:
