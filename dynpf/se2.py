@@ -37,7 +37,7 @@ def circular_mean(angles: FloatArray, weights: FloatArray) -> float:
 
     Where the vectors cancel there is no mean direction; rounding then decides what comes back.
     """
-    return float(np.arctan2(np.dot(weights, np.sin(angles)), np.dot(weights, np.cos(angles))))
+    return float(np.arctan2(np.sum(weights * np.sin(angles)), np.sum(weights * np.cos(angles))))
 
 
 def arc_chord(length: ArrayLike, turn: ArrayLike) -> Any:

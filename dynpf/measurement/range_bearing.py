@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from dynpf.filters.estimate import weighted_covariance
 from dynpf.maps.landmarks import LandmarkMap
 from dynpf.motion.calibration import BEARING_BIAS
 from dynpf.se2 import FloatArray, wrap_angle
@@ -100,9 +101,9 @@ class RangeBearing:
         if not self._tells(reading):
             return False
         error = self.innovation(particles, reading)
-        mean = error @ weights
-        deviation = error - mean[:, None]
-        covariance = (deviation * weights) @ deviation.T + np.diag(self.variances(reading))
+        mean = np.sum(weights * error, axis=1)
+        spread = weighted_covariance(error - mean[:, None], weights)
+        covariance = spread + np.diag(self.variances(reading))
         return float(mean @ np.linalg.solve(covariance, mean)) <= self.params.gate
 
     def _tells(self, reading: RangeBearingReading) -> bool:

@@ -1,1 +1,1 @@
-"""The controller: what the robot shall do next, from the estimated state alone."""
+"""The controller: what the robot shall do next, from the estimate alone."""
