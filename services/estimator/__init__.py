@@ -1,1 +1,1 @@
-"""The estimator process: from what is sensed to where the robot, and the parts, are."""
+"""The estimator: where the robot is, and the things around it, from what the sensors say."""
