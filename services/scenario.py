@@ -33,6 +33,7 @@ __all__ = [
     "find_scenario",
     "first_difference",
     "load_scenario",
+    "override_resolved",
     "parse_scenario",
     "resolved_json",
     "scenario_files",
@@ -260,3 +261,11 @@ def _contradictions(scenario: Scenario) -> Iterator[str]:
         yield "task: missing; the workspace simulator needs the parts and their goals"
     if isinstance(scenario.estimator, LocalizationConfig) and not scenario.landmarks and not scenario.needs_log:
         yield "landmarks: missing; the landmark filter needs a map"
+
+
+def override_resolved(resolved: str, overrides: Sequence[str], where: str) -> Scenario:
+    """Return the scenario that a recording carries, with overrides applied; raises ScenarioError naming ``where``."""
+    raw = json.loads(resolved)
+    for override in overrides:
+        _apply(raw, override)
+    return parse_scenario(raw, where)

@@ -1,1 +1,1 @@
-"""The simulator: the true world of a run, and its clock."""
+"""The simulated worlds: true state and overhead camera. Each world is a pure node; the simulator is the source of the run."""

@@ -1,0 +1,32 @@
+"""dynpf doctor: what is wrong with a recording."""
+
+# ruff: noqa: PLC0415 (imported when run, so that the other commands need not wait)
+
+import argparse
+
+__all__ = ["add_parser"]
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    parser = subparsers.add_parser("doctor", help="what is wrong with a recording (exit code 1 if anything is)")
+    parser.add_argument("recording", metavar="RUN.mcap")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    import msgspec
+
+    from services.recording.doctor import Severity, examine
+
+    findings = examine(args.recording)
+    if args.json:
+        print(msgspec.json.encode({"healthy": not findings, "findings": findings}).decode())
+    elif not findings:
+        print(f"{args.recording}: whole and complete")
+    else:
+        for finding in findings:
+            print(f"{finding.severity}: {finding.where}: {finding.what}")
+    if any(finding.severity is Severity.UNREADABLE for finding in findings):
+        return 2
+    return 1 if findings else 0

@@ -1,0 +1,25 @@
+"""dynpf info: what is in a recording."""
+
+# ruff: noqa: PLC0415 (imported when run, so that the other commands need not wait)
+
+import argparse
+
+__all__ = ["add_parser"]
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    parser = subparsers.add_parser("info", help="what is in a recording")
+    parser.add_argument("recording", metavar="RUN.mcap")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    import msgspec
+
+    from services.recording.info import describe, text
+    from services.recording.reader import read_recording
+
+    summary = describe(read_recording(args.recording, allow_truncated=True))
+    print(msgspec.json.encode(summary).decode() if args.json else text(summary))
+    return 0

@@ -1,0 +1,115 @@
+"""Made-up runs: a simulator and an estimator in lockstep, and what a test may want to change about them."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from protocol.codec import encode
+from protocol.envelope import Envelope
+from protocol.journal import Consumed, JournalEntry, Produced, encode_entry
+from protocol.messages import Detection, Detections, Diagnostics, Estimate, RobotState
+from services.recording.header import Attachment, Provenance, RunHeader
+from services.recording.writer import RecordingWriter
+
+HEADER = RunHeader(
+    scenario='{"title":"Two nodes","seed":7}',
+    seed=7,
+    provenance=Provenance(
+        dynpf_version="0.1.0", code_digest="c" * 64, packages={"numpy": "2.4.6"}, platform={"system": "Linux"}
+    ),
+)
+MAP = Attachment(name="map.pgm", media_type="image/x-portable-graymap", data=bytes(range(256)))
+
+SECOND = 10**9
+
+
+class Sent(NamedTuple):
+    topic: str
+    envelope: Envelope
+    payload: bytes
+
+
+def lockstep(ticks: int = 5, boot: str = "b1", wall_ns: int = 10**18) -> list[Sent]:
+    """Return everything that two nodes send in some ticks, in the order of a tidy network."""
+    sent = []
+    for tick in range(ticks):
+        stamp = tick * SECOND // 20
+
+        def envelope(node: str, sequence: int = tick, tick: int = tick, stamp: int = stamp) -> Envelope:
+            return Envelope(node, f"{node}-{boot}", sequence, tick, stamp, wall_ns + stamp)
+
+        discs = tuple(Detection(x=0.1 * tick, y=0.2, radius=0.05, grey=9.0 + part) for part in range(3))
+        sent += [
+            Sent("truth/robot", envelope("simulator"), encode("truth/robot", RobotState(x=tick / 3, y=0.5, theta=0.1))),
+            Sent("sensors/overhead", envelope("sensors"), encode("sensors/overhead", Detections(discs=discs))),
+            Sent(
+                "estimator/state",
+                envelope("estimator"),
+                encode("estimator/state", Estimate(x=tick / 7, y=1.0, theta=0.2, covariance=(0.1,) * 9, n_eff=50.0)),
+            ),
+            Sent(
+                "diagnostics",
+                envelope("estimator"),
+                encode(
+                    "diagnostics", Diagnostics(node="estimator", steps=tick, step_time_s=0.001, refused={}, queue=0)
+                ),
+            ),
+            _entry(envelope("simulator"), [], ["truth/robot"], tick),
+            _entry(envelope("sensors"), ["truth/robot"], ["sensors/overhead"], tick),
+            _entry(envelope("estimator"), ["sensors/overhead"], ["estimator/state"], tick),
+        ]
+    return sent
+
+
+def _entry(envelope: Envelope, reads: list[str], writes: list[str], tick: int) -> Sent:
+    senders = {"truth/robot": "simulator", "sensors/overhead": "sensors"}
+    run = envelope.boot.partition("-")[2]
+    entry = JournalEntry(
+        step=tick,
+        tick=tick,
+        stamp_ns=envelope.stamp_ns,
+        consumed=tuple(Consumed(senders[name], f"{senders[name]}-{run}", name, tick) for name in reads),
+        produced=tuple(Produced(name, tick) for name in writes),
+        state=f"{tick:064x}" if tick % 2 == 0 else "",
+    )
+    return Sent(f"journal/{envelope.node}", envelope, encode_entry(entry))
+
+
+def write(
+    path: Path,
+    sent: list[Sent],
+    *,
+    complete: bool = True,
+    close: bool = True,
+    flush_every: int = 0,
+    attachments: tuple[Attachment, ...] = (MAP,),
+) -> Path:
+    """Write what was sent; every ``flush_every`` messages a chunk ends."""
+    writer = RecordingWriter(path, HEADER, attachments)
+    now = 0
+    writer.flush_if_due(now)
+    for number, (topic, envelope, payload) in enumerate(sent, 1):
+        writer.message(topic, envelope, payload)
+        if flush_every and number % flush_every == 0:
+            now += SECOND
+            writer.flush_if_due(now)
+    if close:
+        writer.close(complete, "finished")
+    else:
+        writer._file.close()  # as if the process had been killed
+    return path
+
+
+def changed(sent: list[Sent], topic: str, sequence: int, change: Callable[[Sent], Sent | None]) -> list[Sent]:
+    """Return what was sent with one message changed, or left out where ``change`` returns None."""
+
+    def apply() -> Iterator[Sent]:
+        for one in sent:
+            if one.topic == topic and one.envelope.sequence == sequence:
+                replaced = change(one)
+                if replaced is not None:
+                    yield replaced
+            else:
+                yield one
+
+    return list(apply())
