@@ -40,7 +40,7 @@ def estimate_background(grey: NDArray[np.uint8], degree: int = 4) -> NDArray[np.
         matrix[i, j] = value
     across = np.einsum("ij,xj->ix", matrix, _powers(width, degree))
     full = np.einsum("yi,ix->yx", _powers(height, degree), across)
-    return np.clip(full, 0, 255).astype(np.float32)
+    return np.asarray(np.clip(full, 0, 255), dtype=np.float32)
 
 
 def flatten(grey: NDArray[np.uint8], background: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -78,18 +78,25 @@ def _coarse_circles(mask: NDArray[np.uint8], params: DetectionParams) -> NDArray
     """Circles (D, 3) within a pixel of the rim: one through a component if that fits it, else one for each peak."""
     group = group_edges(mask, params.min_radius_px)
     single = fit_circles_algebraic(group.edge_px[None], group.of_component)
-    distance = np.sqrt(((group.edge_px - single[:, None, :2]) ** 2).sum(axis=2)) - single[:, 2, None]
+    distance = _distance(group.edge_px, single)
     count = np.maximum(group.of_component.sum(axis=1), 1)
     residual = np.sqrt((group.of_component * distance**2).sum(axis=1) / count)
     fits = (residual <= _PIXEL_ROUGHNESS_PX + params.max_residual * single[:, 2]) & _of_size(single, params)
-    split = ~fits[group.component]
+    split = np.append(~fits, True)[group.component]  # True: in a component whose every edge is the image's border
     several = fit_circles_algebraic(group.edge_px[None], group.of_peak[split])
     circles = np.concatenate([single[fits], several])
+    member = np.concatenate([group.of_component[fits], group.of_peak[split]])
+    on_rim = (member * (np.abs(_distance(group.edge_px, circles)) < 1)).sum(axis=1)
     circles[:, 2] += 0.5  # edge pixels are the outermost inside
-    edge_count = np.concatenate([group.of_component[fits], group.of_peak[split]]).sum(axis=1)
     right = _of_size(circles, params)
-    circles, edge_count = circles[right], edge_count[right]
-    return circles[_best_apart(circles, edge_count / circles[:, 2])]
+    circles, on_rim = circles[right], on_rim[right]
+    return circles[_best_apart(circles, on_rim / circles[:, 2])]
+
+
+def _distance(points: NDArray[np.float64], circles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Signed distance (D, K) of points (K, 2) or (D, K, 2) to the rims of circles (D, 3)."""
+    offset = points - circles[:, None, :2]
+    return np.asarray(np.sqrt((offset**2).sum(axis=2)) - circles[:, 2, None])
 
 
 def _refine(
@@ -111,8 +118,7 @@ def _refine(
 
 def _near(points: NDArray[np.float64], found: NDArray[np.bool_], circles: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which points (D, R, 2) lie no farther from their circle than three robust standard deviations."""
-    offset = points - circles[:, None, :2]
-    distance = np.abs(np.sqrt((offset**2).sum(axis=2)) - circles[:, 2, None])
+    distance = np.abs(_distance(points, circles))
     ordered = np.sort(np.where(found, distance, np.inf), axis=1)
     median = ordered[np.arange(len(found)), found.sum(axis=1) // 2 - 1]
     return np.asarray(distance <= np.maximum(3 * 1.4826 * median, 0.1)[:, None])
