@@ -12,16 +12,17 @@ import cv2
 from protocol.control import TickDone, decode_control, encode_control
 from protocol.envelope import Envelope, encode_envelope
 from protocol.journal import encode_entry
-from protocol.messages import Diagnostics, HostEvent, Log, LogLevel, timestamp
+from protocol.messages import Diagnostics, Log, LogLevel, timestamp
 from protocol.topics import TOPICS, Delivery
 from services.bus import DATA, JOURNAL, TICK, Arrival
 from services.executor import Executor, Sent
 from services.faults import FaultyLink
+from services.gaps import GapWatch, notice_gaps
 from services.graph import Graph
 from services.inbox import LockstepInbox, Ready, RealtimeInbox
-from services.intake import GapWatch, Intake, Refusal
+from services.intake import Intake, Refusal
 from services.member import Member, StopSignal, join, say
-from services.node import Node, Received
+from services.node import Node
 from services.nodes import build_nodes
 from services.scenario import Scenario
 from services.source import Feed, LogRecord, feed_log, feed_ticks
@@ -145,7 +146,7 @@ class _Host:
         self._stamp_ns = stamp_ns
         for one in fed:
             self._publish(one)
-        events = self._notice_gaps(ready)
+        events = notice_gaps(self._executor, self._gaps, ready, stamp_ns, time.time_ns())
         began = time.perf_counter()
         executed = self._executor.step(ready.tick, stamp_ns, ready.inputs, time.time_ns(), last=last)
         self._step_time_s += time.perf_counter() - began
@@ -191,21 +192,6 @@ class _Host:
             )
             self._publish(self._stamped("log", message))
 
-    def _notice_gaps(self, ready: Ready) -> list[Sent]:
-        """Make an event of each gap in the inputs' sequences, and an input too if the node wants to know."""
-        sent = []
-        topic = f"event/{self._node.name}"
-        for one in list(ready.inputs):
-            gap = self._gaps.see(one.topic, one.node, one.sequence)
-            if gap is not None:
-                event = HostEvent(kind="gap", topic=gap.topic, node=gap.node, first=gap.first, last=gap.last)
-                told = self._stamped(topic, event)
-                sent.append(told)
-                if topic in self._node.reads:
-                    place = told.envelope
-                    ready.inputs.append(Received(topic, place.node, place.boot, place.sequence, place.stamp_ns, event))
-        return sent
-
     def _report(self) -> None:
         now = time.monotonic()
         if now >= self._report_at:
@@ -219,5 +205,5 @@ class _Host:
             )
             self._publish(self._stamped("diagnostics", message))
 
-    def _stamped(self, topic: str, message: Diagnostics | HostEvent | Log) -> Sent:
+    def _stamped(self, topic: str, message: Diagnostics | Log) -> Sent:
         return self._executor.stamp(topic, message, self._member.ticks, self._stamp_ns, time.time_ns())

@@ -14,7 +14,7 @@ from protocol.topics import LOG_NODE, topic
 from services.bus import DATA, Arrival
 from services.node import Received
 
-__all__ = ["Gap", "GapWatch", "Intake", "Refusal", "check_sender"]
+__all__ = ["Intake", "Refusal", "check_sender"]
 
 
 class Refusal(NamedTuple):
@@ -75,24 +75,3 @@ class Intake:
         if first:
             self._reasons.add((name, reason))
         return Refusal(name, reason, first, envelope)
-
-
-class Gap(NamedTuple):
-    """Sequence numbers ``first`` to ``last`` of a topic that never came."""
-
-    topic: str
-    node: str
-    first: int
-    last: int
-
-
-class GapWatch:
-    """Finds jumps in the sequences of what a node consumes. A message that comes late fills no gap already told."""
-
-    def __init__(self) -> None:
-        self._next: dict[tuple[str, str], int] = {}
-
-    def see(self, topic: str, node: str, sequence: int) -> Gap | None:
-        expected = self._next.get((topic, node), 0)
-        self._next[topic, node] = max(expected, sequence + 1)
-        return Gap(topic, node, expected, sequence - 1) if sequence > expected else None

@@ -3,9 +3,12 @@
 from typing import Annotated
 
 import msgspec
+import numpy as np
 from msgspec import Meta
 
-__all__ = ["Landmark", "PartSpec", "RearrangementTask"]
+from dynpf.fields.layout import Layout
+
+__all__ = ["Landmark", "PartSpec", "RearrangementTask", "layout_of"]
 
 Positive = Annotated[float, Meta(gt=0.0)]
 Point = tuple[float, float]
@@ -36,3 +39,14 @@ class Landmark(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     id: Annotated[int, Meta(ge=0)]
     x: float
     y: float
+
+
+def layout_of(task: RearrangementTask) -> Layout:
+    """Return the fixed facts of a task as the arrays that the algorithms take."""
+    return Layout(
+        radii=np.array([part.radius for part in task.parts]),
+        goals=np.array([part.goal for part in task.parts]),
+        half_size=np.array([task.width, task.height]) / 2.0,
+        robot_radius=task.robot_radius,
+        reach=task.reach,
+    )

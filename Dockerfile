@@ -1,0 +1,25 @@
+# One image for every process: `docker build -t dynpf .`, or compose.yaml. Where packages come through a private certificate
+# authority, put its certificates into ca-certificates.pem beside this file; they stay out of the image.
+ARG BASE=python:3.11-slim-bookworm
+
+FROM ${BASE} AS build
+WORKDIR /build
+RUN python3 -m venv --without-pip /opt/dynpf
+COPY requirements.lock ca-certificates.pem* ./
+RUN if [ -f ca-certificates.pem ]; then export PIP_CERT=/build/ca-certificates.pem; fi \
+    && pip --python /opt/dynpf/bin/python install --no-cache-dir --require-hashes --requirement requirements.lock
+COPY pyproject.toml README.md LICENSE ./
+COPY dynpf dynpf
+COPY protocol protocol
+COPY services services
+COPY scenarios scenarios
+RUN pip --python /opt/dynpf/bin/python install --no-cache-dir --no-index --no-deps --no-build-isolation .
+
+FROM ${BASE}
+RUN useradd --system --no-create-home dynpf && install --directory --owner=dynpf /dynpf/runs
+COPY --from=build /opt/dynpf /opt/dynpf
+ENV PATH=/opt/dynpf/bin:$PATH PYTHONSAFEPATH=1 PYTHONUNBUFFERED=1
+USER dynpf
+WORKDIR /dynpf
+ENTRYPOINT ["dynpf"]
+CMD ["--help"]

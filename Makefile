@@ -1,0 +1,68 @@
+# Every target sets up what it needs: an own environment in .venv from the lock files, then the project itself.
+# A second call finds the stamps in .venv and starts at once; a changed lock file makes the environment anew.
+
+# The first of these that is new enough; `make PYTHON=/path/to/python3` names another.
+USABLE := import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))
+PYTHON := $(shell for python in $$PYTHON python3.11 python3.12 python3.13 python3; do \
+	"$$python" -c '$(USABLE)' 2>/dev/null && echo "$$python" && exit; done; echo python3)
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+SCENARIO ?= parts-3-easy
+
+.DELETE_ON_ERROR:
+.PHONY: run test test-container check format lock hooks clean
+
+run: .venv/.project
+	$(BIN)/dynpf run $(SCENARIO)
+
+test: .venv/.dev
+	$(BIN)/pytest
+
+test-container: .venv/.dev
+	$(BIN)/pytest -m container
+
+check: .venv/.dev
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/python -m checks.pure_code
+	$(BIN)/python -m pip check
+
+format: .venv/.dev
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+# Keeps the versions that are locked, as far as pyproject.toml lets it; `make lock UPGRADE=1` takes the newest.
+COMPILE = $(BIN)/uv pip compile pyproject.toml --quiet --universal --python-version 3.11 --generate-hashes --fork-strategy fewest \
+	--no-emit-index-url --no-emit-find-links --custom-compile-command 'make lock' $(if $(UPGRADE),--upgrade)
+lock: .venv/.dev
+	$(COMPILE) --group build --output-file requirements.lock
+	$(COMPILE) --group build --group dev --constraint requirements.lock --output-file requirements-dev.lock
+
+# Every commit then has to pass `make check`.
+HOOK = $(shell git rev-parse --git-path hooks)/pre-commit
+hooks:
+	mkdir -p $(dir $(HOOK))
+	printf '#!/bin/sh\nexec make check\n' > $(HOOK)
+	chmod +x $(HOOK)
+
+clean:
+	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
+	find dynpf protocol services checks tests -name __pycache__ -prune -exec rm -rf {} +
+
+.venv/.runtime: requirements.lock
+	@$(PYTHON) -c '$(USABLE)' 2>/dev/null || { echo "dynpf needs Python 3.11 or newer with its venv module (Debian: apt" \
+		"install python3-venv), which '$(PYTHON)' is not; name another one: make PYTHON=/path/to/python3" >&2; exit 1; }
+	@echo "Installing the locked dependencies for $$($(PYTHON) --version) into .venv"
+	@$(PYTHON) -m venv --clear .venv
+	@$(PIP) install --require-hashes --requirement requirements.lock
+	@touch $@
+
+.venv/.project: .venv/.runtime pyproject.toml
+	@$(PIP) install --no-build-isolation --no-deps --editable .
+	@touch $@
+
+.venv/.dev: .venv/.project requirements-dev.lock
+	@$(PIP) install --require-hashes --requirement requirements-dev.lock
+	@touch $@

@@ -1,0 +1,151 @@
+"""Finds what pure code must not do: `python -m checks.pure_code` prints each finding and exits 1 if there is one.
+
+Replay gives the same bytes only if a step depends on nothing but its inputs. So the algorithms, the messages and the
+nodes read no clock, draw no unkeyed random number, look at no environment, do no input or output and start no thread.
+They import only what is listed here; of that, some names stay forbidden. Names are followed through imports, renamed
+or not; a module may not be handed about as a value, since what is taken from it then could not be seen.
+"""
+
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+__all__ = ["PURE", "findings"]
+
+PURE = (
+    "dynpf",
+    "protocol",
+    "services/node.py",
+    "services/task.py",
+    "services/simulator",
+    "services/vision",
+    "services/sensors",
+    "services/estimator",
+    "services/controller",
+)
+
+MODULES = (
+    *(root.removesuffix(".py").replace("/", ".") for root in PURE),
+    *("__future__", "abc", "base64", "bisect", "collections", "copy", "dataclasses", "enum", "functools", "hashlib"),
+    *("heapq", "itertools", "json", "math", "numbers", "operator", "re", "string", "struct", "types", "typing"),
+    *("cv2", "msgspec", "numba", "numpy"),
+)
+
+BUILTINS = {
+    **dict.fromkeys(("open", "print", "input", "breakpoint"), "does input or output"),
+    **dict.fromkeys(("eval", "exec", "compile", "__import__"), "can reach anything"),
+    **dict.fromkeys(("hash", "id"), "differs between processes"),
+}
+
+# Beneath an allowed module. "numpy.random" stands for all in it but the type that generators have.
+FORBIDDEN = {
+    **dict.fromkeys(("numpy.random", "cv2.setRNGSeed"), "is not keyed: take a generator made by dynpf.rng.stream"),
+    **dict.fromkeys(
+        ("cv2.randn", "cv2.randu", "cv2.randShuffle"), "is not keyed: take a generator made by dynpf.rng.stream"
+    ),
+    **dict.fromkeys(("cv2.getTickCount", "cv2.getCPUTickCount", "cv2.TickMeter"), "reads a clock"),
+    **dict.fromkeys(("cv2.setNumThreads", "cv2.setUseOptimized"), "belongs to the host"),
+    **dict.fromkeys(("cv2.imread", "cv2.imreadmulti", "cv2.imwrite", "cv2.imwritemulti"), "does input or output"),
+    **dict.fromkeys(("cv2.VideoCapture", "cv2.VideoWriter", "cv2.FileStorage"), "does input or output"),
+    **dict.fromkeys(("cv2.imshow", "cv2.waitKey", "cv2.namedWindow"), "does input or output"),
+    **dict.fromkeys(("numpy.load", "numpy.loadtxt", "numpy.genfromtxt", "numpy.fromfile"), "does input or output"),
+    **dict.fromkeys(("numpy.save", "numpy.savez", "numpy.savez_compressed", "numpy.savetxt"), "does input or output"),
+    **dict.fromkeys(("numpy.memmap", "numpy.ctypeslib"), "does input or output"),
+}
+ALLOWED = ("numpy.random.Generator",)
+
+EXCEPTIONS = {("dynpf/rng.py", "numpy.random.Philox")}
+
+
+def findings(source: str, file: str) -> list[str]:
+    """Return one line for each forbidden import and name in the source of a file, named relative to the repository."""
+    tree = ast.parse(source, file)
+    found = {*_imports(tree), *_uses(tree, _bindings(tree))}
+    return [f"{file}:{line}: {name} {why}" for line, name, why in sorted(found) if (file, name) not in EXCEPTIONS]
+
+
+def _imports(tree: ast.AST) -> Iterator[tuple[int, str, str]]:
+    for node in ast.walk(tree):
+        match node:
+            case ast.Import(names=aliases):
+                names = [alias.name for alias in aliases]
+            case ast.ImportFrom(module=str(module), names=aliases, level=0):
+                names = [f"{module}.{alias.name}" for alias in aliases]
+            case ast.ImportFrom(level=level) if level > 1:
+                yield node.lineno, "." * level, "leaves the package: name the module in full"
+                continue
+            case _:
+                continue
+        for name in names:
+            # Importing numpy.random only binds a module: what is taken from it is judged where that is done.
+            if name != "numpy.random" and (why := _objection(name)):
+                yield node.lineno, name, why
+
+
+def _bindings(tree: ast.AST) -> dict[str, str]:
+    """Map each name that an import binds, in any scope, to what it stands for."""
+    bound = {}
+    for node in ast.walk(tree):
+        match node:
+            case ast.Import(names=aliases):
+                for alias in aliases:
+                    root = alias.name.partition(".")[0]
+                    bound[alias.asname or root] = alias.name if alias.asname else root
+            case ast.ImportFrom(module=str(module), names=aliases, level=0):
+                bound |= {alias.asname or alias.name: f"{module}.{alias.name}" for alias in aliases}
+    return bound
+
+
+def _uses(tree: ast.AST, bound: dict[str, str]) -> Iterator[tuple[int, str, str]]:
+    modules = {"numpy.random", *MODULES}
+    inner = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Attribute | ast.Name) or not isinstance(node.ctx, ast.Load) or id(node) in inner:
+            continue
+        root, *rest = _dotted(node)
+        if root in bound:
+            name = ".".join((bound[root], *rest))
+            if why := _objection(name):
+                yield node.lineno, name, why
+            elif name in modules:
+                yield node.lineno, name, "is a module, and may not be handed about"
+        elif root in BUILTINS:
+            yield node.lineno, root, BUILTINS[root]
+
+
+def _dotted(node: ast.expr) -> tuple[str, ...]:
+    """Return the parts of a plain dotted name; ("",) for any other expression."""
+    match node:
+        case ast.Name(id=name):
+            return (name,)
+        case ast.Attribute(value=value, attr=attribute) if (start := _dotted(value)) != ("",):
+            return (*start, attribute)
+    return ("",)
+
+
+def _objection(name: str) -> str | None:
+    if not any(_within(name, module) for module in MODULES):
+        return "is not among the modules of pure code"
+    if any(_within(name, allowed) for allowed in ALLOWED):
+        return None
+    return next((why for start, why in FORBIDDEN.items() if _within(name, start)), None)
+
+
+def _within(name: str, module: str) -> bool:
+    return name == module or name.startswith(f"{module}.")
+
+
+def main() -> int:
+    root = Path(__file__).parents[1]
+    paths = [path for name in PURE for path in ([root / name] if name.endswith(".py") else (root / name).rglob("*.py"))]
+    found = [line for path in sorted(paths) for line in findings(path.read_text(), path.relative_to(root).as_posix())]
+    print(
+        "\n".join(found) or f"Pure code: {len(paths)} files, nothing forbidden.",
+        file=sys.stderr if found else sys.stdout,
+    )
+    return bool(found)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,142 @@
+"""Clearances between discs and walls, and the local filter that keeps a step from using them up.
+
+A clearance is the gap between two outlines: negative when they overlap. Each one bounds the next step
+linearly; the filter returns the step nearest to the wanted one that meets every bound. Metres and radians.
+"""
+
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynpf.fields.layout import Layout
+
+__all__ = [
+    "carrying_bounds",
+    "disc_clearances",
+    "project_step",
+    "robot_bounds",
+    "wall_clearances",
+]
+
+FloatArray = NDArray[np.float64]
+
+# The inward normals of the walls at +x, +y, -x, -y.
+WALL_NORMALS = np.array([[-1.0, 0.0], [0.0, -1.0], [1.0, 0.0], [0.0, 1.0]])
+TOLERANCE = 1e-10  # metres
+
+
+def disc_clearances(centre: FloatArray, radius: float, others: FloatArray, radii: FloatArray) -> FloatArray:
+    """Return the clearance of one disc from each of ``others``, (n, 2) with ``radii``, (n,): shape (n,)."""
+    clearances: FloatArray = np.hypot(*(centre - others).T) - (radius + radii)
+    return clearances
+
+
+def wall_clearances(centre: FloatArray, radius: float, half_size: FloatArray) -> FloatArray:
+    """Return a disc's clearance from the walls at +x, +y, -x, -y of a workspace about the origin, shape (4,)."""
+    return np.concatenate([half_size - centre, half_size + centre]) - radius
+
+
+def robot_bounds(robot: FloatArray, parts: FloatArray, layout: Layout) -> tuple[FloatArray, FloatArray]:
+    """Return (rows, clearances): a step u, (2,), leaves at least clearance + row @ u of each clearance.
+
+    Parts come first, in order, then the four walls. The bound is safe, not only of first order: the
+    distance to a point is convex in the step.
+    """
+    return _disc_bounds(robot, layout.robot_radius, parts, layout.radii, layout.half_size)
+
+
+def carrying_bounds(
+    pose: FloatArray, parts: FloatArray, held: int, layout: Layout, max_turn: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return (rows, clearances) as ``robot_bounds`` does, for a step in (x, y, theta) with a part in the gripper.
+
+    The robot's bounds come first (the other parts, the walls), then those of the part that is held. They are
+    safe for turns of at most ``max_turn``: the held part's leave out what the curvature of its arc may take.
+    """
+    others = layout.others(held)
+    part, distance = layout.held_position(pose, held), layout.grip_distance(held)
+    obstacles = parts[others], layout.radii[others], layout.half_size
+    robot_rows, robot_clearances = _disc_bounds(pose[:2], layout.robot_radius, *obstacles)
+    part_rows, part_clearances = _disc_bounds(part, float(layout.radii[held]), *obstacles)
+    across = np.array([-np.sin(pose[2]), np.cos(pose[2])])
+    rows = np.concatenate(
+        [
+            np.column_stack([robot_rows, np.zeros(len(robot_rows))]),
+            np.column_stack([part_rows, distance * (part_rows @ across)]),
+        ]
+    )
+    sagitta = 0.5 * distance * max_turn**2
+    return rows, np.concatenate([robot_clearances, part_clearances - sagitta])
+
+
+def project_step(
+    step: FloatArray, rows: FloatArray, clearances: FloatArray, margins: FloatArray, rate: float
+) -> FloatArray:
+    """Return the step nearest to ``step`` for which no clearance c shrinks by more than rate (c - margin).
+
+    Where c is below its margin the step must win back what is missing. When not all of that can be met together, it is
+    only asked that no clearance below its margin shrinks any further, which standing still always meets. ``step`` has
+    shape (d,), ``rows`` (n, d), ``clearances`` and ``margins`` (n,); ``rate`` lies in (0, 1].
+    """
+    spare = clearances - margins
+    required = -np.where(spare > 0.0, rate * spare, spare)
+    for bounds in (required, np.minimum(required, 0.0)):
+        projected = _project(step, rows, bounds)
+        if projected is not None:
+            return projected
+    return np.zeros_like(step)
+
+
+def _project(step: FloatArray, rows: FloatArray, required: FloatArray) -> FloatArray | None:
+    """Return argmin ||u - step|| subject to rows @ u >= required, or None when nothing meets every bound.
+
+    Bounds are taken up one at a time, the most violated first: the nearest step that meets some of the
+    bounds and happens to meet all of them is the nearest that meets all.
+    """
+    projected = step
+    taken: list[int] = []
+    while True:
+        slack = rows @ projected - required
+        worst = int(np.argmin(slack))
+        if slack[worst] >= -TOLERANCE:
+            return projected
+        if worst in taken:
+            return None
+        taken.append(worst)
+        nearest = _nearest(step, rows[taken], required[taken])
+        if nearest is None:
+            return None
+        projected = nearest
+
+
+def _nearest(step: FloatArray, rows: FloatArray, required: FloatArray) -> FloatArray | None:
+    """Solve the projection for a handful of bounds by trying each set of them as the active one."""
+    violation = required - rows @ step
+    for size in range(1, min(step.size, len(rows)) + 1):
+        for active in map(list, combinations(range(len(rows)), size)):
+            gram = rows[active] @ rows[active].T
+            if np.linalg.det(gram) < TOLERANCE:
+                continue
+            multipliers = np.linalg.solve(gram, violation[active])
+            nearest = step + multipliers @ rows[active]
+            if np.all(multipliers >= 0.0) and np.all(rows @ nearest >= required - 0.5 * TOLERANCE):
+                return nearest
+    return None
+
+
+def _disc_bounds(
+    centre: FloatArray, radius: float, others: FloatArray, radii: FloatArray, half_size: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    discs = disc_clearances(centre, radius, others, radii)
+    walls = wall_clearances(centre, radius, half_size)
+    return np.concatenate([_normals(centre, others), WALL_NORMALS]), np.concatenate([discs, walls])
+
+
+def _normals(centre: FloatArray, others: FloatArray) -> FloatArray:
+    difference = centre - others
+    length = np.hypot(*difference.T)
+    # Two discs with one centre have no normal: any direction leads out.
+    safe = np.where(length > 0.0, length, 1.0)
+    normals: FloatArray = np.where((length > 0.0)[:, None], difference / safe[:, None], [1.0, 0.0])
+    return normals

@@ -1,0 +1,44 @@
+"""Whether goals are free, and where a part can be put that stands in the way."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynpf.fields.layout import Layout
+
+__all__ = ["blocked_goals", "free_place"]
+
+FloatArray = NDArray[np.float64]
+
+GRID = 0.02  # metres between the places that are tried
+
+
+def blocked_goals(parts: FloatArray, layout: Layout, gap: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return (blocked, blocking), both (p,): whose goal is not free, and who stands in another's goal.
+
+    A goal is free when no other part is nearer to the disc to be placed there than ``gap``.
+    """
+    distance = np.linalg.norm(layout.goals[:, None, :] - parts[None, :, :], axis=2)
+    near = distance < layout.radii[:, None] + layout.radii[None, :] + gap
+    np.fill_diagonal(near, False)
+    return near.any(axis=1), near.any(axis=0)
+
+
+def free_place(parts: FloatArray, part: int, layout: Layout, gap: float) -> FloatArray | None:
+    """Return the nearest place, (2,), for ``part`` that leaves ``gap`` to all other parts, goals and walls.
+
+    None when there is no such place on a grid of 2 cm.
+    """
+    others = layout.others(part)
+    limit = layout.half_size - layout.radii[part] - gap
+    if np.any(limit < 0.0):
+        return None
+    axes = [np.arange(-bound, bound + 0.5 * GRID, GRID) for bound in limit]
+    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    obstacles = np.concatenate([parts[others], layout.goals])
+    needed = layout.radii[part] + gap + np.concatenate([layout.radii[others], layout.radii])
+    distance = np.linalg.norm(places[:, None, :] - obstacles[None, :, :], axis=2)
+    free = places[(distance >= needed).all(axis=1)]
+    if not len(free):
+        return None
+    nearest: FloatArray = free[np.argmin(np.linalg.norm(free - parts[part], axis=1))]
+    return nearest

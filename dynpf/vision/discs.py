@@ -1,0 +1,138 @@
+"""The whole chain from a grey image to discs: light, threshold, components, edges, circle fit, rejection."""
+
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from dynpf.vision.background import estimate_background, flatten
+from dynpf.vision.circle import fit_circles, fit_circles_algebraic
+from dynpf.vision.components import foreground, group_edges
+from dynpf.vision.edges import inner_contrast, rim_edges
+
+__all__ = ["DetectionParams", "Disc", "detect_discs"]
+
+_MIN_SIDE_PX = 16
+_PASSES = 2  # the second starts from the first's circles, so its rays cross the edge squarely
+_MIN_POINTS = 6
+_LEAST_SPACING = 0.75  # of two discs' centres, relative to the sum of their radii
+_PIXEL_ROUGHNESS_PX = 0.35  # rms distance of edge pixels to the true rim
+
+
+class DetectionParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What counts as a disc, in pixels of the image that is searched (a quarter of the frame's) and grey levels."""
+
+    min_radius_px: Annotated[float, msgspec.Meta(ge=3)] = 4.0
+    max_radius_px: Annotated[float, msgspec.Meta(gt=0)] = 40.0
+    min_contrast: Annotated[float, msgspec.Meta(gt=0, le=255)] = 24.0  # to the background, grey levels
+    max_residual: Annotated[float, msgspec.Meta(gt=0)] = 0.05  # rms distance of edge points to the circle / radius
+    min_arc_fraction: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.25  # of the circumference, seen as an edge
+    min_support: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.7  # of what another disc or the border does not hide
+    rays: Annotated[int, msgspec.Meta(ge=16, le=512)] = 96  # edge points looked for around each disc
+    background_degree: Annotated[int, msgspec.Meta(ge=0, le=6)] = 4  # of the polynomial through the light
+
+
+class Disc(msgspec.Struct, frozen=True):
+    """A disc in an image: a pixel's centre has whole coordinates, x to the right, y down."""
+
+    x_px: float
+    y_px: float
+    radius_px: float
+    grey: float  # median inside minus background, grey levels at the average light: negative is darker
+    residual_px: float  # rms distance of the edge points to the circle
+    arc_fraction: float  # of the circumference that edge points support
+
+
+def detect_discs(grey: NDArray[np.uint8], params: DetectionParams) -> tuple[Disc, ...]:
+    """Find the discs in a grey image (H, W), sorted by y, then x (PARTS section 5.2, stages 3 to 6).
+
+    Discs may be darker or lighter than the background, touch each other, or be cut by the image's border, as long
+    as `min_arc_fraction` of the rim is seen. Raises ValueError when `grey` is not a two-dimensional uint8 array.
+    """
+    if grey.ndim != 2 or grey.dtype != np.uint8:
+        raise ValueError(f"need a grey image (H, W) of uint8, got shape {grey.shape} of {grey.dtype}")
+    if min(grey.shape) < _MIN_SIDE_PX:
+        return ()
+    contrast = flatten(grey, estimate_background(grey, params.background_degree))
+    mask = foreground(contrast, params.min_contrast)
+    circles = _coarse_circles(mask, params)
+    if len(circles) == 0:
+        return ()
+    circles, residual, arc = _refine(contrast, circles, params)
+    level = inner_contrast(contrast, circles)
+    good = (
+        _of_size(circles, params)
+        & (residual <= params.max_residual * circles[:, 2])
+        & (arc >= params.min_arc_fraction)
+        & (np.abs(level) >= params.min_contrast)
+    )
+    discs = [
+        Disc(*(float(value) for value in (*circles[i], level[i], residual[i], arc[i])))
+        for i in np.flatnonzero(good)[_best_apart(circles[good], arc[good])]
+    ]
+    return tuple(sorted(discs, key=lambda disc: (disc.y_px, disc.x_px)))
+
+
+def _coarse_circles(mask: NDArray[np.uint8], params: DetectionParams) -> NDArray[np.float64]:
+    """Circles (D, 3) within a pixel of the rim: one through a component if that fits it, else one for each peak."""
+    group = group_edges(mask, params.min_radius_px)
+    single = fit_circles_algebraic(group.edge_px[None], group.of_component)
+    distance = _distance(group.edge_px, single)
+    count = np.maximum(group.of_component.sum(axis=1), 1)
+    residual = np.sqrt((group.of_component * distance**2).sum(axis=1) / count)
+    fits = (residual <= _PIXEL_ROUGHNESS_PX + params.max_residual * single[:, 2]) & _of_size(single, params)
+    split = np.append(~fits, True)[group.component]  # True: in a component whose every edge is the image's border
+    several = fit_circles_algebraic(group.edge_px[None], group.of_peak[split])
+    circles = np.concatenate([single[fits], several])
+    member = np.concatenate([group.of_component[fits], group.of_peak[split]])
+    on_rim = (member * (np.abs(_distance(group.edge_px, circles)) < 1)).sum(axis=1)
+    circles[:, 2] += 0.5  # edge pixels are the outermost inside
+    right = _of_size(circles, params)
+    circles, on_rim = circles[right], on_rim[right]
+    return circles[_best_apart(circles, on_rim / circles[:, 2])]
+
+
+def _distance(points: NDArray[np.float64], circles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Signed distance (D, K) of points (K, 2) or (D, K, 2) to the rims of circles (D, 3)."""
+    offset = points - circles[:, None, :2]
+    return np.asarray(np.sqrt((offset**2).sum(axis=2)) - circles[:, 2, None])
+
+
+def _refine(
+    contrast: NDArray[np.float32], circles: NDArray[np.float64], params: DetectionParams
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Fit the circles (D, 3) to sub-pixel edges; with rms residuals (D,) and arc fractions (D,), 0 if unsupported."""
+    for _ in range(_PASSES - 1):
+        points, _, found = rim_edges(contrast, circles, params.rays)
+        fitted, _ = fit_circles(points, found.astype(np.float64), circles)
+        usable = (found.sum(axis=1) >= _MIN_POINTS) & _of_size(fitted, params)
+        circles = np.where(usable[:, None], fitted, circles)
+    points, visible, found = rim_edges(contrast, circles, params.rays)
+    fitted, _ = fit_circles(points, found.astype(np.float64), circles)
+    used = found & _near(points, found, fitted)
+    fitted, residual = fit_circles(points, used.astype(np.float64), fitted)
+    enough = used.sum(axis=1) >= np.maximum(_MIN_POINTS, params.min_support * visible.sum(axis=1))
+    return fitted, residual, np.where(enough, used.mean(axis=1), 0.0)
+
+
+def _near(points: NDArray[np.float64], found: NDArray[np.bool_], circles: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which points (D, R, 2) lie no farther from their circle than three robust standard deviations."""
+    distance = np.abs(_distance(points, circles))
+    ordered = np.sort(np.where(found, distance, np.inf), axis=1)
+    median = ordered[np.arange(len(found)), found.sum(axis=1) // 2 - 1]
+    return np.asarray(distance <= np.maximum(3 * 1.4826 * median, 0.1)[:, None])
+
+
+def _of_size(circles: NDArray[np.float64], params: DetectionParams) -> NDArray[np.bool_]:
+    return (circles[:, 2] >= params.min_radius_px) & (circles[:, 2] <= params.max_radius_px)
+
+
+def _best_apart(circles: NDArray[np.float64], merit: NDArray[np.float64]) -> list[int]:
+    """Indices of circles that do not overlap, best merit first: discs lie side by side."""
+    kept: list[int] = []
+    for i in np.argsort(-merit, kind="stable"):
+        apart = np.sqrt(((circles[kept, :2] - circles[i, :2]) ** 2).sum(axis=1))
+        if np.all(apart > _LEAST_SPACING * (circles[kept, 2] + circles[i, 2])):
+            kept.append(int(i))
+    return kept

@@ -1,0 +1,113 @@
+"""``dynpf replay``: re-execute nodes from a recording and compare what they do with what they did."""
+
+import argparse
+import json
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from services.errors import UsageError
+
+if TYPE_CHECKING:
+    from services.recording.reader import Recording
+    from services.runners.replay import Replayed
+    from services.scenario import Scenario
+
+__all__ = ["add_parser"]
+
+
+def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
+    parser = commands.add_parser(
+        "replay",
+        help="re-execute nodes from a recording and compare",
+        description="Each node gets its recorded inputs and is compared with its recorded output. With --set, nodes "
+        "run with other settings: with --node, that node alone, and the differences are printed; without, the whole "
+        "run anew from its source.",
+    )
+    parser.add_argument("recording", type=Path, metavar="RUN.mcap")
+    parser.add_argument("--node", metavar="NAME", help="only this node (default: all of them)")
+    parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE")
+    parser.add_argument("-o", "--output", type=Path, metavar="NEW.mcap", help="write the replayed run")
+    parser.add_argument("--json", action="store_true")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    from services.recording.reader import read_recording
+    from services.scenario import override_resolved
+
+    recording = read_recording(options.recording)
+    if options.output is not None and options.output.exists():
+        raise UsageError(f"{options.output}: the file exists; choose another name")
+    scenario = override_resolved(recording.header.scenario, options.overrides, str(options.recording))
+    if options.overrides and options.node is None:
+        return _closed_loop(options, recording, scenario)
+    if options.node is not None and options.node not in scenario.nodes:
+        raise UsageError(
+            f"{options.recording}: has no node {options.node!r}; its nodes are {', '.join(scenario.nodes)}"
+        )
+    return _each_alone(options, recording, scenario)
+
+
+def _each_alone(options: argparse.Namespace, recording: "Recording", scenario: "Scenario") -> int:
+    from services.nodes import build_nodes
+    from services.recorder.host import run_header
+    from services.recording.writer import RecordingWriter
+    from services.runners.replay import replay_node, write_replayed
+
+    nodes = build_nodes(scenario)
+    chosen = [options.node] if options.node else list(scenario.nodes)
+    keep = options.output is not None
+    outcomes = [replay_node(recording, nodes[name], scenario.state_digest_ticks, keep=keep) for name in chosen]
+    if options.output is not None:
+        with RecordingWriter(options.output, run_header(scenario), recording.attachments) as writer:
+            write_replayed(recording, outcomes, writer)
+            whole = recording.end is not None and recording.end.complete
+            writer.close(complete=whole, reason=f"replayed from {options.recording.name}")
+    _print_outcomes(outcomes, as_json=options.json)
+    return 0 if all(outcome.mismatch is None for outcome in outcomes) else 1
+
+
+def _print_outcomes(outcomes: Sequence["Replayed"], *, as_json: bool) -> None:
+    # The first difference of the run is the one of the earliest tick, and in it of the first node in tick order.
+    found = [outcome.mismatch for outcome in outcomes if outcome.mismatch is not None]
+    first = min(found, key=lambda one: one.tick) if found else None
+    if as_json:
+        counts = {one.node: {"steps": one.steps, "messages": one.messages, "digests": one.digests} for one in outcomes}
+        told = None
+        if first is not None:
+            told = {**first._asdict(), "a": first.recorded, "b": first.replayed}
+            del told["recorded"], told["replayed"]
+        print(json.dumps({"same": first is None, "first": told, "counts": counts}))
+        return
+    for one in outcomes:
+        verdict = "same" if one.mismatch is None else "DIFFERS"
+        print(f"{one.node:<11} {verdict:<8} {one.steps} steps, {one.messages} messages, {one.digests} state digests")
+    if first is not None:
+        print(
+            f"first difference: node {first.node}, tick {first.tick}, {first.topic} {first.sequence}, {first.field}: "
+            f"recorded {first.recorded!r}, replayed {first.replayed!r}"
+        )
+
+
+def _closed_loop(options: argparse.Namespace, recording: "Recording", scenario: "Scenario") -> int:
+    from services.cli.diff import print_difference
+    from services.recorder.host import run_header
+    from services.recording.diff import diff
+    from services.recording.reader import read_recording
+    from services.recording.writer import RecordingWriter
+    from services.runners.inline import run_inline
+    from services.runners.replay import log_records
+
+    if scenario.clock != "lockstep":
+        raise UsageError(
+            "a realtime run cannot be run anew from its source; choose --node to change one node's settings"
+        )
+    with tempfile.TemporaryDirectory(prefix="dynpf-") as folder:
+        path = options.output or Path(folder) / "replayed.mcap"
+        with RecordingWriter(path, run_header(scenario), recording.attachments) as writer:
+            run_inline(scenario, log_records(recording), writer)
+            writer.close(complete=True, reason=f"run anew from {options.recording.name}")
+        difference = diff(recording, read_recording(path))
+        return print_difference(difference, str(options.recording), "run anew", as_json=options.json)

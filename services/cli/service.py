@@ -1,0 +1,56 @@
+"""``dynpf service``: one process of a run on its own."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from protocol.topics import NODES
+from services.cli.options import add_scenario_options, load_log, scenario_from
+from services.errors import UsageError
+
+__all__ = ["DEFAULT_ENDPOINT", "add_parser"]
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+
+
+def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
+    parser = commands.add_parser("service", help="one process of a run on its own")
+    parser.add_argument("name", choices=["router", *NODES, "recorder"], metavar="NAME")
+    add_scenario_options(parser)
+    parser.add_argument("--clock", choices=["lockstep", "realtime"])
+    parser.add_argument("--connect", default=DEFAULT_ENDPOINT, metavar="tcp/HOST:PORT", help="where the router listens")
+    parser.add_argument("--listen", default=DEFAULT_ENDPOINT, metavar="tcp/HOST:PORT", help="router: where to listen")
+    parser.add_argument("-o", "--output", type=Path, metavar="RUN.mcap", help="recorder: the recording to write")
+    parser.add_argument("--quiet", action="store_true", help="say only what goes wrong")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    from services.member import StopSignal, say
+
+    log = load_log(options) if options.name != "router" or options.log else None
+    scenario = scenario_from(options, log)
+    if options.name not in {"router", "recorder", *scenario.nodes}:
+        raise UsageError(
+            f"{options.name} takes no part in this scenario; its processes are {', '.join(scenario.nodes)}"
+        )
+    if options.name == scenario.nodes[0] and scenario.needs_log and log is None:
+        raise UsageError("this scenario plays an imported log: give it with --log IN.mcap (dynpf import makes one)")
+    with StopSignal.installed() as stop:
+        if options.name == "router":
+            from services.router.host import run_router
+
+            run_router(scenario, options.listen, stop)
+        elif options.name == "recorder":
+            from services.cli.run import default_output
+            from services.recorder.host import run_recorder
+
+            path = options.output or default_output(Path(options.scenario).stem, scenario.seed)
+            end = run_recorder(scenario, options.connect, path, log.attachments if log else (), stop)
+            if not options.quiet:
+                say("recorder", f"{path} is complete: {end.reason}")
+        else:
+            from services.host import run_node
+
+            run_node(options.name, scenario, options.connect, log.records if log else [], stop)
+    return 0

@@ -1,0 +1,1 @@
+"""The controller: what the robot shall do next, from the estimate alone."""

@@ -1,0 +1,49 @@
+"""Configuration of the rearrangement controller; SI units and radians."""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+__all__ = ["RearrangementControllerConfig"]
+
+NonNegative = Annotated[float, Meta(ge=0.0)]
+Positive = Annotated[float, Meta(gt=0.0)]
+Share = Annotated[float, Meta(gt=0.0, le=1.0)]
+Ticks = Annotated[int, Meta(ge=1)]
+
+
+class RearrangementControllerConfig(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="rearrangement"
+):
+    """Potentials, pace, margins and events. Sigmas are those of the estimate."""
+
+    next_exponent: Positive = 8.0  # k1, k2, k3 of PARTS eq. 2.1, 2.2, 2.4
+    mate_exponent: Positive = 8.0
+    move_exponent: Positive = 8.0
+
+    max_speed: Positive = 0.2  # m/s, of the robot, or of the part that it holds
+    max_turn_rate: Positive = 2.0  # rad/s of the empty gripper
+    max_carrying_turn_rate: Positive = 0.8  # rad/s with a part in it
+    slow_distance: Positive = 0.06  # from a goal, where steps begin to shorten
+    swing_arm: Positive = 0.5  # of the grip distance: weight of a turn against a step
+
+    margin: NonNegative = 0.005  # clearance that is kept, plus ...
+    margin_sigmas: NonNegative = 3.0  # ... this many sigmas of robot and part together
+    max_sigma: Positive = 0.02  # a sigma counts for no more than this in a margin
+    clearance_rate: Share = 0.3  # share of a clearance beyond its margin that a tick may use up
+
+    grip_gap: NonNegative = 0.04  # gap to the target below which the jaws close
+    grip_angle: Positive = 0.15  # the same for the direction
+    placed: NonNegative = 0.003  # distance from the goal at which a part is put down, plus ...
+    placed_sigmas: NonNegative = 0.5
+    reopened: NonNegative = 0.012  # distance at which a part is no longer home, plus ...
+    reopened_sigmas: NonNegative = 2.5
+    leave_gap: NonNegative = 0.03  # gap to a part just put down at which it is left, plus ...
+    leave_sigmas: NonNegative = 2.5
+    leave_ticks: Ticks = 3
+    lost_sigma: Positive = 0.05  # a target known no better than this is waited for
+    goal_gap: NonNegative = 0.005  # that a goal must have from the other parts to be free
+    stall_ticks: Ticks = 60  # without progress ...
+    stall_progress: NonNegative = 0.05  # ... of this much in the logarithm of the potential
+    home_ticks: Ticks = 10  # with all parts home, then the task is finished

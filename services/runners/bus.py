@@ -1,0 +1,105 @@
+"""The bus runner: one process a node, over Zenoh; starts them, watches them, and leaves none behind."""
+
+import contextlib
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from services.errors import RunError
+from services.member import StopSignal, say
+from services.scenario import Scenario, resolved_json
+
+__all__ = ["run_on_bus"]
+
+GRACE_S = 2.5
+"""How long the others may take to stop by themselves after one process has failed."""
+
+POLL_S = 0.02
+
+
+def run_on_bus(scenario: Scenario, path: Path, log: Path | None, stop: StopSignal) -> None:
+    """Run ``scenario`` with every process on Zenoh and record it into ``path``.
+
+    Raises RunError that names the process which failed first; by then every process has ended.
+    """
+    with tempfile.TemporaryDirectory(prefix="dynpf-") as folder:
+        resolved = Path(folder) / "scenario.json"
+        resolved.write_text(resolved_json(scenario), encoding="utf-8")
+        endpoint = f"tcp/127.0.0.1:{_free_port()}"
+        with _processes(scenario, resolved, endpoint, path, log) as processes:
+            _watch(processes, stop)
+
+
+@contextlib.contextmanager
+def _processes(
+    scenario: Scenario, resolved: Path, endpoint: str, path: Path, log: Path | None
+) -> Iterator[dict[str, subprocess.Popen[bytes]]]:
+    processes: dict[str, subprocess.Popen[bytes]] = {}
+    try:
+        for name in ("router", "recorder", *scenario.nodes):
+            command = [sys.executable, "-P", "-m", "services.cli.main", "service", name, str(resolved)]
+            command += ["--listen" if name == "router" else "--connect", endpoint, "--quiet"]
+            if log is not None and name != "router":
+                command += ["--log", str(log)]
+            if name == "recorder":
+                command += ["-o", str(path)]
+            # A session of its own: Ctrl-C reaches only us, and we ask the run to end in good order.
+            processes[name] = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
+        yield processes
+    finally:
+        for process in processes.values():
+            if process.poll() is None:
+                process.kill()
+            process.wait()
+
+
+def _watch(processes: dict[str, subprocess.Popen[bytes]], stop: StopSignal) -> None:
+    failed = ""
+    deadline: float | None = None
+    asked = False
+    while running := [name for name, process in processes.items() if process.poll() is None]:
+        if not failed:
+            failed = _failure(processes)
+            if failed:
+                deadline = time.monotonic() + GRACE_S
+                say("run", f"{failed}; stopping the others")
+        if stop.requested and not asked:
+            asked = True
+            say("run", f"{stop.reason}: ending the run (again to end it at once)")
+            for name in running:
+                processes[name].terminate()
+            deadline = deadline or time.monotonic() + 10.0
+        if failed and running == ["router"]:
+            processes["router"].terminate()  # it waits for a run that will not come
+        if stop.at_once or (deadline is not None and time.monotonic() > deadline):
+            hung = ", ".join(running)
+            raise RunError(f"{failed or 'stopped at once'}; killed what was left: {hung}")
+        time.sleep(POLL_S)
+    failed = failed or _failure(processes)
+    if failed:
+        raise RunError(failed)
+
+
+def _failure(processes: dict[str, subprocess.Popen[bytes]]) -> str:
+    """Return what is to be said of the process that failed, or nothing.
+
+    A killed process is the cause, whatever the others, which follow it, say of themselves.
+    """
+    codes = {name: process.poll() for name, process in processes.items()}
+    for name, code in codes.items():
+        if code is not None and code < 0:
+            return f"{name} was killed by signal {-code}"
+    for name, code in codes.items():
+        if code:
+            return f"{name} ended with exit code {code}"
+    return ""
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

@@ -1,0 +1,104 @@
+"""Configuration of the sensors process: which sensors there are and how well they see; SI units and radians."""
+
+import math
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+__all__ = [
+    "GripperSensor",
+    "LandmarkSensor",
+    "LogSensorsConfig",
+    "OdometrySensor",
+    "OverheadSensor",
+    "ScanSensor",
+    "SensorsConfig",
+    "SimulatedSensorsConfig",
+]
+
+NonNegative = Annotated[float, Meta(ge=0.0)]
+Positive = Annotated[float, Meta(gt=0.0)]
+Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
+FieldOfView = Annotated[float, Meta(gt=0.0, le=math.tau)]
+Every = Annotated[int, Meta(ge=1)]
+
+
+class OdometrySensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Wheel encoders: Gaussian noise of standard deviation sqrt(std^2 + (std_per_unit * true)^2), and a bias."""
+
+    v_std: NonNegative = 0.0  # m/s
+    v_std_per_unit: NonNegative = 0.0  # of the true speed
+    v_bias: float = 0.0  # m/s
+    w_std: NonNegative = 0.0  # rad/s
+    w_std_per_unit: NonNegative = 0.0  # of the true turning rate
+    w_bias: float = 0.0  # rad/s
+    every: Every = 1  # ticks between readings
+
+
+class GripperSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Contact switch and angle encoder of the gripper."""
+
+    tolerance: NonNegative = 0.002  # m beyond the gripper's reach at which the switch still closes
+    theta_std: NonNegative = 0.0  # rad
+    every: Every = 1
+
+
+class LandmarkSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Range and bearing to identified landmarks; range noise sqrt(range_std^2 + (range_std_per_metre * range)^2)."""
+
+    max_range: Positive = 5.0  # m
+    field_of_view: FieldOfView = math.tau  # rad, centred on the heading
+    range_std: NonNegative = 0.02  # m
+    range_std_per_metre: NonNegative = 0.0
+    bearing_std: NonNegative = 0.01  # rad
+    misread_probability: Probability = 0.0  # a reading carries another landmark's number
+    every: Every = 1
+
+
+class ScanSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Ranges from the robot's centre to parts and walls, on beams spread evenly over the field of view."""
+
+    beams: Annotated[int, Meta(ge=2, le=100_000)] = 60
+    field_of_view: FieldOfView = 3 * math.pi / 2  # rad, first to last beam, centred on the heading
+    range_max: Positive = 4.0  # m; also the reading of a beam without return
+    range_std: NonNegative = 0.01  # m
+    walls: tuple[tuple[float, float, float, float], ...] = ()  # x1, y1, x2, y2; none: the workspace's rectangle
+    every: Every = 1
+
+
+class OverheadSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """An overhead tracker of robot and parts, for runs without camera frames.
+
+    PARTS measures the noise by its variance: 0.2, 1 and 5 cm^2 for low, medium and high. The robot is told from the
+    parts as in the camera's frames: darker than the background, the parts brighter.
+    """
+
+    variance: NonNegative = 0.2e-4  # m^2, of each coordinate
+    radius_std: NonNegative = 0.0  # m
+    miss_probability: Probability = 0.0  # of each disc in each frame
+    clutter_rate: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0  # mean number of false discs a frame
+    robot_grey: float = -60.0  # grey levels less the background's
+    part_grey: float = 60.0
+    every: Every = 1
+
+
+class SimulatedSensorsConfig(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="simulated"
+):
+    """Sensors that read the simulator's true state; a sensor that is left out is not there."""
+
+    odometry: OdometrySensor | None = None
+    gripper: GripperSensor | None = None
+    landmarks: LandmarkSensor | None = None
+    scan: ScanSensor | None = None
+    overhead: OverheadSensor | None = None
+
+
+class LogSensorsConfig(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="log"
+):
+    """Sensors that hand on the records of an imported log."""
+
+
+SensorsConfig = SimulatedSensorsConfig | LogSensorsConfig

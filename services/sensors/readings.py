@@ -1,0 +1,142 @@
+"""What each simulated sensor reads in a given true state: one pure function a sensor, its random stream an argument."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynpf.measurement.ray import ray_discs, ray_segments
+from protocol.messages import (
+    Detection,
+    Detections,
+    Gripper,
+    LandmarkReading,
+    LandmarkReadings,
+    LaserScan,
+    Odometry,
+    PartsState,
+    RobotState,
+    planar_pose,
+    timestamp,
+)
+from services.sensors.config import GripperSensor, LandmarkSensor, OdometrySensor, OverheadSensor, ScanSensor
+from services.task import Landmark, RearrangementTask
+
+__all__ = ["read_gripper", "read_landmarks", "read_odometry", "read_overhead", "read_scan", "rectangle"]
+
+
+def read_odometry(sensor: OdometrySensor, robot: RobotState, rng: np.random.Generator) -> Odometry:
+    noise_v, noise_w = rng.standard_normal(2).tolist()
+    return Odometry(
+        v=robot.v + sensor.v_bias + math.hypot(sensor.v_std, sensor.v_std_per_unit * robot.v) * noise_v,
+        w=robot.w + sensor.w_bias + math.hypot(sensor.w_std, sensor.w_std_per_unit * robot.w) * noise_w,
+    )
+
+
+def read_gripper(
+    sensor: GripperSensor, robot: RobotState, parts: PartsState, task: RearrangementTask, rng: np.random.Generator
+) -> Gripper:
+    """The switch is closed while a part is held, or while one is no farther from the robot's rim than the gripper."""
+    within = task.robot_radius + task.reach + sensor.tolerance
+    touching = any(math.hypot(part.x - robot.x, part.y - robot.y) - part.radius <= within for part in parts.parts)
+    theta = robot.theta + sensor.theta_std * float(rng.standard_normal())
+    return Gripper(contact=parts.held >= 0 or touching, theta=math.remainder(theta, math.tau))
+
+
+def read_landmarks(
+    sensor: LandmarkSensor, robot: RobotState, landmarks: tuple[Landmark, ...], rng: np.random.Generator
+) -> LandmarkReadings:
+    """Every landmark takes its own draws, so that one that comes into view changes no other's reading."""
+    noise = rng.standard_normal((len(landmarks), 2)).tolist()
+    misread = (rng.random(len(landmarks)) < sensor.misread_probability).tolist()
+    swap = rng.integers(1, max(len(landmarks), 2), size=len(landmarks)).tolist()
+    readings = []
+    for index, landmark in enumerate(landmarks):
+        distance = math.hypot(landmark.x - robot.x, landmark.y - robot.y)
+        bearing = math.remainder(math.atan2(landmark.y - robot.y, landmark.x - robot.x) - robot.theta, math.tau)
+        if distance > sensor.max_range or abs(bearing) > sensor.field_of_view / 2:
+            continue
+        std = math.hypot(sensor.range_std, sensor.range_std_per_metre * distance)
+        seen_as = landmarks[(index + swap[index]) % len(landmarks)] if misread[index] else landmark
+        readings.append(
+            LandmarkReading(
+                landmark=seen_as.id,
+                range=max(0.0, distance + std * noise[index][0]),
+                bearing=math.remainder(bearing + sensor.bearing_std * noise[index][1], math.tau),
+            )
+        )
+    return LandmarkReadings(readings=tuple(readings))
+
+
+def read_scan(
+    sensor: ScanSensor,
+    robot: RobotState,
+    parts: PartsState | None,
+    walls: NDArray[np.float64],
+    *,
+    stamp_ns: int,
+    rng: np.random.Generator,
+) -> LaserScan:
+    """``walls`` is (S, 4). A beam that meets nothing within range_max reads range_max, without noise."""
+    half = sensor.field_of_view / 2
+    angles = robot.theta + np.linspace(-half, half, sensor.beams)
+    origin = np.array([robot.x, robot.y])
+    ranges = ray_segments(origin, angles, walls)
+    if parts is not None and parts.parts:
+        discs = np.array([(part.x, part.y, part.radius) for part in parts.parts])
+        ranges = np.minimum(ranges, ray_discs(origin, angles, discs))
+    noise = sensor.range_std * rng.standard_normal(sensor.beams)
+    returned = ranges < sensor.range_max
+    ranges = np.where(returned, np.clip(ranges + noise, 0.0, sensor.range_max), sensor.range_max)
+    return LaserScan(
+        timestamp=timestamp(stamp_ns),
+        frame_id="robot",
+        pose=planar_pose(0.0, 0.0, 0.0),
+        start_angle=-half,
+        end_angle=half,
+        ranges=tuple(ranges.tolist()),
+    )
+
+
+def read_overhead(
+    sensor: OverheadSensor, robot: RobotState, parts: PartsState, task: RearrangementTask, rng: np.random.Generator
+) -> Detections:
+    """Return noisy discs in random order, as a tracker without identities would."""
+    true = [(robot.x, robot.y, task.robot_radius, sensor.robot_grey)]
+    true += [(part.x, part.y, part.radius, sensor.part_grey) for part in parts.parts]
+    missed = rng.random(len(true)) < sensor.miss_probability
+    noise = rng.standard_normal((len(true), 3)).tolist()
+    std = math.sqrt(sensor.variance)
+    discs = [
+        Detection(
+            x=x + std * dx,
+            y=y + std * dy,
+            radius=max(radius + sensor.radius_std * dr, radius / 10),  # stays a disc however wide the noise
+            grey=grey,
+        )
+        for (x, y, radius, grey), (dx, dy, dr), miss in zip(true, noise, missed.tolist(), strict=True)
+        if not miss
+    ]
+    discs += _clutter(sensor, true, task, rng)
+    order = rng.permutation(len(discs)).tolist()
+    return Detections(discs=tuple(discs[index] for index in order))
+
+
+def _clutter(
+    sensor: OverheadSensor,
+    true: list[tuple[float, float, float, float]],
+    task: RearrangementTask,
+    rng: np.random.Generator,
+) -> list[Detection]:
+    """Return false discs anywhere in the workspace, of the sizes and greys that are there."""
+    count = min(int(rng.poisson(sensor.clutter_rate)), 256 - len(true))
+    x = rng.uniform(-task.width / 2, task.width / 2, count).tolist()
+    y = rng.uniform(-task.height / 2, task.height / 2, count).tolist()
+    like = rng.integers(0, len(true), count).tolist()
+    return [Detection(x=x[i], y=y[i], radius=true[like[i]][2], grey=true[like[i]][3]) for i in range(count)]
+
+
+def rectangle(width: float, height: float) -> NDArray[np.float64]:
+    """Return the four walls (4, 4) of a rectangle centred at the origin, as x1, y1, x2, y2; metres."""
+    x, y = width / 2, height / 2
+    return np.array([(-x, -y, x, -y), (x, -y, x, y), (x, y, -x, y), (-x, y, -x, -y)])

@@ -1,0 +1,141 @@
+"""Simulated sensors: at each new true state, the readings that the configured sensors would give."""
+
+from collections.abc import Callable
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from dynpf.rng import stream
+from protocol.messages import Message, PartsState, RobotState
+from services.errors import ScenarioError
+from services.node import Output, Result, State, Step
+from services.sensors.config import ScanSensor, SimulatedSensorsConfig
+from services.sensors.readings import (
+    read_gripper,
+    read_landmarks,
+    read_odometry,
+    read_overhead,
+    read_scan,
+    rectangle,
+)
+from services.task import Landmark, RearrangementTask
+
+__all__ = ["SimulatedSensors"]
+
+Walls = NDArray[np.float64]
+
+
+class SimulatedSensors:
+    """Sensor publisher fed by the simulator's truth.
+
+    Speaks only when a newer truth/robot came. A sensor's ``every`` counts true states, so that it holds under either
+    clock. Raises ScenarioError for a sensor whose facts (task, landmarks, walls) the run does not have.
+    """
+
+    name = "sensors"
+
+    def __init__(
+        self,
+        *,
+        config: SimulatedSensorsConfig,
+        seed: int,
+        tick_s: float,  # noqa: ARG002 - every node is given it
+        task: RearrangementTask | None = None,
+        landmarks: tuple[Landmark, ...] = (),
+    ) -> None:
+        if task is None and (config.gripper is not None or config.overhead is not None):
+            raise ScenarioError("sensors.gripper and sensors.overhead need a rearrangement task; this run has none")
+        if config.landmarks is not None and not landmarks:
+            raise ScenarioError("sensors.landmarks needs landmarks; this run has none")
+        self.config = config
+        self.seed = seed
+        self.task = task
+        self.landmarks = landmarks
+        self._walls = _walls(config.scan, task)
+        self._robot: RobotState | None = None
+        self._parts: PartsState | None = None
+        self._robot_stamp_ns = -1
+        self._parts_stamp_ns = -1
+        self._states = 0
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({"truth/robot"} if self.task is None else {"truth/robot", "truth/parts"})
+
+    @property
+    def writes(self) -> frozenset[str]:
+        sensors = ("odometry", "gripper", "landmarks", "scan", "overhead")
+        return frozenset(f"sensors/{name}" for name in sensors if getattr(self.config, name) is not None)
+
+    def step(self, step: Step) -> Result:
+        if not self._take(step):
+            return Result()
+        outputs = self._read(step)
+        self._states += 1
+        return Result(tuple(outputs))
+
+    def _take(self, step: Step) -> bool:
+        """Keep the newest truth; return whether the robot's is new."""
+        fresh = False
+        for received in step.inputs:
+            message = received.message
+            if isinstance(message, RobotState) and received.stamp_ns > self._robot_stamp_ns:
+                self._robot, self._robot_stamp_ns, fresh = message, received.stamp_ns, True
+            elif isinstance(message, PartsState) and received.stamp_ns > self._parts_stamp_ns:
+                self._parts, self._parts_stamp_ns = message, received.stamp_ns
+        return fresh
+
+    def _read(self, step: Step) -> list[Output]:
+        config, robot, parts, task = self.config, self._robot, self._parts, self.task
+        if robot is None:
+            return []
+        outputs: list[Output] = []
+
+        def publish(name: str, every: int, read: Callable[[np.random.Generator], Message]) -> None:
+            if self._states % every == 0:
+                outputs.append(Output(f"sensors/{name}", read(stream(self.seed, self.name, step.number, name))))
+
+        if (overhead := config.overhead) is not None and parts is not None and task is not None:
+            publish("overhead", overhead.every, lambda rng: read_overhead(overhead, robot, parts, task, rng))
+        if (odometry := config.odometry) is not None:
+            publish("odometry", odometry.every, lambda rng: read_odometry(odometry, robot, rng))
+        if (sensor := config.landmarks) is not None:
+            publish("landmarks", sensor.every, lambda rng: read_landmarks(sensor, robot, self.landmarks, rng))
+        if (scan := config.scan) is not None:
+            publish(
+                "scan",
+                scan.every,
+                lambda rng: read_scan(scan, robot, parts, self._walls, stamp_ns=step.stamp_ns, rng=rng),
+            )
+        if (gripper := config.gripper) is not None and parts is not None and task is not None:
+            publish("gripper", gripper.every, lambda rng: read_gripper(gripper, robot, parts, task, rng))
+        return outputs
+
+    def freeze(self) -> State:
+        return {
+            "robot": msgspec.to_builtins(self._robot),
+            "parts": msgspec.to_builtins(self._parts),
+            "robot_stamp_ns": self._robot_stamp_ns,
+            "parts_stamp_ns": self._parts_stamp_ns,
+            "states": self._states,
+        }
+
+    def thaw(self, state: State) -> None:
+        self._robot = msgspec.convert(state["robot"], RobotState | None)
+        self._parts = msgspec.convert(state["parts"], PartsState | None)
+        self._robot_stamp_ns = state["robot_stamp_ns"]
+        self._parts_stamp_ns = state["parts_stamp_ns"]
+        self._states = state["states"]
+
+
+def _walls(scan: ScanSensor | None, task: RearrangementTask | None) -> Walls:
+    if scan is None:
+        return np.empty((0, 4))
+    if scan.walls:
+        return np.array(scan.walls, dtype=np.float64)
+    if task is None:
+        raise ScenarioError(
+            "sensors.scan needs walls, or a rearrangement task with its workspace; this run has neither"
+        )
+    return rectangle(task.width, task.height)

@@ -1,0 +1,238 @@
+"""The overhead camera: draws the workspace as a colour frame with uneven light, blur and noise.
+
+Discs are drawn through the exact inverse of the projection, with the profile of a blurred edge, so that their centres
+and radii in the frame are known far below a pixel. What does not change (lit table, the place of each pixel in the
+workspace, noise tiles) is made once for each set of parameters.
+"""
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Annotated, NamedTuple
+
+import cv2
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from dynpf import rng
+from dynpf.vision.projection import PlaneProjection
+
+__all__ = ["Camera", "CameraParams", "DrawnDisc", "calibration_pairs", "encode", "project", "render"]
+
+Frame = NDArray[np.uint8]
+Level = Annotated[int, Meta(ge=0, le=255)]
+Colour = tuple[Level, Level, Level]  # blue, green, red
+Tilt = Annotated[float, Meta(ge=-0.5, le=0.5)]
+
+_TILE_MARGIN_PX = 256  # the noise tile is larger than the frame by this, and is shifted at random within it
+_EDGE_STEPS = 32  # of the edge profile, per pixel
+_EDGE_REACH_PX = 4.0
+_LINE_HALF_WIDTH_PX = 1.0
+_GRIPPER_FROM, _GRIPPER_TO = 0.2, 0.7  # of the radius: far from the rim, so that the fit does not see it
+
+
+class CameraParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A camera above the middle of a square workspace, looking at it; pixels, metres, radians, grey levels."""
+
+    width_px: Annotated[int, Meta(ge=64, le=4096)] = 1280
+    height_px: Annotated[int, Meta(ge=64, le=4096)] = 1024
+    workspace_m: Annotated[float, Meta(gt=0)] = 2.0  # side of the workspace, centred at the origin
+    height_m: Annotated[float, Meta(gt=0)] = 2.5
+    focal_px: Annotated[float, Meta(gt=0)] = 1140.0
+    rotation_rad: float = 0.02  # about the optical axis
+    tilt_x_rad: Tilt = 0.02  # about the workspace's x axis
+    tilt_y_rad: Tilt = -0.015  # about the workspace's y axis
+    radial_distortion: Annotated[float, Meta(ge=-0.3, le=0.3)] = -0.03  # k1 for coordinates in focal lengths
+    table_colour: Colour = (196, 204, 206)
+    border_colour: Colour = (176, 184, 186)  # thin line around the workspace
+    part_colour: Colour = (60, 110, 190)
+    robot_colour: Colour = (120, 60, 30)  # darker in grey than the parts, to be told from a part of its size
+    gripper_colour: Colour = (235, 235, 235)
+    light_falloff: Annotated[float, Meta(ge=0, le=0.9)] = 0.18  # from the brightest place to the farthest corner
+    light_slope: Annotated[float, Meta(ge=-0.9, le=0.9)] = 0.12  # from the left side to the right
+    blur_sigma_px: Annotated[float, Meta(ge=0, le=3)] = 1.0
+    noise_std: Annotated[float, Meta(ge=0, le=30)] = 2.0  # grey levels, each colour on its own
+    jpeg_quality: Annotated[int, Meta(ge=1, le=100)] = 85
+
+
+class DrawnDisc(NamedTuple):
+    """A disc on the table; with a gripper angle a line shows its direction."""
+
+    x_m: float
+    y_m: float
+    radius_m: float
+    colour: Colour
+    gripper_rad: float | None = None
+
+
+class Camera:
+    """A camera ready to draw: holds what depends on the parameters alone."""
+
+    def __init__(self, params: CameraParams) -> None:
+        self.params = params
+        self._projection = _projection(params)
+        self._light = _light(params)
+        self._edge = _edge_profile(params.blur_sigma_px)
+        columns, rows = np.meshgrid(np.arange(params.width_px), np.arange(params.height_px))
+        place = self._projection.to_workspace(np.stack([columns, rows], axis=2).astype(np.float64))
+        self._x_m = np.ascontiguousarray(place[..., 0], dtype=np.float32)
+        self._y_m = np.ascontiguousarray(place[..., 1], dtype=np.float32)
+        self._empty = self._lit_table()
+        self._brighter, self._darker = _noise_tiles(params)
+
+    def render(self, discs: Sequence[DrawnDisc], seed: int, tick: int) -> Frame:
+        """Draw the discs, later ones on top, into a frame (H, W, 3) BGR; the noise depends on seed and tick."""
+        frame = self._empty.copy()
+        for disc in discs:
+            self._draw(frame, disc)
+        return self._with_noise(frame, seed, tick)
+
+    def _draw(self, frame: Frame, disc: DrawnDisc) -> None:
+        rows, columns = self._region(disc)
+        if rows.start >= rows.stop or columns.start >= columns.stop:
+            return
+        place_x, place_y = self._x_m[rows, columns], self._y_m[rows, columns]
+        px_per_m = self._px_per_m(disc)
+        distance = cv2.magnitude(place_x - np.float32(disc.x_m), place_y - np.float32(disc.y_m))
+        cover = self._coverage((distance - np.float32(disc.radius_m)) * np.float32(px_per_m))
+        self._paint(frame[rows, columns], cover, disc.colour, self._light[rows, columns])
+        if disc.gripper_rad is not None:
+            along_x, along_y = math.cos(disc.gripper_rad), math.sin(disc.gripper_rad)
+            start, end = _GRIPPER_FROM * disc.radius_m, _GRIPPER_TO * disc.radius_m
+            offset_x, offset_y = place_x - np.float32(disc.x_m), place_y - np.float32(disc.y_m)
+            along = np.clip(offset_x * np.float32(along_x) + offset_y * np.float32(along_y), start, end)
+            off_line = cv2.magnitude(offset_x - along * np.float32(along_x), offset_y - along * np.float32(along_y))
+            cover = self._coverage(off_line * np.float32(px_per_m) - np.float32(_LINE_HALF_WIDTH_PX))
+            self._paint(frame[rows, columns], cover, self.params.gripper_colour, self._light[rows, columns])
+
+    def _coverage(self, outside_px: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The share of a pixel that a shape covers, from its distance to the shape's border in pixels."""
+        index = np.clip((outside_px + np.float32(_EDGE_REACH_PX)) * np.float32(_EDGE_STEPS), 0, len(self._edge) - 1)
+        return np.asarray(self._edge[(index + np.float32(0.5)).astype(np.intp)])
+
+    @staticmethod
+    def _paint(target: Frame, cover: NDArray[np.float32], colour: Colour, light: NDArray[np.float32]) -> None:
+        lit = light[..., None] * np.array(colour, dtype=np.float32)
+        mixed = target + cover[..., None] * (lit - target)
+        target[:] = (mixed + np.float32(0.5)).astype(np.uint8)
+
+    def _region(self, disc: DrawnDisc) -> tuple[slice, slice]:
+        """The part of the frame that holds the disc and its blurred edge."""
+        angle = np.arange(16) * (math.pi / 8)
+        rim = disc.radius_m * np.stack([np.cos(angle), np.sin(angle)], axis=1) + [disc.x_m, disc.y_m]
+        rim_px = self._projection.to_pixels(rim)
+        margin = _EDGE_REACH_PX + 0.03 * float(np.ptp(rim_px[:, 0])) + 2
+        low = np.floor(rim_px.min(axis=0) - margin).astype(int)
+        high = np.ceil(rim_px.max(axis=0) + margin).astype(int)
+        return (
+            slice(max(low[1], 0), min(high[1] + 1, self.params.height_px)),
+            slice(max(low[0], 0), min(high[0] + 1, self.params.width_px)),
+        )
+
+    def _px_per_m(self, disc: DrawnDisc) -> float:
+        """The scale at the disc, as the root of the area's magnification."""
+        step = 1e-3
+        ends = np.array([[disc.x_m, disc.y_m], [disc.x_m + step, disc.y_m], [disc.x_m, disc.y_m + step]])
+        at, right, up = self._projection.to_pixels(ends)
+        area = (right - at)[0] * (up - at)[1] - (right - at)[1] * (up - at)[0]
+        return math.sqrt(abs(float(area))) / step
+
+    def _lit_table(self) -> Frame:
+        table = self._light[..., None] * np.array(self.params.table_colour, dtype=np.float32)
+        frame: Frame = (table + np.float32(0.5)).astype(np.uint8)
+        outside_m = np.maximum(np.abs(self._x_m), np.abs(self._y_m)) - np.float32(self.params.workspace_m / 2)
+        px_per_m = self.params.focal_px / self.params.height_m
+        cover = self._coverage(np.abs(outside_m) * np.float32(px_per_m) - np.float32(_LINE_HALF_WIDTH_PX))
+        self._paint(frame, cover, self.params.border_colour, self._light)
+        return frame
+
+    def _with_noise(self, frame: Frame, seed: int, tick: int) -> Frame:
+        draw = rng.stream(seed, "simulator", tick, "camera noise").integers(0, _TILE_MARGIN_PX, size=3)
+        shift_y, shift_x, swap = int(draw[0]), int(draw[1]), bool(draw[2] % 2)
+        rows = slice(shift_y, shift_y + self.params.height_px)
+        columns = slice(shift_x, shift_x + self.params.width_px)
+        brighter, darker = self._brighter[rows, columns], self._darker[rows, columns]
+        if swap:
+            brighter, darker = darker, brighter
+        cv2.add(frame, brighter, dst=frame)
+        cv2.subtract(frame, darker, dst=frame)
+        return frame
+
+
+def render(discs: Sequence[DrawnDisc], params: CameraParams, seed: int, tick: int) -> Frame:
+    """Draw one frame (H, W, 3) BGR; what depends on `params` alone is kept from call to call."""
+    return _camera(params).render(discs, seed, tick)
+
+
+def encode(frame: Frame, params: CameraParams) -> bytes:
+    """Return the frame as a JPEG file."""
+    done, data = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, params.jpeg_quality])
+    if not done:
+        raise ValueError(f"cannot encode a frame of shape {frame.shape} as JPEG")
+    return bytes(data)
+
+
+def project(points_m: NDArray[np.float64], params: CameraParams) -> NDArray[np.float64]:
+    """Map workspace points (..., 2) in metres to pixels (..., 2): the true camera."""
+    return _projection(params).to_pixels(points_m)
+
+
+def calibration_pairs(params: CameraParams, per_side: int = 7) -> list[list[float]]:
+    """Return [u_px, v_px, x_m, y_m] for a square grid of known points, as a session with a board would."""
+    ticks = np.linspace(-0.45, 0.45, per_side) * params.workspace_m
+    points = np.stack(np.meshgrid(ticks, ticks), axis=2).reshape(-1, 2)
+    return [[float(value) for value in row] for row in np.hstack([project(points, params), points])]
+
+
+@lru_cache(maxsize=2)
+def _camera(params: CameraParams) -> Camera:
+    return Camera(params)
+
+
+def _projection(params: CameraParams) -> PlaneProjection:
+    """The pinhole camera: the image's x to the right, y down; the workspace's y up when nothing is turned."""
+    rotation = _turn(2, params.rotation_rad) @ _turn(0, params.tilt_x_rad) @ _turn(1, params.tilt_y_rad)
+    looking_down = np.diag([1.0, -1.0, -1.0]) @ rotation
+    columns = np.column_stack([looking_down[:, 0], looking_down[:, 1], [0.0, 0.0, params.height_m]])
+    a, b, c = ((float(row[0]), float(row[1]), float(row[2])) for row in columns / params.height_m)
+    return PlaneProjection(
+        homography=(a, b, c),
+        radial_distortion=params.radial_distortion,
+        centre_px=((params.width_px - 1) / 2, (params.height_px - 1) / 2),
+        scale_px=params.focal_px,
+    )
+
+
+def _turn(axis: int, angle: float) -> NDArray[np.float64]:
+    """Rotation by `angle` about a coordinate axis."""
+    i, j = [other for other in range(3) if other != axis]
+    sign = -1.0 if axis == 1 else 1.0
+    matrix = np.eye(3)
+    matrix[i, i] = matrix[j, j] = math.cos(angle)
+    matrix[i, j], matrix[j, i] = -sign * math.sin(angle), sign * math.sin(angle)
+    return matrix
+
+
+def _light(params: CameraParams) -> NDArray[np.float32]:
+    """Relative illumination (H, W), 1 in the middle: falls off towards the corners and slopes across."""
+    x = np.linspace(-1, 1, params.width_px)[None, :]
+    y = np.linspace(-1, 1, params.height_px)[:, None]
+    falloff = 1 - params.light_falloff * ((x + 0.1) ** 2 + (y - 0.15) ** 2) / (1.1**2 + 1.15**2)
+    return np.ascontiguousarray(falloff * (1 + params.light_slope / 2 * x), dtype=np.float32)
+
+
+def _noise_tiles(params: CameraParams) -> tuple[Frame, Frame]:
+    """What sensor noise adds and what it takes away, larger than the frame; the same for every seed."""
+    shape = (params.height_px + _TILE_MARGIN_PX, params.width_px + _TILE_MARGIN_PX, 3)
+    draws = rng.stream(0, "simulator", 0, "camera noise tile").standard_normal(shape, dtype=np.float32)
+    noise = np.rint(draws * np.float32(params.noise_std))
+    return np.maximum(noise, 0).astype(np.uint8), np.maximum(-noise, 0).astype(np.uint8)
+
+
+def _edge_profile(blur_sigma_px: float) -> NDArray[np.float32]:
+    """Coverage against the distance outside a straight border: a step seen through the blur and a pixel's width."""
+    sigma = math.sqrt(blur_sigma_px**2 + 1 / 12)
+    distance = np.arange(round(2 * _EDGE_REACH_PX * _EDGE_STEPS) + 1) / _EDGE_STEPS - _EDGE_REACH_PX
+    return np.array([0.5 * math.erfc(d / (sigma * math.sqrt(2))) for d in distance], dtype=np.float32)

@@ -1,0 +1,102 @@
+"""The vision node: camera frames in, discs in workspace coordinates out."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dynpf.rng import stream
+from dynpf.vision import detect_discs
+from protocol.messages import CompressedImage, Detection, Detections, Log, LogLevel, timestamp
+from services.node import Output, Result, State, Step
+from services.vision.config import VisionConfig
+
+__all__ = ["BrokenFrameError", "VisionNode"]
+
+SUBSAMPLING = 4  # 1280 x 1024 -> 320 x 256
+MAX_DISCS = 256  # that a Detections message holds
+
+_JPEG_END = b"\xff\xd9"
+
+
+class BrokenFrameError(ValueError):
+    """A frame cannot be decoded, or is not what the configuration says."""
+
+
+class VisionNode:
+    """Looks for discs in the newest frame of each step. Keeps nothing from one step to the next.
+
+    A frame that cannot be used gives an empty list of discs and a warning on `log`; a step without a frame gives
+    nothing.
+    """
+
+    name = "vision"
+    reads = frozenset({"camera/image"})
+    writes = frozenset({"vision/detections", "log"})
+
+    def __init__(self, config: VisionConfig, *, seed: int) -> None:
+        self._config = config
+        self._seed = seed
+        self._calibration = config.calibrated()
+
+    def step(self, step: Step) -> Result:
+        frames = [item.message for item in step.inputs if isinstance(item.message, CompressedImage)]
+        if not frames:
+            return Result()
+        try:
+            detections = self._detect(frames[-1].data, step.tick)
+        except BrokenFrameError as error:
+            warning = Log(
+                timestamp=timestamp(step.stamp_ns),
+                level=LogLevel.WARNING,
+                message=f"camera/image of tick {step.tick}: {error}",
+                name=self.name,
+            )
+            return Result((Output("vision/detections", Detections(discs=())), Output("log", warning)))
+        return Result((Output("vision/detections", detections),))
+
+    def freeze(self) -> State:
+        return {}
+
+    def thaw(self, state: State) -> None:
+        """Take back a state of `freeze`, which is always empty."""
+
+    def _detect(self, data: bytes, tick: int) -> Detections:
+        discs = detect_discs(self._decode(data), self._config.detection)
+        if len(discs) > MAX_DISCS:
+            raise BrokenFrameError(f"{len(discs)} discs found, at most {MAX_DISCS} can be")
+        placed = self._calibration.discs_to_workspace(discs, SUBSAMPLING)
+        noise = self._noise(len(discs), tick)
+        return Detections(
+            discs=tuple(
+                Detection(
+                    x=place.x + dx,
+                    y=place.y + dy,
+                    radius=place.radius,
+                    grey=disc.grey,
+                    residual=disc.residual_px * place.radius / disc.radius_px,
+                )
+                for disc, place, (dx, dy) in zip(discs, placed, noise.tolist(), strict=True)
+            )
+        )
+
+    def _decode(self, data: bytes) -> NDArray[np.uint8]:
+        """Decode to grey at a quarter of the frame's size, which the decoder does in one go."""
+        if data.startswith(b"\xff\xd8") and not data.endswith(_JPEG_END):
+            raise BrokenFrameError(f"JPEG of {len(data)} bytes is cut off")
+        try:
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_4)
+        except cv2.error as error:
+            raise BrokenFrameError(f"{len(data)} bytes that are no image ({error.err})") from error
+        if image is None:
+            raise BrokenFrameError(f"{len(data)} bytes that are no image")
+        expected = (self._config.height_px // SUBSAMPLING, self._config.width_px // SUBSAMPLING)
+        if image.shape != expected:
+            raise BrokenFrameError(
+                f"frame is about {SUBSAMPLING * image.shape[1]} x {SUBSAMPLING * image.shape[0]} pixels, "
+                f"expected {self._config.width_px} x {self._config.height_px}"
+            )
+        return np.asarray(image, dtype=np.uint8)
+
+    def _noise(self, count: int, tick: int) -> NDArray[np.float64]:
+        draws = stream(self._seed, self.name, tick, "position noise").standard_normal((count, 2))
+        return self._config.position_noise_m * draws

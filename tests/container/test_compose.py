@@ -1,0 +1,96 @@
+"""The containers: compose runs a scenario to its end, and its recording replays exactly outside of them."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import pytest
+
+pytestmark = [pytest.mark.container, pytest.mark.timeout(1500)]
+
+ROOT = Path(__file__).parents[2]
+DYNPF = Path(sys.executable).with_name("dynpf")
+SERVICES = {"router", "simulator", "vision", "sensors", "estimator", "controller", "recorder"}
+
+
+def run(
+    command: Sequence[str | Path], seconds: float = 120.0, cwd: Path = ROOT, env: Mapping[str, str] | None = None
+) -> str:
+    """Return what the command prints; a failure shows all of it."""
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=seconds, cwd=cwd, env=env)
+    output = f"{done.stdout[-8000:]}\n{done.stderr[-4000:]}"
+    assert done.returncode == 0, f"{' '.join(map(str, command))} ended with {done.returncode}:\n{output}"
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def engine() -> None:
+    in_ci = os.environ.get("CI") == "true"
+    script = [str(ROOT / ".ci/docker-engine"), *(["--install"] if in_ci else [])]
+    ready = subprocess.run(script, capture_output=True, text=True, check=False)
+    if ready.returncode != 0:
+        reason = ready.stderr.strip().rpartition("\n")[2]
+        pytest.fail(reason) if in_ci else pytest.skip(f"{reason}; as root, .ci/docker-engine --install may help")
+
+
+class Compose:
+    """One project of compose, with an image and a volume of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        name = f"dynpf-test-{os.getpid()}"
+        v2 = subprocess.run(["docker", "compose", "version"], capture_output=True, check=False).returncode == 0
+        self._command = [*(["docker", "compose"] if v2 else ["docker-compose"]), "--project-name", name]
+        self._folder = folder
+        self._environment = {**os.environ, "DYNPF_IMAGE": name, "SEED": "3"}
+        self.image = name
+
+    def __call__(self, *arguments: str, seconds: float = 120.0) -> str:
+        return run([*self._command, *arguments], seconds, self._folder, self._environment)
+
+
+@pytest.fixture(scope="module")
+def finished(engine: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Compose]:
+    """Build what a checkout holds, and let its processes run until the last has ended."""
+    folder = tmp_path_factory.mktemp("checkout")
+    ignore = (ROOT / ".dockerignore").read_text().splitlines()
+    for name in ["Dockerfile", ".dockerignore", "compose.yaml", *(line[1:] for line in ignore if line.startswith("!"))]:
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+        elif (ROOT / name).exists():
+            shutil.copy(ROOT / name, folder / name)
+    if certificates := os.environ.get("PIP_CERT"):
+        shutil.copy(certificates, folder / "ca-certificates.pem")
+    compose = Compose(folder)
+    compose("build", seconds=900)
+    try:
+        print(compose("up", "--no-color", seconds=600))
+        yield compose
+    finally:
+        compose("down", "--volumes", "--timeout", "2")
+        run(["docker", "image", "rm", compose.image])
+
+
+def test_every_process_ends_well_and_unprivileged(finished: Compose) -> None:
+    states = {}
+    for container in finished("ps", "--all", "--quiet").split():
+        form = '{{index .Config.Labels "com.docker.compose.service"}} {{.State.ExitCode}} {{.Config.User}}'
+        service, code, user = run(["docker", "inspect", "--format", form, container]).split()
+        states[service] = (int(code), user)
+    assert states == dict.fromkeys(SERVICES, (0, "dynpf"))
+
+
+def test_health_of_a_process_that_is_absent_is_bad(finished: Compose) -> None:
+    with pytest.raises(AssertionError, match="ended with 1"):
+        run(["docker", "run", "--rm", finished.image, "health", "vision", "--connect", "tcp/127.0.0.1:7447"])
+
+
+def test_the_recording_is_whole_and_replays_exactly_outside(finished: Compose, tmp_path: Path) -> None:
+    container = finished("ps", "--all", "--quiet", "recorder").strip()
+    run(["docker", "cp", f"{container}:/dynpf/runs/.", tmp_path])
+    (recording,) = tmp_path.glob("*.mcap")
+    run([DYNPF, "doctor", recording])
+    assert json.loads(run([DYNPF, "replay", recording, "--json"], seconds=300))["same"] is True

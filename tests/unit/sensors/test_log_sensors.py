@@ -1,0 +1,94 @@
+"""Log sensors: what passes, what is dropped, what is refused, and that it is counted."""
+
+import math
+
+import pytest
+
+from protocol.messages import LandmarkReading, LandmarkReadings, LaserScan, Message, Odometry, planar_pose, timestamp
+from services.node import Received, Step, decode_state, encode_state
+from services.sensors.config import LogSensorsConfig
+from services.sensors.log import LogSensors
+from services.task import Landmark
+
+TOPICS = {Odometry: "log/odometry", LandmarkReadings: "log/landmarks", LaserScan: "log/scan"}
+
+
+def sensors() -> LogSensors:
+    landmarks = (Landmark(id=6, x=0.0, y=0.0), Landmark(id=7, x=1.0, y=0.0))
+    return LogSensors(config=LogSensorsConfig(), seed=1, tick_s=0.05, landmarks=landmarks)
+
+
+def step(*messages: Message) -> Step:
+    return Step(0, 0, 0, tuple(Received(TOPICS[type(m)], "log", "import", i, 0, m) for i, m in enumerate(messages)))
+
+
+def reading(landmark: int, distance: float = 1.0, bearing: float = 0.1) -> LandmarkReading:
+    return LandmarkReading(landmark=landmark, range=distance, bearing=bearing)
+
+
+def scan(*ranges: float) -> LaserScan:
+    return LaserScan(
+        timestamp=timestamp(0),
+        frame_id="robot",
+        pose=planar_pose(0, 0, 0),
+        start_angle=-1.0,
+        end_angle=1.0,
+        ranges=ranges,
+    )
+
+
+def test_good_records_pass_unchanged_and_in_order() -> None:
+    messages = (
+        Odometry(v=0.1, w=-0.2),
+        LandmarkReadings(readings=(reading(6), reading(7))),
+        scan(1.0, 2.0),
+        Odometry(v=0, w=0),
+    )
+    result = sensors().step(step(*messages))
+    assert [output.topic for output in result.outputs] == [
+        "sensors/odometry",
+        "sensors/landmarks",
+        "sensors/scan",
+        "sensors/odometry",
+    ]
+    assert tuple(output.message for output in result.outputs) == messages
+
+
+def test_readings_of_what_is_not_on_the_map_are_dropped_and_counted() -> None:
+    node = sensors()
+    (output,) = node.step(step(LandmarkReadings(readings=(reading(3), reading(7), reading(99))))).outputs
+    assert output.message == LandmarkReadings(readings=(reading(7),))
+    assert node.step(step(LandmarkReadings(readings=(reading(3),)))).outputs == ()
+    assert node.freeze() == {"unknown": 3, "refused": 0}
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        Odometry(v=math.nan, w=0.0),
+        Odometry(v=0.0, w=math.inf),
+        scan(),
+        scan(1.0, math.nan),
+        scan(1.0, -0.1),
+        LandmarkReadings(readings=(reading(6, distance=-1.0),)),
+        LandmarkReadings(readings=(reading(6, distance=math.inf),)),
+        LandmarkReadings(readings=(reading(6, bearing=math.nan),)),
+    ],
+)
+def test_what_no_sensor_could_have_read_is_refused_and_counted(bad: Message) -> None:
+    node = sensors()
+    assert node.step(step(bad)).outputs == ()
+    assert node.freeze() == {"unknown": 0, "refused": 1}
+
+
+def test_bearings_are_brought_within_half_a_turn() -> None:
+    (output,) = sensors().step(step(LandmarkReadings(readings=(reading(6, bearing=4.0),)))).outputs
+    assert isinstance(output.message, LandmarkReadings)
+    assert output.message.readings[0].bearing == pytest.approx(4.0 - math.tau)
+
+
+def test_counts_survive_freezing() -> None:
+    node, fresh = sensors(), sensors()
+    node.step(step(LandmarkReadings(readings=(reading(3),)), Odometry(v=math.nan, w=0.0)))
+    fresh.thaw(decode_state(encode_state(node.freeze())))
+    assert fresh.freeze() == node.freeze() == {"unknown": 1, "refused": 1}

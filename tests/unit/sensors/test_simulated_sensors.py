@@ -1,0 +1,215 @@
+"""Simulated sensors: noise against its parameters, geometry in closed form, and a state that comes and goes."""
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+
+from protocol.messages import (
+    Detections,
+    Gripper,
+    LandmarkReadings,
+    LaserScan,
+    Message,
+    Odometry,
+    PartsState,
+    PartState,
+    RobotState,
+)
+from services.errors import ScenarioError
+from services.node import Received, Step, decode_state, encode_state
+from services.sensors.config import (
+    GripperSensor,
+    LandmarkSensor,
+    OdometrySensor,
+    OverheadSensor,
+    ScanSensor,
+    SimulatedSensorsConfig,
+)
+from services.sensors.simulated import SimulatedSensors
+from services.task import Landmark, PartSpec, RearrangementTask
+
+TICK_NS = 50_000_000
+TASK = RearrangementTask(parts=(PartSpec(radius=0.06, goal=(0.5, 0.5)), PartSpec(radius=0.11, goal=(-0.5, 0.5))))
+LANDMARKS = (Landmark(id=6, x=3.0, y=0.0), Landmark(id=7, x=0.0, y=2.0), Landmark(id=9, x=-4.0, y=0.0))
+
+
+def parts(*places: tuple[float, float, float], held: int = -1) -> PartsState:
+    states = tuple(PartState(x=x, y=y, radius=radius, goal_x=0.0, goal_y=0.0) for x, y, radius in places)
+    return PartsState(parts=states, held=held, contacts=0, finished=False)
+
+
+def robot(x: float = 0.0, y: float = 0.0, theta: float = 0.0, v: float = 0.0, w: float = 0.0) -> RobotState:
+    return RobotState(x=x, y=y, theta=theta, v=v, w=w)
+
+
+def step(tick: int, *messages: Message) -> Step:
+    topics = {RobotState: "truth/robot", PartsState: "truth/parts"}
+    inputs = tuple(Received(topics[type(m)], "simulator", "b", tick, tick * TICK_NS, m) for m in messages)
+    return Step(tick, tick, tick * TICK_NS, inputs)
+
+
+def sensors(config: SimulatedSensorsConfig, seed: int = 1) -> SimulatedSensors:
+    return SimulatedSensors(config=config, seed=seed, tick_s=0.05, task=TASK, landmarks=LANDMARKS)
+
+
+def outputs(node: SimulatedSensors, ticks: Iterable[int], *messages: Message) -> list[Message]:
+    return [output.message for tick in ticks for output in node.step(step(tick, *messages)).outputs]
+
+
+def assert_normal(samples: np.ndarray, mean: float, std: float) -> None:
+    """Five standard errors: a right generator fails once in a million, a std 10 % off at n = 4000 always."""
+    count = len(samples)
+    assert abs(samples.mean() - mean) < 5 * std / math.sqrt(count)
+    assert abs(samples.std() / std - 1) < 5 / math.sqrt(2 * count)
+
+
+def test_odometry_noise_has_the_configured_bias_and_deviation() -> None:
+    sensor = OdometrySensor(v_std=0.03, v_std_per_unit=0.1, v_bias=0.02, w_std=0.05, w_bias=-0.01)
+    node = sensors(SimulatedSensorsConfig(odometry=sensor))
+    readings = [m for m in outputs(node, range(4000), robot(v=0.4, w=0.7)) if isinstance(m, Odometry)]
+    assert_normal(np.array([r.v for r in readings]), 0.42, 0.05)
+    assert_normal(np.array([r.w for r in readings]), 0.69, 0.05)
+
+
+def test_landmark_noise_grows_with_range() -> None:
+    sensor = LandmarkSensor(range_std=0.03, range_std_per_metre=0.02, bearing_std=0.05)
+    node = sensors(SimulatedSensorsConfig(landmarks=sensor))
+    messages = [m for m in outputs(node, range(4000), robot()) if isinstance(m, LandmarkReadings)]
+    for index, distance, bearing in ((0, 3.0, 0.0), (1, 2.0, math.pi / 2)):
+        assert_normal(
+            np.array([m.readings[index].range for m in messages]), distance, math.hypot(0.03, 0.02 * distance)
+        )
+        assert_normal(np.array([m.readings[index].bearing for m in messages]), bearing, 0.05)
+
+
+def test_landmarks_out_of_range_or_view_give_no_reading() -> None:
+    exact = {"range_std": 0.0, "bearing_std": 0.0}
+    node = sensors(SimulatedSensorsConfig(landmarks=LandmarkSensor(max_range=3.5, **exact)))
+    (message,) = outputs(node, [0], robot())
+    assert isinstance(message, LandmarkReadings)
+    assert [(r.landmark, r.range, r.bearing) for r in message.readings] == [(6, 3.0, 0.0), (7, 2.0, math.pi / 2)]
+    node = sensors(SimulatedSensorsConfig(landmarks=LandmarkSensor(field_of_view=math.pi / 3, **exact)))
+    (message,) = outputs(node, [0], robot(theta=math.pi))
+    assert isinstance(message, LandmarkReadings)
+    assert [(r.landmark, r.range) for r in message.readings] == [(9, 4.0)]
+
+
+def test_misread_landmarks_carry_another_known_number_at_the_configured_rate() -> None:
+    sensor = LandmarkSensor(range_std=0.0, misread_probability=0.2)
+    node = sensors(SimulatedSensorsConfig(landmarks=sensor))
+    messages = [m for m in outputs(node, range(2000), robot()) if isinstance(m, LandmarkReadings)]
+    seen = [message.readings[0].landmark for message in messages]  # of landmark 6
+    wrong = sum(number != 6 for number in seen)
+    assert abs(wrong - 400) < 5 * math.sqrt(2000 * 0.2 * 0.8)
+    assert set(seen) == {6, 7, 9}
+
+
+def test_a_sensor_reads_every_nth_true_state() -> None:
+    config = SimulatedSensorsConfig(odometry=OdometrySensor(), landmarks=LandmarkSensor(every=3))
+    node = sensors(config)
+    kinds = [[output.topic for output in node.step(step(tick, robot())).outputs] for tick in range(4)]
+    both = ["sensors/odometry", "sensors/landmarks"]
+    assert kinds == [both, both[:1], both[:1], both]
+
+
+@pytest.mark.parametrize(
+    ("gap", "held", "closed"), [(0.0, -1, True), (0.0119, -1, True), (0.0121, -1, False), (0.5, 0, True)]
+)
+def test_the_contact_switch_closes_on_a_part_within_reach_or_held(gap: float, held: int, closed: bool) -> None:
+    node = sensors(SimulatedSensorsConfig(gripper=GripperSensor(tolerance=0.002)))
+    (reading,) = outputs(node, [0], robot(theta=3.5), parts((0.0, 0.1 + 0.06 + gap, 0.06), held=held))
+    assert reading == Gripper(contact=closed, theta=pytest.approx(3.5 - math.tau))
+
+
+def test_a_scan_without_noise_is_the_geometry() -> None:
+    scan = ScanSensor(beams=5, field_of_view=math.pi, range_max=0.9, range_std=0.0)
+    node = sensors(SimulatedSensorsConfig(scan=scan))
+    (message,) = outputs(node, [0], robot(x=0.4, theta=math.pi / 2), parts((0.4, 0.5, 0.1)))
+    assert isinstance(message, LaserScan)
+    assert (message.start_angle, message.end_angle) == (-math.pi / 2, math.pi / 2)
+    # right wall, right wall obliquely, part, nothing within 0.9 m (upper wall at 1.41), nothing (left wall at 1.4)
+    assert message.ranges == pytest.approx((0.6, 0.6 * math.sqrt(2), 0.4, 0.9, 0.9), abs=1e-12)
+
+
+def test_scan_noise_touches_returns_alone() -> None:
+    scan = ScanSensor(beams=2, field_of_view=math.pi, range_max=1.2, range_std=0.02)
+    node = sensors(SimulatedSensorsConfig(scan=scan))
+    ranges = np.array(
+        [m.ranges for m in outputs(node, range(4000), robot(x=-0.5, theta=-math.pi / 2)) if isinstance(m, LaserScan)]
+    )
+    assert_normal(ranges[:, 0], 0.5, 0.02)
+    assert np.all(ranges[:, 1] == 1.2)
+
+
+def test_overhead_detections_have_the_configured_variance_misses_and_clutter() -> None:
+    sensor = OverheadSensor(variance=4e-4, miss_probability=0.1, clutter_rate=0.5)
+    node = sensors(SimulatedSensorsConfig(overhead=sensor))
+    frames = [
+        m for m in outputs(node, range(4000), robot(x=0.3), parts((-0.8, 0.8, 0.06))) if isinstance(m, Detections)
+    ]
+    near = [d for m in frames for d in m.discs if d.grey < 0 and math.hypot(d.x - 0.3, d.y) < 0.11]
+    count = sum(len(m.discs) for m in frames)
+    # 2 discs seen at 0.9 and 0.5 false ones a frame: mean 2.3, variance 2 * 0.09 + 0.5
+    assert abs(count - 2.3 * 4000) < 5 * math.sqrt(4000 * 0.68)
+    # At 5.5 sigma no detection is cut off, and of the clutter (0.25 dark discs a frame on 4 m^2) some 9 come in:
+    # few enough for their share of the variance, 9 * 0.11^2 / 4 / 3600, to stay below two standard errors.
+    assert abs(np.var([d.y for d in near]) / 4e-4 - 1) < 7 * math.sqrt(2 / len(near))
+    assert {d.radius for d in near} == {0.1}
+
+
+def test_detections_come_in_no_telling_order() -> None:
+    node = sensors(SimulatedSensorsConfig(overhead=OverheadSensor()))
+    frames = [m for m in outputs(node, range(200), robot(), parts((0.5, 0.5, 0.06))) if isinstance(m, Detections)]
+    first = sum(m.discs[0].grey < 0 for m in frames)
+    assert abs(first - 100) < 5 * math.sqrt(50)
+
+
+def test_absent_sensors_are_off_and_undeclared() -> None:
+    node = sensors(SimulatedSensorsConfig(odometry=OdometrySensor()))
+    assert node.writes == {"sensors/odometry"}
+    assert [type(m) for m in outputs(node, [0], robot(), parts((0.5, 0.5, 0.06)))] == [Odometry]
+
+
+def test_old_missing_and_repeated_truth_never_crash_or_speak() -> None:
+    config = SimulatedSensorsConfig(odometry=OdometrySensor(), overhead=OverheadSensor(), gripper=GripperSensor())
+    node = sensors(config)
+    assert node.step(step(0)).outputs == ()
+    assert node.step(step(1, parts((0.5, 0.5, 0.06)))).outputs == ()
+    assert len(node.step(step(5, robot(), robot(x=1.0))).outputs) == 3
+    assert node.step(step(3, robot())).outputs == ()  # older than what was read
+
+
+def test_robot_alone_gives_no_overhead_reading_before_the_parts_are_known() -> None:
+    node = sensors(SimulatedSensorsConfig(odometry=OdometrySensor(), overhead=OverheadSensor()))
+    assert [type(m) for m in outputs(node, [0], robot())] == [Odometry]
+
+
+@pytest.mark.parametrize("sensor", ["gripper", "overhead", "scan", "landmarks"])
+def test_a_sensor_without_its_facts_is_refused_by_name(sensor: str) -> None:
+    kinds = {"gripper": GripperSensor, "overhead": OverheadSensor, "scan": ScanSensor, "landmarks": LandmarkSensor}
+    with pytest.raises(ScenarioError, match=sensor):
+        SimulatedSensors(config=SimulatedSensorsConfig(**{sensor: kinds[sensor]()}), seed=1, tick_s=0.05)
+
+
+def test_a_thawed_node_continues_exactly_and_another_seed_does_not() -> None:
+    config = SimulatedSensorsConfig(
+        odometry=OdometrySensor(v_std=0.1, every=2),
+        gripper=GripperSensor(theta_std=0.1),
+        landmarks=LandmarkSensor(every=3),
+        scan=ScanSensor(),
+        overhead=OverheadSensor(clutter_rate=1.0),
+    )
+    first = sensors(config)
+    world = (robot(v=0.2), parts((0.5, 0.5, 0.06)))
+    outputs(first, range(4), *world)
+    second, other = sensors(config), sensors(config, seed=2)
+    state = decode_state(encode_state(first.freeze()))
+    second.thaw(state)
+    other.thaw(state)
+    expected = outputs(first, range(4, 10), robot(x=0.1, v=0.3))  # the parts are remembered
+    assert len(expected) == 6 * 3 + 3 + 2
+    assert outputs(second, range(4, 10), robot(x=0.1, v=0.3)) == expected
+    assert outputs(other, range(4, 10), robot(x=0.1, v=0.3)) != expected
+    assert encode_state(second.freeze()) == encode_state(first.freeze())

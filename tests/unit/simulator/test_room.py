@@ -1,0 +1,129 @@
+"""The room simulator: exact arcs, noise against its parameters, walls, its clock's end, and its state."""
+
+import math
+
+import numpy as np
+import pytest
+
+from protocol.messages import Command, RobotState, SceneUpdate
+from services.errors import ScenarioError
+from services.node import Received, Result, Step, decode_state, encode_state
+from services.simulator.config_room import RoomConfig
+from services.simulator.room import RoomSimulator
+from services.task import Landmark
+
+TICK_S = 0.05
+TICK_NS = 50_000_000
+LANDMARKS = (Landmark(id=6, x=2.0, y=1.0), Landmark(id=7, x=-2.0, y=1.0))
+DRIVE = Command(mode="drive", vx=0.5, w=0.4)
+
+
+def room(seed: int = 1, **config: object) -> RoomSimulator:
+    return RoomSimulator(config=RoomConfig(**config), seed=seed, tick_s=TICK_S, landmarks=LANDMARKS)
+
+
+def advance(node: RoomSimulator, tick: int, command: Command | None = None) -> Result:
+    inputs = (
+        () if command is None else (Received("controller/command", "controller", "b", tick, tick * TICK_NS, command),)
+    )
+    return node.step(Step(tick, tick, tick * TICK_NS, inputs))
+
+
+def state(result: Result) -> RobotState:
+    message = result.outputs[0].message
+    assert isinstance(message, RobotState)
+    return message
+
+
+def test_one_metre_and_one_radian_a_second_trace_a_circle_of_radius_one() -> None:
+    # LANDMARK: constant 1 m/s and 1 rad/s is a circle of radius 1, here about (0, 1) from (0, 0, 0).
+    node = room(width=10.0, height=10.0)
+    advance(node, 0, Command(mode="drive", vx=1.0, w=1.0))
+    for tick in range(1, 61):
+        here, seconds = state(advance(node, tick)), tick * TICK_S
+        assert (here.x, here.y) == pytest.approx((math.sin(seconds), 1 - math.cos(seconds)), abs=1e-12)
+        assert here.theta == pytest.approx(seconds, abs=1e-12)
+    here = state(advance(node, 61))
+    assert (here.v, here.w) == (1.0, 1.0)
+
+
+def test_the_twist_told_is_the_one_that_leads_to_the_next_pose() -> None:
+    node = room(start=(0.5, -0.5, math.pi / 2))
+    assert state(advance(node, 0)) == RobotState(x=0.5, y=-0.5, theta=math.pi / 2)
+    assert state(advance(node, 1, DRIVE)) == RobotState(x=0.5, y=-0.5, theta=math.pi / 2, v=0.5, w=0.4)
+    halted = state(advance(node, 2, Command(mode="idle", vx=1.0)))
+    assert (halted.theta, halted.v, halted.w) == (pytest.approx(math.pi / 2 + 0.4 * TICK_S), 0.0, 0.0)
+    assert math.dist((halted.x, halted.y), (0.5, -0.5)) == pytest.approx(0.5 * TICK_S, rel=1e-3)
+    assert state(advance(node, 3)) == halted
+
+
+def test_commands_beyond_the_limits_are_cut() -> None:
+    node = room(max_speed=0.3, max_turn_rate=0.2)
+    after = state(advance(node, 0, Command(mode="drive", vx=-5.0, w=9.0)))
+    assert (after.v, after.w) == (-0.3, 0.2)
+
+
+def test_motion_noise_has_the_variances_of_its_parameters() -> None:
+    # Turning as fast as driving, within a room so large that no wall is met.
+    node = room(width=1000.0, height=1000.0, alpha=(0.01, 0.02, 0.03, 0.04, 0.05, 0.06), max_ticks=10**6)
+    v, w, count = 0.5, 0.4, 4000
+    advance(node, 0, DRIVE)
+    states = [state(advance(node, tick)) for tick in range(1, count + 1)]
+    theta = np.unwrap([s.theta for s in states])
+    spins = np.diff(theta) / TICK_S - np.array([s.w for s in states[:-1]])
+    for samples, mean, variance in (
+        (np.array([s.v for s in states]), v, 0.01 * v**2 + 0.02 * w**2),
+        (np.array([s.w for s in states]), w, 0.03 * v**2 + 0.04 * w**2),
+        (spins, 0.0, 0.05 * v**2 + 0.06 * w**2),
+    ):
+        assert abs(samples.mean() - mean) < 5 * math.sqrt(variance / count)
+        assert abs(samples.var() / variance - 1) < 5 * math.sqrt(2 / count)
+
+
+def test_walls_hold_the_robot() -> None:
+    node = room(width=2.0, height=2.0, robot_radius=0.2)
+    advance(node, 0, Command(mode="drive", vx=1.0))
+    last = [state(advance(node, tick)) for tick in range(1, 60)][-1]
+    assert (last.x, last.y) == (0.8, 0.0)
+
+
+def test_a_start_outside_the_room_is_refused() -> None:
+    with pytest.raises(ScenarioError, match=r"does not fit .* 6\.0 m x 4\.0 m"):
+        room(start=(2.9, 0.0, 0.0))
+
+
+def test_it_ends_with_the_command_or_with_the_last_tick() -> None:
+    node = room(max_ticks=3)
+    assert [advance(node, tick).finished for tick in range(3)] == [False, False, True]
+    node = room()
+    assert not advance(node, 0, DRIVE).finished
+    assert advance(node, 1, Command(mode="idle", finished=True)).finished
+
+
+def test_the_scene_shows_room_landmarks_and_robot_five_times_a_second() -> None:
+    node = room()
+    results = [advance(node, tick, DRIVE) for tick in range(41)]
+    scenes = [output.message for result in results for output in result.outputs if output.topic == "truth/scene"]
+    assert len(scenes) == 11  # over two seconds, both ends counted
+    last = scenes[-1]
+    assert isinstance(last, SceneUpdate)
+    assert [entity.id for entity in last.entities] == ["room", "landmarks", "robot"]
+    assert [text.text for text in last.entities[1].texts] == ["6", "7"]
+    here = state(results[40])
+    assert (last.entities[2].cylinders[0].pose.position.x, last.entities[2].cylinders[0].pose.position.y) == (
+        here.x,
+        here.y,
+    )
+
+
+def test_a_thawed_room_continues_exactly_and_another_seed_does_not() -> None:
+    alpha = (0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
+    first, second, other = room(alpha=alpha), room(alpha=alpha), room(seed=2, alpha=alpha)
+    for tick in range(7):
+        advance(first, tick, DRIVE)
+    for node in (second, other):
+        node.thaw(decode_state(encode_state(first.freeze())))
+    expected = [advance(first, tick) for tick in range(7, 20)]
+    assert [advance(second, tick) for tick in range(7, 20)] == expected
+    assert [advance(other, tick) for tick in range(7, 20)] != expected
+    assert encode_state(second.freeze()) == encode_state(first.freeze())
