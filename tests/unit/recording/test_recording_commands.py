@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
-from recorded_runs import Sent, changed, lockstep, write
+from tests.unit.recording.recorded_runs import Sent, changed, lockstep, write
 
 from protocol.envelope import Envelope
 from services.cli import diff, doctor, info, recover

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from recorded_runs import lockstep, write
+from tests.unit.recording.recorded_runs import lockstep, write
 
 from services.recording.digest import content_digest
 from services.recording.doctor import examine

@@ -4,7 +4,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recorded_runs import Sent, changed, lockstep, write
+from tests.unit.recording.recorded_runs import Sent, changed, lockstep, write
 
 from protocol.journal import decode_entry, encode_entry
 from services.recording.diff import diff, first_field

@@ -12,7 +12,7 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk, ChunkIndex, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC, Writer
-from recorded_runs import HEADER, MAP, lockstep, write
+from tests.unit.recording.recorded_runs import HEADER, MAP, lockstep, write
 
 from services.recording import reader
 from services.recording.doctor import Severity, examine

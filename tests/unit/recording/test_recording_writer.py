@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from recorded_runs import HEADER, MAP, SECOND, Sent, lockstep, write
+from tests.unit.recording.recorded_runs import HEADER, MAP, SECOND, Sent, lockstep, write
 
 from protocol.codec import decode
 from protocol.envelope import Envelope
