@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
-from tests.unit.recording.recorded_runs import Sent, changed, lockstep, write
 
 from protocol.envelope import Envelope
 from services.cli import diff, doctor, info, recover
 from services.errors import DynpfError
 from services.recording.doctor import Finding, Severity, examine
+from tests.unit.recording.recorded_runs import Sent, changed, lockstep, write
 
 Run = Callable[..., tuple[int, str]]
 

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from tests.unit.recording.recorded_runs import lockstep, write
 
 from services.recording.digest import content_digest
 from services.recording.doctor import examine
@@ -15,6 +14,7 @@ from services.recording.errors import RecordingError, RecordingExistsError
 from services.recording.reader import Recording, load, read_recording
 from services.recording.recover import recover
 from services.recording.scan import Message, Region, contents, scan
+from tests.unit.recording.recorded_runs import lockstep, write
 
 
 def content(recording: Recording) -> tuple[Any, ...]:

@@ -4,12 +4,12 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.unit.recording.recorded_runs import Sent, changed, lockstep, write
 
 from protocol.journal import decode_entry, encode_entry
 from services.recording.diff import diff, first_field
 from services.recording.digest import content_digest
 from services.recording.reader import read_recording
+from tests.unit.recording.recorded_runs import Sent, changed, lockstep, write
 
 
 @pytest.fixture

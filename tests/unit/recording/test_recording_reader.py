@@ -12,7 +12,6 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk, ChunkIndex, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC, Writer
-from tests.unit.recording.recorded_runs import HEADER, MAP, lockstep, write
 
 from services.recording import reader
 from services.recording.doctor import Severity, examine
@@ -27,6 +26,7 @@ from services.recording.errors import (
 )
 from services.recording.header import seal
 from services.recording.reader import Recorded, load, read_recording
+from tests.unit.recording.recorded_runs import HEADER, MAP, lockstep, write
 
 DATA = Path(__file__).parents[3] / "../shared/data/mcap"
 

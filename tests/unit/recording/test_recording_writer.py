@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from tests.unit.recording.recorded_runs import HEADER, MAP, SECOND, Sent, lockstep, write
 
 from protocol.codec import decode
 from protocol.envelope import Envelope
@@ -20,6 +19,7 @@ from services.recording.reader import load, read_recording
 from services.recording.recover import recover
 from services.recording.scan import Region, scan
 from services.recording.writer import CHUNK_BYTES, FLUSH_NS, MAX_PAYLOAD, RecordingWriter
+from tests.unit.recording.recorded_runs import HEADER, MAP, SECOND, Sent, lockstep, write
 
 NAMES = st.text(min_size=1, max_size=8).filter(lambda name: name.isprintable())
 
