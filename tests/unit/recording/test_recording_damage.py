@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
@@ -75,7 +75,7 @@ def test_a_file_cut_anywhere_is_refused_and_every_whole_chunk_recovered(small: P
     assert header_ends < ends[1][0]
 
 
-@settings(derandomize=True, deadline=None, max_examples=700)
+@settings(derandomize=True, deadline=None, max_examples=700, suppress_health_check=[HealthCheck.too_slow])
 @given(place=st.floats(0, 1, exclude_max=True), bits=st.integers(1, 255), length=st.sampled_from([1, 1, 1, 0.7]))
 def test_flipped_bits_never_change_the_content_in_silence(whole: Path, place: float, bits: int, length: float) -> None:
     data = bytearray(whole.read_bytes())

@@ -2,7 +2,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from protocol.journal import decode_entry, encode_entry
@@ -48,7 +48,7 @@ def test_topics_that_are_not_compared_do_not_count(compare: Any) -> None:
     assert compare(sent, [one for one in sent if one.topic != "diagnostics"]).same
 
 
-@settings(derandomize=True, deadline=None, max_examples=25)
+@settings(derandomize=True, deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
 def test_any_changed_digit_is_found(data: st.DataObject, tmp_path_factory: pytest.TempPathFactory) -> None:
     sent = lockstep(3)
