@@ -16,10 +16,10 @@ COPY scenarios scenarios
 RUN pip --python /opt/dynpf/bin/python install --no-cache-dir --no-index --no-deps --no-build-isolation .
 
 FROM ${BASE}
-RUN useradd --system --uid 10001 --no-create-home dynpf && install --directory --owner=dynpf /recordings
+RUN useradd --system --no-create-home dynpf && install --directory --owner=dynpf /dynpf/runs
 COPY --from=build /opt/dynpf /opt/dynpf
 ENV PATH=/opt/dynpf/bin:$PATH PYTHONSAFEPATH=1 PYTHONUNBUFFERED=1
 USER dynpf
-WORKDIR /recordings
+WORKDIR /dynpf
 ENTRYPOINT ["dynpf"]
 CMD ["--help"]

@@ -1,10 +1,66 @@
 """From a scenario to its nodes: the one place that knows which class answers to which section."""
 
+from services.controller.config import RearrangementControllerConfig
+from services.controller.config_waypoints import WaypointsConfig
+from services.controller.rearrangement import RearrangementController
+from services.controller.waypoints import WaypointController
+from services.errors import ScenarioError
+from services.estimator.config import LocalizationConfig
+from services.estimator.config_rearrangement import RearrangementConfig
+from services.estimator.localization import LocalizationEstimator
+from services.estimator.rearrangement import RearrangementEstimator
 from services.node import Node
 from services.scenario import Scenario
+from services.sensors.config import LogSensorsConfig, SimulatedSensorsConfig
+from services.sensors.log import LogSensors
+from services.sensors.simulated import SimulatedSensors
+from services.simulator.config import WorkspaceConfig
+from services.simulator.config_room import RoomConfig
+from services.simulator.room import RoomSimulator
+from services.simulator.workspace import WorkspaceSimulator
+from services.task import RearrangementTask
+from services.vision.node import VisionNode
 
-__all__ = ["build_nodes"]
+__all__ = ["build_node", "build_nodes"]
 
 
 def build_nodes(scenario: Scenario) -> dict[str, Node]:
-    raise NotImplementedError
+    """Return the nodes of a run by name, in tick order, each in its first state."""
+    return {name: build_node(scenario, name) for name in scenario.nodes}
+
+
+def build_node(scenario: Scenario, name: str) -> Node:
+    """Return one node of a run in its first state; raises ScenarioError where its section does not fit the rest."""
+    try:
+        return _build(scenario, name)
+    except ValueError as error:
+        raise ScenarioError(f"{name}: {error}") from error
+
+
+def _build(scenario: Scenario, name: str) -> Node:
+    seed, tick_s, landmarks = scenario.seed, scenario.tick_s, scenario.landmarks
+    match getattr(scenario, name):
+        case WorkspaceConfig() as config:
+            return WorkspaceSimulator(config=config, seed=seed, tick_s=tick_s, task=_task(scenario, name))
+        case RoomConfig() as config:
+            return RoomSimulator(config=config, seed=seed, tick_s=tick_s, landmarks=landmarks)
+        case SimulatedSensorsConfig() as config:
+            return SimulatedSensors(config=config, seed=seed, tick_s=tick_s, task=scenario.task, landmarks=landmarks)
+        case LogSensorsConfig() as config:
+            return LogSensors(config=config, seed=seed, tick_s=tick_s, landmarks=landmarks)
+        case RearrangementConfig() as config:
+            return RearrangementEstimator(config=config, seed=seed, tick_s=tick_s, task=_task(scenario, name))
+        case LocalizationConfig() as config:
+            return LocalizationEstimator(config=config, seed=seed, tick_s=tick_s, landmarks=landmarks)
+        case RearrangementControllerConfig() as config:
+            return RearrangementController(config=config, seed=seed, tick_s=tick_s, task=_task(scenario, name))
+        case WaypointsConfig() as config:
+            return WaypointController(config=config, seed=seed, tick_s=tick_s)
+        case config:
+            return VisionNode(config=config, seed=seed, tick_s=tick_s)
+
+
+def _task(scenario: Scenario, name: str) -> RearrangementTask:
+    if scenario.task is None:
+        raise ScenarioError(f"{name}: needs the table [task] with the parts and their goals")
+    return scenario.task

@@ -20,7 +20,8 @@ from protocol.topics import NODES, TOPICS
 from services.controller.config import RearrangementControllerConfig
 from services.controller.config_waypoints import WaypointsConfig
 from services.errors import ScenarioError
-from services.estimator.config import LocalizationConfig, RearrangementConfig
+from services.estimator.config import LocalizationConfig
+from services.estimator.config_rearrangement import RearrangementConfig
 from services.faults import Fault
 from services.sensors.config import LogSensorsConfig, SimulatedSensorsConfig
 from services.simulator.config import WorkspaceConfig

@@ -75,12 +75,12 @@ def project_step(
 ) -> FloatArray:
     """Return the step nearest to ``step`` for which no clearance c shrinks by more than rate (c - margin).
 
-    Where c is below its margin the step must win some of it back. When not all of that can be met together,
-    it is only asked that no clearance below its margin shrinks any further, which standing still always
-    meets. ``step`` has shape (d,), ``rows`` (n, d), ``clearances`` and ``margins`` (n,); ``rate`` lies in
-    (0, 1].
+    Where c is below its margin the step must win back what is missing. When not all of that can be met together, it is
+    only asked that no clearance below its margin shrinks any further, which standing still always meets. ``step`` has
+    shape (d,), ``rows`` (n, d), ``clearances`` and ``margins`` (n,); ``rate`` lies in (0, 1].
     """
-    required = -rate * (clearances - margins)
+    spare = clearances - margins
+    required = -np.where(spare > 0.0, rate * spare, spare)
     for bounds in (required, np.minimum(required, 0.0)):
         projected = _project(step, rows, bounds)
         if projected is not None:

@@ -1,11 +1,11 @@
-"""Parameters of the controller."""
+"""Configuration of the rearrangement controller; SI units and radians."""
 
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
 
-__all__ = ["RearrangementControllerParams"]
+__all__ = ["RearrangementControllerConfig"]
 
 NonNegative = Annotated[float, Meta(ge=0.0)]
 Positive = Annotated[float, Meta(gt=0.0)]
@@ -13,8 +13,10 @@ Share = Annotated[float, Meta(gt=0.0, le=1.0)]
 Ticks = Annotated[int, Meta(ge=1)]
 
 
-class RearrangementControllerParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Potentials, pace, margins and events; metres, radians, seconds. Sigmas are those of the estimate."""
+class RearrangementControllerConfig(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="rearrangement"
+):
+    """Potentials, pace, margins and events. Sigmas are those of the estimate."""
 
     next_exponent: Positive = 8.0  # k1, k2, k3 of PARTS eq. 2.1, 2.2, 2.4
     mate_exponent: Positive = 8.0

@@ -17,7 +17,7 @@ from dynpf.fields.layout import Layout
 from dynpf.fields.placing import blocked_goals, free_place
 from dynpf.fields.potentials import log_mate_part, log_move_part, steepest_part
 from protocol.messages import Command, Estimate
-from services.controller.config import RearrangementControllerParams
+from services.controller.config import RearrangementControllerConfig
 from services.node import Output, Result, State, Step
 from services.task import RearrangementTask, layout_of
 
@@ -29,22 +29,29 @@ Mode = Literal["idle", "mate", "move", "leave"]
 
 
 class RearrangementController:
-    """Reads the estimate; commands velocity, gripper and, at the end, that it has finished."""
+    """Reads the estimate; commands velocity and gripper and, at the end, that it has finished."""
 
     name = "controller"
-    reads = frozenset({"estimator/state", "sensors/gripper"})
+    reads = frozenset({"estimator/state"})
     writes = frozenset({"controller/command"})
 
-    def __init__(self, task: RearrangementTask, params: RearrangementControllerParams, *, tick_s: float) -> None:
+    def __init__(
+        self,
+        *,
+        config: RearrangementControllerConfig,
+        seed: int,  # noqa: ARG002 - every node is given it
+        tick_s: float,
+        task: RearrangementTask,
+    ) -> None:
         self._layout = layout_of(task)
-        self._params = params
+        self._config = config
         self._tick_s = tick_s
         self._pace = Pace(
-            longest=params.max_speed * tick_s,
-            slow_distance=params.slow_distance,
-            max_turn=params.max_carrying_turn_rate * tick_s,
-            arm=params.swing_arm,
-            rate=params.clearance_rate,
+            longest=config.max_speed * tick_s,
+            slow_distance=config.slow_distance,
+            max_turn=config.max_carrying_turn_rate * tick_s,
+            arm=config.swing_arm,
+            rate=config.clearance_rate,
         )
         count = len(task.parts)
         self._mode: Mode = "idle"
@@ -111,10 +118,10 @@ class RearrangementController:
 
     def _update_home(self, scene: "_Scene") -> None:
         """A part comes home when it is placed, and leaves home only when it is clearly elsewhere."""
-        params = self._params
+        config = self._config
         distance = np.linalg.norm(scene.parts - self._layout.goals, axis=1)
-        placed = distance <= params.placed + params.placed_sigmas * scene.sigmas
-        kept = distance <= params.reopened + params.reopened_sigmas * scene.sigmas
+        placed = distance <= config.placed + config.placed_sigmas * scene.sigmas
+        kept = distance <= config.reopened + config.reopened_sigmas * scene.sigmas
         home = np.where(self._home, kept, placed) & (np.arange(len(distance)) != scene.held)
         if np.any(home & ~self._home):
             self._stalls[:] = 0
@@ -127,11 +134,11 @@ class RearrangementController:
         self._parking, self._target = None, -1
         if not away.size:
             return
-        blocked, blockers = blocked_goals(scene.parts, self._layout, self._params.goal_gap)
+        blocked, blockers = blocked_goals(scene.parts, self._layout, self._config.goal_gap)
         able = away[~blocked[away]]
         if able.size:
             fewest = able[self._stalls[able] == self._stalls[able].min()].tolist()
-            self._target = steepest_part(scene.parts, fewest, self._layout, self._params.next_exponent)
+            self._target = steepest_part(scene.parts, fewest, self._layout, self._config.next_exponent)
         else:
             makes_room = int(np.flatnonzero(blockers & ~self._home)[0])
             self._parking = free_place(scene.parts, makes_room, self._layout, 2.0 * self._layout.robot_radius)
@@ -145,26 +152,27 @@ class RearrangementController:
         self._best, self._best_ticks = math.inf, 0
 
     def _stalled(self, potential: float) -> bool:
-        if potential < self._best - self._params.stall_progress:
+        if potential < self._best - self._config.stall_progress:
             self._best, self._best_ticks = potential, 0
         else:
             self._best_ticks += 1
-        return self._best_ticks >= self._params.stall_ticks
+        return self._best_ticks >= self._config.stall_ticks
 
     def _placed(self, scene: "_Scene") -> bool:
         goal = self._goals().goals[self._target]
-        tolerance = self._params.placed + self._params.placed_sigmas * scene.sigmas[self._target]
-        return bool(np.linalg.norm(scene.parts[self._target] - goal) <= tolerance)
+        tolerance = self._config.placed + self._config.placed_sigmas * float(scene.sigmas[self._target])
+        return math.dist(scene.parts[self._target], goal) <= tolerance
 
     def _left(self, scene: "_Scene") -> bool:
-        enough = self._params.leave_gap + self._params.leave_sigmas * self._sigmas_between(scene)[self._target]
-        return self._mode_ticks >= self._params.leave_ticks and self._gap(scene) >= enough
+        sigma = float(self._sigmas_between(scene)[self._target])
+        enough = self._config.leave_gap + self._config.leave_sigmas * sigma
+        return self._mode_ticks >= self._config.leave_ticks and self._gap(scene) >= enough
 
     # --- laws --------------------------------------------------------------------------------------------------
 
     def _command(self, scene: "_Scene") -> Command:
         match self._mode:
-            case "mate" if scene.sigmas[self._target] <= self._params.lost_sigma:
+            case "mate" if scene.sigmas[self._target] <= self._config.lost_sigma:
                 return self._mate(scene)
             case "move":
                 return self._move(scene)
@@ -184,13 +192,13 @@ class RearrangementController:
             self._target,
             self._layout,
             margins=margins,
-            exponent=self._params.mate_exponent,
+            exponent=self._config.mate_exponent,
             pace=self._pace,
         )
         offset = scene.parts[self._target] - scene.pose[:2]
         aside = math.remainder(math.atan2(offset[1], offset[0]) - scene.pose[2], math.tau)
-        most = self._params.max_turn_rate * self._tick_s
-        close = self._gap(scene) <= self._params.grip_gap and abs(aside) <= self._params.grip_angle
+        most = self._config.max_turn_rate * self._tick_s
+        close = self._gap(scene) <= self._config.grip_gap and abs(aside) <= self._config.grip_angle
         return self._velocity(x, y, min(max(aside, -most), most), grip=close)
 
     def _move(self, scene: "_Scene") -> Command:
@@ -200,7 +208,7 @@ class RearrangementController:
             self._target,
             self._goals(),
             margins=self._margins(scene),
-            exponent=self._params.move_exponent,
+            exponent=self._config.move_exponent,
             pace=self._pace,
         )
         return self._velocity(x, y, turn, grip=True)
@@ -211,7 +219,7 @@ class RearrangementController:
 
     def _stop(self) -> Command:
         """Stand still, and hold on to what is held."""
-        finished = self._home_ticks >= self._params.home_ticks
+        finished = self._home_ticks >= self._config.home_ticks
         return Command(mode=self._mode, target=self._target, grip=self._mode == "move", finished=finished)
 
     # --- geometry ----------------------------------------------------------------------------------------------
@@ -225,24 +233,24 @@ class RearrangementController:
         return self._layout._replace(goals=goals)
 
     def _mating(self, scene: "_Scene") -> tuple[FloatArray, FloatArray, int, Layout, float]:
-        return scene.pose[:2], scene.parts, self._target, self._layout, self._params.mate_exponent
+        return scene.pose[:2], scene.parts, self._target, self._layout, self._config.mate_exponent
 
     def _moving(self, scene: "_Scene") -> tuple[FloatArray, FloatArray, int, Layout, float]:
-        return scene.pose, scene.parts, self._target, self._goals(), self._params.move_exponent
+        return scene.pose, scene.parts, self._target, self._goals(), self._config.move_exponent
 
     def _gap(self, scene: "_Scene") -> float:
         offset = scene.parts[self._target] - scene.pose[:2]
         return math.hypot(*offset) - self._layout.grip_distance(self._target) + self._layout.reach
 
     def _sigmas_between(self, scene: "_Scene") -> FloatArray:
-        both: FloatArray = np.hypot(scene.robot_sigma, scene.sigmas)
-        return np.minimum(both, self._params.max_sigma)
+        both: FloatArray = np.minimum(np.hypot(scene.robot_sigma, scene.sigmas), self._config.max_sigma)
+        return both
 
     def _margins(self, scene: "_Scene") -> Margins:
-        params = self._params
+        config = self._config
         return Margins(
-            parts=params.margin + params.margin_sigmas * self._sigmas_between(scene),
-            walls=params.margin + params.margin_sigmas * min(scene.robot_sigma, params.max_sigma),
+            parts=config.margin + config.margin_sigmas * self._sigmas_between(scene),
+            walls=config.margin + config.margin_sigmas * min(scene.robot_sigma, config.max_sigma),
         )
 
 

@@ -7,11 +7,9 @@ by position, radius and the grey that each has shown so far.
 """
 
 import math
-from typing import Annotated
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 from numpy.typing import NDArray
 
 from dynpf.filters import kalman
@@ -37,36 +35,16 @@ from protocol.messages import (
     planar_pose,
     timestamp,
 )
+from services.estimator.config_rearrangement import RearrangementConfig
 from services.node import Output, Result, State, Step
 from services.task import RearrangementTask, layout_of
 
-__all__ = ["RearrangementEstimator", "RearrangementEstimatorParams"]
+__all__ = ["RearrangementEstimator"]
 
 FloatArray = NDArray[np.float64]
 
-NonNegative = Annotated[float, Meta(ge=0.0)]
-Positive = Annotated[float, Meta(gt=0.0)]
-
 ROBOT = 0  # row of the robot among the objects to be matched; part i is row i + 1
-FRAME = "workspace"
-
-
-class RearrangementEstimatorParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Filter and association; m^2 and rad^2 for variances, metres and grey levels for sigmas."""
-
-    n: Annotated[int, Meta(ge=1, le=1_000_000)] = 100  # particles
-    process_variance: NonNegative = 0.06e-4  # of the robot's motion, a tick and coordinate
-    measurement_variance: Positive = 0.2e-4  # of a detected centre, each coordinate
-    part_process_variance: NonNegative = 1e-7  # of a part that nobody holds, a tick and coordinate
-    encoder_variance: NonNegative = 1e-6  # of the gripper's angle
-    resampling_threshold: Annotated[float, Meta(ge=0.0, le=1.0)] = 2.0 / 3.0  # of n, for N_eff
-    gate: Positive = 20.0  # squared Mahalanobis distance beyond which a detection is somebody else's
-    radius_sigma: Positive = 0.002
-    radius_gate: Positive = 0.006  # metres
-    grey_sigma: Positive = 20.0
-    prior_variance: Positive = 1.0  # of a position that nothing is known about
-    lost_after: Annotated[int, Meta(ge=1)] = 20  # ticks without a detection, then the position is forgotten
-    particle_period_s: NonNegative = 0.2  # logical time between particle clouds
+FRAME = "world"
 
 
 class RearrangementEstimator:
@@ -76,23 +54,24 @@ class RearrangementEstimator:
     reads = frozenset({"vision/detections", "sensors/overhead", "sensors/gripper", "controller/command"})
     writes = frozenset({"estimator/state", "estimator/pose", "estimator/particles"})
 
-    def __init__(
-        self, task: RearrangementTask, params: RearrangementEstimatorParams, *, seed: int, tick_s: float
-    ) -> None:
+    def __init__(self, *, config: RearrangementConfig, seed: int, tick_s: float, task: RearrangementTask) -> None:
         self._layout = layout_of(task)
-        self._params = params
+        self._config = config
         self._seed = seed
         self._tick_s = tick_s
         count = len(task.parts)
         self._radii = np.concatenate([[task.robot_radius], self._layout.radii])
         self._particles: Particles | None = None
         self._parts = np.zeros((count, 2))
-        self._variances = np.full(count, params.prior_variance)
-        self._greys = np.full(count + 1, np.nan)
+        self._variances = np.full(count, config.prior_variance)
+        expected = [config.robot_grey, *[config.part_grey] * count]
+        self._greys = np.array([np.nan if grey is None else grey for grey in expected])
         self._missed = np.zeros(count + 1, dtype=np.int64)
         self._seen = np.zeros(count, dtype=bool)
         self._located = np.zeros(count, dtype=bool)
         self._command = Command(mode="idle")
+        self._stamp_ns = -1
+        self._n_eff = 0.0
         self._theta = 0.0
         self._held = -1
         self._cloud_ns = -1
@@ -110,8 +89,9 @@ class RearrangementEstimator:
                 case Detections():
                     detections = item.message
         self._held = self._command.target if contact and self._command.grip else -1
-        self._variances = self._variances + self._params.part_process_variance
-        self._filter(detections, step.number)
+        elapsed_s = 0.0 if self._stamp_ns < 0 else (step.stamp_ns - self._stamp_ns) / 1e9
+        self._stamp_ns = step.stamp_ns
+        self._filter(detections, elapsed_s, step.number)
         if self._particles is None or not self._located.all():
             return Result()
         return Result(self._outputs(self._particles, step))
@@ -127,6 +107,8 @@ class RearrangementEstimator:
             "missed": self._missed.copy(),
             "seen": self._seen.copy(),
             "located": self._located.copy(),
+            "stamp_ns": self._stamp_ns,
+            "n_eff": self._n_eff,
             "command": msgspec.to_builtins(self._command),
             "theta": self._theta,
             "held": self._held,
@@ -139,31 +121,39 @@ class RearrangementEstimator:
         self._parts, self._variances = state["parts"].copy(), state["variances"].copy()
         self._greys, self._missed = state["greys"].copy(), state["missed"].copy()
         self._seen, self._located = state["seen"].copy(), state["located"].copy()
+        self._stamp_ns, self._n_eff = state["stamp_ns"], state["n_eff"]
         self._command = msgspec.convert(state["command"], Command)
         self._theta, self._held, self._cloud_ns = state["theta"], state["held"], state["cloud_ns"]
 
-    def _filter(self, detections: Detections | None, number: int) -> None:
-        """Match the detections and take them in: first the robot's and the held part's, then the other parts'."""
-        motion = np.array([self._command.vx, self._command.vy]) * self._tick_s
+    def _filter(self, detections: Detections | None, elapsed_s: float, number: int) -> None:
+        """Predict, match the detections, and take them in: first the robot's, then the parts'."""
+        ticks = elapsed_s / self._tick_s
+        motion = _Motion(
+            shift=np.array([self._command.vx, self._command.vy]) * elapsed_s,
+            variance=self._config.process_variance * ticks,
+        )
+        self._variances = self._variances + self._config.part_process_variance * ticks
         measured = _Measured.of(detections)
         predicted, variances = self._predictions(motion)
         matches = associate(self._costs(measured, predicted, variances))
-        self._remember(matches, measured)
-        self._update_robot(matches, measured, motion, number)
+        self._seen = matches[1:] >= 0
+        if detections is not None:
+            self._remember(matches, measured)
+        self._update_robot(matches, measured, motion, stream(self._seed, self.name, number, "robot"))
         for part in range(len(self._parts)):
             if part == self._held and self._particles is not None:
                 self._carry(part, self._particles)
-            elif matches[part + 1] >= 0:
+            elif self._seen[part]:
                 self._update_part(part, measured.centres[matches[part + 1]])
 
-    def _predictions(self, motion: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _predictions(self, motion: "_Motion") -> tuple[FloatArray, FloatArray]:
         """Return where each object is expected, (p + 1, 2), and the variance of each coordinate, (p + 1,)."""
         predicted = np.vstack([np.zeros(2), self._parts])
-        variances = np.concatenate([[self._params.prior_variance], self._variances])
+        variances = np.concatenate([[self._config.prior_variance], self._variances])
         if self._particles is not None:
             mean, covariance = mean_and_covariance(self._particles)
-            predicted[ROBOT] = mean + motion
-            variances[ROBOT] = covariance.trace() / 2.0 + self._params.process_variance
+            predicted[ROBOT] = mean + motion.shift
+            variances[ROBOT] = covariance.trace() / 2.0 + motion.variance
             if self._held >= 0:
                 predicted[self._held + 1] = predicted[ROBOT] + self._grip_offset(self._held)
                 variances[self._held + 1] = variances[ROBOT]
@@ -171,8 +161,8 @@ class RearrangementEstimator:
 
     def _costs(self, measured: "_Measured", predicted: FloatArray, variances: FloatArray) -> FloatArray:
         """Return the negative log-likelihood of each detection for each object, infinite outside the gates."""
-        params = self._params
-        innovation_variance = (variances + params.measurement_variance)[:, None]
+        config = self._config
+        innovation_variance = (variances + config.measurement_variance)[:, None]
         offset = measured.centres[None, :, :] - predicted[:, None, :]
         distance = (offset * offset).sum(axis=2) / innovation_variance
         radius_error = measured.radii[None, :] - self._radii[:, None]
@@ -180,10 +170,10 @@ class RearrangementEstimator:
         costs: FloatArray = 0.5 * (
             distance
             + 2.0 * np.log(innovation_variance)
-            + (radius_error / params.radius_sigma) ** 2
-            + (grey_error / params.grey_sigma) ** 2
+            + (radius_error / config.radius_sigma) ** 2
+            + (grey_error / config.grey_sigma) ** 2
         )
-        costs[(distance > params.gate) | (np.abs(radius_error) > params.radius_gate)] = np.inf
+        costs[(distance > config.gate) | (np.abs(radius_error) > config.radius_gate)] = np.inf
         return costs
 
     def _remember(self, matches: NDArray[np.intp], measured: "_Measured") -> None:
@@ -192,39 +182,43 @@ class RearrangementEstimator:
         greys = measured.greys[matches[found]]
         known = self._greys[found]
         self._greys[found] = np.where(np.isnan(known), greys, 0.9 * known + 0.1 * greys)
-        self._missed = np.where(found, 0, self._missed + 1)
-        self._seen = found[1:]
         self._located = self._located | self._seen
-        forgotten = self._missed[1:] >= self._params.lost_after
-        self._variances = np.where(forgotten, self._params.prior_variance, self._variances)
-        if self._missed[ROBOT] >= self._params.lost_after:
+        if self._held >= 0:  # robot and held part tell where each other is
+            found[[ROBOT, self._held + 1]] = found[ROBOT] or found[self._held + 1]
+        self._missed = np.where(found, 0, self._missed + 1)
+        forgotten = self._missed >= self._config.lost_after
+        self._variances = np.where(forgotten[1:], self._config.prior_variance, self._variances)
+        if forgotten[ROBOT]:
             self._particles = None  # the next detection starts the filter anew
 
-    def _update_robot(self, matches: NDArray[np.intp], measured: "_Measured", motion: FloatArray, number: int) -> None:
+    def _update_robot(
+        self, matches: NDArray[np.intp], measured: "_Measured", motion: "_Motion", random: np.random.Generator
+    ) -> None:
         """Take one step of the robot's filter with the mean of what was seen of the robot and of the held part."""
         positions = [measured.centres[matches[ROBOT]]] if matches[ROBOT] >= 0 else []
         if self._held >= 0 and matches[self._held + 1] >= 0:
             positions.append(measured.centres[matches[self._held + 1]] - self._grip_offset(self._held))
-        random = stream(self._seed, self.name, number, "robot")
-        process = np.eye(2) * self._params.process_variance
+        process = np.eye(2) * motion.variance
         if not positions:
             if self._particles is not None:
-                self._particles = propagate(self._particles, self._particles.states + motion, process, random)
+                self._particles = propagate(self._particles, self._particles.states + motion.shift, process, random)
             return
         measurement = np.mean(positions, axis=0)
-        noise = np.eye(2) * (self._params.measurement_variance / len(positions))
+        noise = np.eye(2) * (self._config.measurement_variance / len(positions))
         if self._particles is None:
-            self._particles = draw_initial(measurement, noise, self._params.n, random)
+            self._particles = draw_initial(measurement, noise, self._config.n, random)
+            self._n_eff = float(self._config.n)
             return
         particles, _ = update(
             self._particles,
-            self._particles.states + motion,
+            self._particles.states + motion.shift,
             process,
             measurement=measurement,
             measurement_covariance=noise,
             random=random,
         )
-        self._particles = resample_if_needed(particles, self._params.resampling_threshold, random.random())
+        self._n_eff = effective_sample_size(particles.weights)
+        self._particles = resample_if_needed(particles, self._config.resampling_threshold, random.random())
 
     def _carry(self, part: int, particles: Particles) -> None:
         mean, covariance = mean_and_covariance(particles)
@@ -237,7 +231,7 @@ class RearrangementEstimator:
             np.eye(2) * self._variances[part],
             centre,
             np.eye(2),
-            np.eye(2) * self._params.measurement_variance,
+            np.eye(2) * self._config.measurement_variance,
         )
         self._parts[part] = mean
         self._variances[part] = covariance[0, 0]
@@ -249,7 +243,7 @@ class RearrangementEstimator:
         mean, covariance = mean_and_covariance(particles)
         full = np.zeros((3, 3))
         full[:2, :2] = covariance
-        full[2, 2] = self._params.encoder_variance
+        full[2, 2] = self._config.encoder_variance
         x, y = mean.tolist()
         parts = tuple(
             PartEstimate(x=px, y=py, variance=variance, seen=seen)
@@ -262,19 +256,26 @@ class RearrangementEstimator:
             y=y,
             theta=self._theta,
             covariance=tuple(full.ravel().tolist()),
-            n_eff=effective_sample_size(particles.weights),
+            n_eff=self._n_eff,
             parts=parts,
             held=self._held,
         )
         stamp = timestamp(step.stamp_ns)
         pose = PoseInFrame(timestamp=stamp, frame_id=FRAME, pose=planar_pose(x, y, self._theta))
         outputs = [Output("estimator/state", estimate), Output("estimator/pose", pose)]
-        if self._cloud_ns < 0 or step.stamp_ns - self._cloud_ns >= round(self._params.particle_period_s * 1e9):
+        if self._cloud_ns < 0 or step.stamp_ns - self._cloud_ns >= round(self._config.particle_period_s * 1e9):
             self._cloud_ns = step.stamp_ns
             shown = particles.states[:: math.ceil(len(particles.states) / 200)].tolist()
             poses = tuple(planar_pose(px, py, self._theta) for px, py in shown)
             outputs.append(Output("estimator/particles", PosesInFrame(timestamp=stamp, frame_id=FRAME, poses=poses)))
         return tuple(outputs)
+
+
+class _Motion(msgspec.Struct, frozen=True):
+    """What the robot has done since the last step: the commanded shift, (2,), and its variance a coordinate."""
+
+    shift: FloatArray
+    variance: float
 
 
 class _Measured(msgspec.Struct, frozen=True):

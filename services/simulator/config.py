@@ -1,18 +1,20 @@
-"""Parameters of the simulated worlds."""
+"""Configuration of the rearrangement workspace; SI units and radians."""
 
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
 
-__all__ = ["WorkspaceParams"]
+__all__ = ["WorkspaceConfig"]
 
 NonNegative = Annotated[float, Meta(ge=0.0)]
 Positive = Annotated[float, Meta(gt=0.0)]
 
 
-class WorkspaceParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The rearrangement workspace; lengths in metres, angles in radians."""
+class WorkspaceConfig(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="workspace"
+):
+    """A disc robot with a gripper among disc parts."""
 
     process_variance: NonNegative = 0.06e-4  # m^2 a tick and coordinate, of the robot's motion (PARTS: 0.06 cm^2)
     max_ticks: Annotated[int, Meta(ge=1)] = 6000  # the run ends here though the controller has not finished

@@ -7,21 +7,24 @@ overlap are counted as contacts.
 
 import math
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.fields.clearance import disc_clearances, wall_clearances
 from dynpf.fields.layout import Layout
 from dynpf.rng import stream
-from protocol.messages import Command, PartsState, PartState, RobotState
+from protocol.messages import Command, PartsState, PartState, RobotState, timestamp
 from services.node import Output, Result, State, Step
-from services.simulator.config import WorkspaceParams
+from services.simulator.config import WorkspaceConfig
+from services.simulator.workspace_scene import draw_scene
 from services.task import RearrangementTask, layout_of
 
 __all__ = ["WorkspaceSimulator", "draw_starts"]
 
 FloatArray = NDArray[np.float64]
 
+SCENE_PERIOD_NS = 200_000_000
 DRAWS = 200  # of one disc before all are drawn anew
 RESTARTS = 200
 
@@ -31,49 +34,71 @@ class WorkspaceSimulator:
 
     name = "simulator"
     reads = frozenset({"controller/command"})
-    writes = frozenset({"truth/robot", "truth/parts"})
+    writes = frozenset({"truth/robot", "truth/parts", "truth/scene"})
 
-    def __init__(self, task: RearrangementTask, params: WorkspaceParams, *, seed: int, tick_s: float) -> None:
+    def __init__(self, *, config: WorkspaceConfig, seed: int, tick_s: float, task: RearrangementTask) -> None:
         """Place the robot and the parts; raises ValueError when they do not fit."""
         self._task = task
         self._layout = layout_of(task)
-        self._params = params
+        self._config = config
         self._seed = seed
         self._tick_s = tick_s
-        robot, self._parts = draw_starts(task, params, stream(seed, self.name, 0, "start"))
+        robot, self._parts = draw_starts(task, config, stream(seed, self.name, 0, "start"))
         self._pose = np.append(robot, 0.0)
+        self._command = Command(mode="idle")
         self._held = -1
         self._contacts = 0
+        self._ticks = 0
+        self._scene_ns = -SCENE_PERIOD_NS
 
     def step(self, step: Step) -> Result:
-        command = next((item.message for item in reversed(step.inputs) if isinstance(item.message, Command)), Command(mode="idle"))
-        if command.grip and self._held < 0:
-            self._held = self._part_in_jaws()
-        elif not command.grip:
-            self._held = -1
-        if step.tick > 0:
-            self._move(command, step.number)
+        for item in step.inputs:
+            if isinstance(item.message, Command):
+                self._command = item.message
+        if self._ticks > 0:  # the first tick shows where everything starts
+            self._grip()
+            self._move(step.number)
+        self._ticks += 1
         self._contacts += _touching(self._pose[:2], self._parts, self._held, self._layout)
-        outputs = (
-            Output("truth/robot", self._robot_state(command)),
-            Output("truth/parts", self._parts_state(command.finished)),
-        )
-        return Result(outputs, finished=command.finished or step.tick + 1 >= self._params.max_ticks)
+        outputs = [Output("truth/robot", self._robot_state()), Output("truth/parts", self._parts_state())]
+        if step.stamp_ns - self._scene_ns >= SCENE_PERIOD_NS:
+            self._scene_ns = step.stamp_ns
+            scene = draw_scene(self._pose, self._parts, self._layout, timestamp(step.stamp_ns))
+            outputs.append(Output("truth/scene", scene))
+        finished = self._command.finished or self._ticks >= self._config.max_ticks
+        return Result(tuple(outputs), finished=finished)
 
     def freeze(self) -> State:
-        return {"pose": self._pose, "parts": self._parts, "held": self._held, "contacts": self._contacts}
+        return {
+            "pose": self._pose.copy(),
+            "parts": self._parts.copy(),
+            "command": msgspec.to_builtins(self._command),
+            "held": self._held,
+            "contacts": self._contacts,
+            "ticks": self._ticks,
+            "scene_ns": self._scene_ns,
+        }
 
     def thaw(self, state: State) -> None:
         self._pose, self._parts = state["pose"].copy(), state["parts"].copy()
+        self._command = msgspec.convert(state["command"], Command)
         self._held, self._contacts = state["held"], state["contacts"]
+        self._ticks, self._scene_ns = state["ticks"], state["scene_ns"]
 
-    def _move(self, command: Command, number: int) -> None:
+    def _grip(self) -> None:
+        """Open or close the gripper; what its jaws close on, they pull to the contact distance."""
+        if not self._command.grip:
+            self._held = -1
+        elif self._held < 0:
+            self._held = self._part_in_jaws()
+
+    def _move(self, number: int) -> None:
         noise = stream(self._seed, self.name, number, "process").standard_normal(2)
-        step = np.array([command.vx, command.vy]) * self._tick_s + math.sqrt(self._params.process_variance) * noise
-        theta = math.remainder(self._pose[2] + command.w * self._tick_s, math.tau)
+        velocity = np.array([self._command.vx, self._command.vy])
+        step = velocity * self._tick_s + math.sqrt(self._config.process_variance) * noise
+        theta = math.remainder(self._pose[2] + self._command.w * self._tick_s, math.tau)
         self._pose = np.append(self._pose[:2] + step, theta)
         if self._held >= 0:
-            self._parts = self._parts.copy()
             self._parts[self._held] = self._layout.held_position(self._pose, self._held)
 
     def _part_in_jaws(self) -> int:
@@ -82,23 +107,24 @@ class WorkspaceSimulator:
         gaps = disc_clearances(self._pose[:2], self._layout.robot_radius, self._parts, self._layout.radii)
         directions = np.arctan2(offset[:, 1], offset[:, 0])
         aside = np.abs(np.angle(np.exp(1j * (directions - self._pose[2]))))
-        caught = (gaps <= self._layout.reach + self._params.grip_tolerance) & (aside <= self._params.grip_angle)
+        caught = (gaps <= self._layout.reach + self._config.grip_tolerance) & (aside <= self._config.grip_angle)
         return int(np.argmin(np.where(caught, gaps, np.inf))) if caught.any() else -1
 
-    def _robot_state(self, command: Command) -> RobotState:
+    def _robot_state(self) -> RobotState:
+        command = self._command
         x, y, theta = self._pose.tolist()
         return RobotState(x=x, y=y, theta=theta, v=math.hypot(command.vx, command.vy), w=command.w)
 
-    def _parts_state(self, finished: bool) -> PartsState:
+    def _parts_state(self) -> PartsState:
         parts = tuple(
             PartState(x=x, y=y, radius=spec.radius, goal_x=spec.goal[0], goal_y=spec.goal[1])
             for (x, y), spec in zip(self._parts.tolist(), self._task.parts, strict=True)
         )
-        return PartsState(parts=parts, held=self._held, contacts=self._contacts, finished=finished)
+        return PartsState(parts=parts, held=self._held, contacts=self._contacts, finished=self._command.finished)
 
 
 def draw_starts(
-    task: RearrangementTask, params: WorkspaceParams, random: np.random.Generator
+    task: RearrangementTask, config: WorkspaceConfig, random: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
     """Return start positions of the robot, (2,), and the parts, (p, 2): those given, the others drawn.
 
@@ -111,13 +137,13 @@ def draw_starts(
     for _ in range(RESTARTS):
         placed = {index: np.array(start) for index, start in enumerate(given) if start is not None}
         for index in [index for index, start in enumerate(given) if start is None]:
-            limit = half_size - radii[index] - params.start_wall_gap
+            limit = half_size - radii[index] - config.start_wall_gap
             others = np.array(list(placed.values())).reshape(-1, 2)
             other_radii = radii[list(placed)]
             for _ in range(DRAWS):
                 centre = random.uniform(-1.0, 1.0, 2) * limit
                 gaps = disc_clearances(centre, radii[index], others, other_radii)
-                if np.all(gaps >= params.start_gap) and np.all(limit >= 0.0):
+                if np.all(gaps >= config.start_gap) and np.all(limit >= 0.0):
                     placed[index] = centre
                     break
             else:
@@ -126,7 +152,7 @@ def draw_starts(
             positions = np.array([placed[index] for index in range(len(given))])
             return positions[-1], positions[:-1]
     raise ValueError(
-        f"start_gap {params.start_gap} m, start_wall_gap {params.start_wall_gap} m: found no free places for "
+        f"start_gap {config.start_gap} m, start_wall_gap {config.start_wall_gap} m: found no free places for "
         f"{len(task.parts)} parts and the robot in {task.width} m x {task.height} m; ask for smaller gaps"
     )
 

@@ -90,7 +90,7 @@ def test_health_of_a_process_that_is_absent_is_bad(finished: Compose) -> None:
 
 def test_the_recording_is_whole_and_replays_exactly_outside(finished: Compose, tmp_path: Path) -> None:
     container = finished("ps", "--all", "--quiet", "recorder").strip()
-    run(["docker", "cp", f"{container}:/recordings/.", tmp_path])
+    run(["docker", "cp", f"{container}:/dynpf/runs/.", tmp_path])
     (recording,) = tmp_path.glob("*.mcap")
     run([DYNPF, "doctor", recording])
     assert json.loads(run([DYNPF, "replay", recording, "--json"], seconds=300))["same"] is True

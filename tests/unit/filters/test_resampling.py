@@ -9,9 +9,7 @@ from hypothesis.extra.numpy import arrays
 from dynpf.filters.resampling import effective_sample_size, normalize_log_weights, systematic
 from dynpf.rng import stream
 
-WEIGHTS = arrays(np.float64, st.integers(1, 40), elements=st.floats(0.0, 1.0)).filter(
-    lambda w: w.sum() > 1e-9
-)
+WEIGHTS = arrays(np.float64, st.integers(1, 40), elements=st.floats(0.0, 1.0)).filter(lambda w: w.sum() > 1e-9)
 UNIFORM = st.floats(0.0, 1.0, exclude_max=True)
 
 
@@ -45,9 +43,7 @@ def test_one_heavy_particle_takes_everything(uniform):
     assert systematic(weights, uniform).tolist() == [4] * 7
 
 
-@pytest.mark.parametrize(
-    "weights", [np.zeros(3), np.array([np.nan, 1.0]), np.array([np.inf, 1.0]), np.empty(0)]
-)
+@pytest.mark.parametrize("weights", [np.zeros(3), np.array([np.nan, 1.0]), np.array([np.inf, 1.0]), np.empty(0)])
 def test_weights_without_a_sum_are_refused(weights):
     with pytest.raises(ValueError, match="positive finite sum"):
         systematic(weights, 0.5)

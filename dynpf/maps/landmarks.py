@@ -1,0 +1,36 @@
+"""Point landmarks that can be told from one another."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from dynpf.se2 import FloatArray
+
+__all__ = ["LandmarkMap"]
+
+
+class LandmarkMap:
+    """Identified landmarks: ``ids`` in ascending order and ``positions`` in metres, shape (2, M), in that order."""
+
+    def __init__(self, landmarks: Iterable[tuple[int, float, float]]) -> None:
+        """Take (id, x, y) of each; raises ValueError where an id comes twice or a position is not finite."""
+        rows = sorted(landmarks)
+        self.ids = tuple(row[0] for row in rows)
+        self.positions: FloatArray = np.array([row[1:] for row in rows], dtype=np.float64).reshape(-1, 2).T
+        self._column = {identity: column for column, identity in enumerate(self.ids)}
+        for first, second in zip(self.ids, self.ids[1:], strict=False):
+            if first == second:
+                raise ValueError(f"landmark {first} is in the map twice; ids must differ")
+        for identity, position in zip(self.ids, self.positions.T, strict=True):
+            if not np.isfinite(position).all():
+                raise ValueError(f"landmark {identity} lies at {tuple(position.tolist())}; expected finite metres")
+
+    def __contains__(self, identity: int) -> bool:
+        return identity in self._column
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def position(self, identity: int) -> FloatArray:
+        """Return the position of one landmark, shape (2,); raises KeyError when it is not in the map."""
+        return self.positions[:, self._column[identity]]

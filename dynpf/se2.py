@@ -1,0 +1,57 @@
+"""Poses in the plane: angles on the circle, composition, and the displacement of a circular arc.
+
+A pose is (x, y, theta) in metres and radians, anticlockwise positive. Arrays of poses have the coordinate first,
+shape (3, ...), so that each coordinate of many poses is contiguous.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["FloatArray", "arc_chord", "arc_displacement", "circular_mean", "compose", "wrap_angle"]
+
+FloatArray = NDArray[np.float64]
+
+
+def wrap_angle(angle: ArrayLike) -> Any:
+    """Return ``angle`` in [-pi, pi], of the same shape; an angle that is there already comes back unchanged."""
+    values = np.asarray(angle, dtype=np.float64)
+    return values - 2.0 * np.pi * np.rint(values / (2.0 * np.pi))
+
+
+def compose(pose: FloatArray, relative: FloatArray) -> FloatArray:
+    """Return ``relative``, given in the frame of ``pose``, in the frame of ``pose`` itself; shapes (3, ...)."""
+    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    return np.stack(
+        (
+            pose[0] + cosine * relative[0] - sine * relative[1],
+            pose[1] + sine * relative[0] + cosine * relative[1],
+            wrap_angle(pose[2] + relative[2]),
+        )
+    )
+
+
+def circular_mean(angles: FloatArray, weights: FloatArray) -> float:
+    """Return the direction of the weighted mean of unit vectors, radians; both of shape (N,).
+
+    Where the vectors cancel there is no mean direction; rounding then decides what comes back.
+    """
+    return float(np.arctan2(np.sum(weights * np.sin(angles)), np.sum(weights * np.cos(angles))))
+
+
+def arc_chord(length: ArrayLike, turn: ArrayLike) -> Any:
+    """Return the chord, in metres, of an arc of ``length`` metres that turns by ``turn`` radians.
+
+    The arc about the instantaneous centre of rotation (LANDMARK section 1) ends length sin(turn/2) / (turn/2)
+    away, in the direction turn/2 from its start's heading: exact for every turn, the straight line included.
+    """
+    half = 0.5 * np.asarray(turn, dtype=np.float64)
+    return np.asarray(length, dtype=np.float64) * np.sinc(half / np.pi)
+
+
+def arc_displacement(length: ArrayLike, turn: ArrayLike) -> FloatArray:
+    """Return the end pose (dx, dy, turn), shape (3, ...), of an arc in the frame of its start."""
+    chord = arc_chord(length, turn)
+    half = 0.5 * np.asarray(turn, dtype=np.float64)
+    return np.stack(np.broadcast_arrays(chord * np.cos(half), chord * np.sin(half), 2.0 * half))

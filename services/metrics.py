@@ -1,0 +1,157 @@
+"""Measures of one recorded run against the truth in it, under the names that scripts hold on to."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynpf.metrics import rearrangement
+from dynpf.metrics.trajectory import Trajectory, mean_nees_band, nees, pose_errors, score, thin
+from protocol.codec import decode
+from protocol.messages import Estimate, PartsState, PoseInFrame, RobotState, heading
+from services.recording.digest import content_digest
+from services.recording.reader import Recording
+from services.scenario import Scenario, override_resolved
+
+__all__ = ["HOME_TOLERANCE_M", "LOST_M", "measure", "summary"]
+
+FloatArray = NDArray[np.float64]
+
+HOME_TOLERANCE_M = 0.025
+"""A part counts as home when its centre is this near to its goal."""
+
+LOST_M = 1.0
+"""The robot counts as lost while the estimate is farther than this from the truth."""
+
+_SCORED_HZ = 10.0
+_TRUTHS = ("truth/robot", "log/truth")
+
+
+def measure(recording: Recording) -> dict[str, Any]:
+    """Return the measures of a run; those that it holds no data for are left out."""
+    end = recording.end
+    measures: dict[str, Any] = {}
+    measures |= _localization(recording)
+    measures |= _rearrangement(recording)
+    measures["messages"] = sum(1 for _ in recording.messages())
+    measures["gaps"] = end.missing if end is not None else None
+    measures["complete"] = end is not None and end.complete and not recording.truncated
+    measures["content_digest"] = content_digest(recording)
+    return measures
+
+
+def summary(recording: Recording, measures: Mapping[str, Any]) -> str:
+    """Return the measures as a person reads them."""
+    scenario = _scenario(recording)
+    state = "complete" if measures["complete"] else "INCOMPLETE"
+    reason = recording.end.reason if recording.end is not None else "it was never closed"
+    lines = [f"{scenario.title} (seed {scenario.seed})", f"recording   {recording.path}, {state}: {reason}"]
+    stamps = [record.stamp_ns for record in recording.messages("estimator/state")]
+    if stamps:
+        lines.append(f"duration    {(max(stamps) - min(stamps)) * 1e-9:.1f} s of logical time, {len(stamps)} estimates")
+    lines.append(f"messages    {measures['messages']}, {measures['gaps']} missing")
+    if "completed" in measures:
+        home = "all parts home" if measures["completed"] else "NOT all parts home"
+        lines.append(
+            f"task        {home}, {measures['collisions']} collisions, final error {measures['pi_m'] * 100:.2f} cm"
+        )
+        lines.append(f"paths       npl {measures['npl']:.3f}, nrl {measures['nrl']:.3f} (1 = straight lines)")
+    if "position_rmse_m" in measures:
+        text = f"position    RMSE {measures['position_rmse_m']:.4f} m, median {measures['position_median_m']:.4f} m"
+        if "dead_reckoning_rmse_m" in measures:
+            text += f"; odometry alone {measures['dead_reckoning_rmse_m']:.3f} m"
+        lines.append(text)
+    if "heading_rmse_rad" in measures:
+        lines.append(f"heading     RMSE {np.degrees(measures['heading_rmse_rad']):.2f} deg")
+    lines.append(f"digest      {measures['content_digest']}")
+    return "\n".join(lines)
+
+
+def _scenario(recording: Recording) -> Scenario:
+    return override_resolved(recording.header.scenario, (), str(recording.path))
+
+
+def _localization(recording: Recording) -> dict[str, Any]:
+    truth = next((name for name in _TRUTHS if any(True for _ in recording.messages(name))), None)
+    if truth is None:
+        return {}
+    stamps, states = _read(recording, truth, RobotState)
+    estimated_at, estimates = _read(recording, "estimator/state", Estimate)
+    if len(states) < 2 or not estimates:
+        return {}
+    reference = Trajectory(stamps, np.array([(one.x, one.y, one.theta) for one in states]).T)
+    valid = np.array([one.heading_valid for one in states])
+    chosen = thin(estimated_at, _SCORED_HZ)
+    poses = np.array([(one.x, one.y, one.theta) for one in estimates]).T[:, chosen]
+    estimate = Trajectory(estimated_at[chosen], poses)
+    scored = score(estimate, reference, heading_valid=valid)
+    errors = pose_errors(estimate, reference, heading_valid=valid)
+    distance = np.hypot(*errors.errors[:2])[errors.position_valid]
+    measures: dict[str, Any] = {
+        "position_rmse_m": scored.position_rmse_m,
+        "position_median_m": scored.position_median_m,
+        "position_p95_m": scored.position_p95_m,
+        "heading_rmse_rad": scored.heading_rmse_rad,
+        "lost_fraction": float(np.mean(distance > LOST_M)) if distance.size else np.nan,
+    }
+    measures |= _consistency(errors.errors, errors.heading_valid, [estimates[place] for place in chosen])
+    measures |= _dead_reckoning(recording, reference)
+    return {name: value for name, value in measures.items() if np.isfinite(value)}
+
+
+def _consistency(errors: FloatArray, valid: NDArray[np.bool_], estimates: list[Estimate]) -> dict[str, float]:
+    covariances = np.array([one.covariance for one in estimates]).reshape(-1, 3, 3)
+    # A heading that is measured rather than estimated has no variance: the position alone is then judged.
+    dimension = 3 if np.all(covariances[:, 2, 2] > 0.0) else 2
+    values = nees(errors[:dimension, valid], covariances[valid][:, :dimension, :dimension])
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return {}
+    low, high = mean_nees_band(dimension, values.size)
+    return {"nees_mean": float(np.mean(values)), "nees_low": low, "nees_high": high}
+
+
+def _dead_reckoning(recording: Recording, reference: Trajectory) -> dict[str, float]:
+    stamps, poses = _read(recording, "estimator/dead_reckoning", PoseInFrame)
+    if not poses:
+        return {}
+    chosen = thin(stamps, _SCORED_HZ)
+    places = [poses[place].pose for place in chosen]
+    path = np.array([(one.position.x, one.position.y, heading(one.orientation)) for one in places]).T
+    return {"dead_reckoning_rmse_m": score(Trajectory(stamps[chosen], path), reference).position_rmse_m}
+
+
+def _rearrangement(recording: Recording) -> dict[str, Any]:
+    _, states = _read(recording, "truth/parts", PartsState)
+    _, robots = _read(recording, "truth/robot", RobotState)
+    task = _scenario(recording).task
+    if not states or task is None or len(states) != len(robots):
+        return {}
+    parts = np.array([[(part.x, part.y) for part in state.parts] for state in states])
+    goals = np.array([part.goal for part in task.parts])
+    radii = np.array([part.radius for part in task.parts])
+    robot = np.array([(one.x, one.y) for one in robots])
+    measures: dict[str, Any] = {
+        "completed": rearrangement.all_home(parts[-1], goals, HOME_TOLERANCE_M),
+        "collisions": states[-1].contacts,
+        "npl": rearrangement.normalized_part_length(parts, goals),
+        "nrl": rearrangement.normalized_robot_length(robot, parts, goals, radii, task.robot_radius),
+        "pi": rearrangement.positional_inaccuracy(parts[-1], goals, radii),
+        "pi_m": float(np.max(np.hypot(*(parts[-1] - goals).T))),
+    }
+    _, estimates = _read(recording, "estimator/state", Estimate)
+    if len(estimates) == len(robots) and all(len(one.parts) == len(task.parts) for one in estimates):
+        estimated = np.array([(one.x, one.y) for one in estimates])
+        placed = np.array([[(part.x, part.y) for part in one.parts] for one in estimates])
+        measures["rpee_m"] = rearrangement.robot_position_error(robot, estimated)
+        measures["ppee_m"] = rearrangement.part_position_error(parts, placed)
+    return measures
+
+
+def _read(recording: Recording, topic: str, kind: type[Any]) -> tuple[FloatArray, list[Any]]:
+    """Return stamps in seconds and messages of a topic in order of time."""
+    records = sorted(recording.messages(topic), key=lambda record: record.stamp_ns)
+    messages = [decode(topic, record.payload) for record in records]
+    assert all(isinstance(message, kind) for message in messages)
+    return np.array([record.stamp_ns * 1e-9 for record in records]), messages

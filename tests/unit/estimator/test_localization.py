@@ -1,0 +1,255 @@
+"""The localization node: its state machine on a made-up drive, and its accuracy on a minute of a real one."""
+
+import math
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+import numpy as np
+import pytest
+
+from dynpf.metrics.trajectory import Trajectory, TrajectoryScore, pose_errors, score, thin
+from dynpf.motion import ArcsParams, CalibrationParams
+from protocol.codec import encode
+from protocol.messages import (
+    Estimate,
+    LandmarkReading,
+    LandmarkReadings,
+    Message,
+    Odometry,
+    PoseInFrame,
+    PosesInFrame,
+    heading,
+)
+from services.estimator.config import LocalizationConfig
+from services.estimator.localization import LocalizationNode
+from services.node import Output, Received, Step, decode_state, encode_state
+from services.task import Landmark
+
+DATA = Path(__file__).parents[3] / "../shared/data/mrclam/ds1_seed_60s"
+LANDMARKS = (Landmark(id=6, x=3.0, y=1.0), Landmark(id=7, x=-1.0, y=2.0), Landmark(id=8, x=0.5, y=-2.0))
+SECOND = 10**9
+M = TypeVar("M", bound=Message)
+NOISELESS = ArcsParams(
+    along_variance_per_m=0.0, across_variance_per_m=0.0, turn_variance_per_rad=0.0, turn_variance_per_m=0.0
+)
+
+
+def received(stamp_s: float, message: Message) -> Received:
+    topic = "sensors/odometry" if isinstance(message, Odometry) else "sensors/landmarks"
+    return Received(topic, "sensors", "boot", 0, round(stamp_s * SECOND), message)
+
+
+def seen_from(x: float, y: float, theta: float) -> LandmarkReadings:
+    return LandmarkReadings(
+        readings=tuple(
+            LandmarkReading(
+                landmark=mark.id,
+                range=math.hypot(mark.x - x, mark.y - y),
+                bearing=math.remainder(math.atan2(mark.y - y, mark.x - x) - theta, math.tau),
+            )
+            for mark in LANDMARKS
+        )
+    )
+
+
+def circle(t: float) -> tuple[float, float, float]:
+    return math.sin(0.5 * t), 1.0 - math.cos(0.5 * t), 0.5 * t
+
+
+def drive(duration_s: float = 4.0) -> list[Step]:
+    """A circle of radius 1 at 0.5 m/s: odometry ten times a second, readings after every fifth."""
+    steps = []
+    for k in range(round(duration_s * 10)):
+        inputs = [received(0.1 * k, Odometry(v=0.5, w=0.5))]
+        if k % 5 == 4:
+            inputs.append(received(0.1 * k, seen_from(*circle(0.1 * k))))
+        steps.append(Step(k, k, round(0.1 * k * SECOND), tuple(inputs)))
+    return steps
+
+
+def node(seed: int = 1, **settings: object) -> LocalizationNode:
+    config = msgspec.structs.replace(LocalizationConfig(n=300, calibration=CalibrationParams()), **settings)
+    return LocalizationNode(config, LANDMARKS, seed)
+
+
+def payloads(outputs: tuple[Output, ...]) -> list[tuple[str, bytes]]:
+    return [(output.topic, encode(output.topic, output.message)) for output in outputs]
+
+
+def of_type(outputs: tuple[Output, ...], kind: type[M]) -> list[M]:
+    return [output.message for output in outputs if isinstance(output.message, kind)]
+
+
+def test_the_estimate_follows_the_robot_and_its_covariance_covers_the_error() -> None:
+    estimator = node(n=1000)
+    for step in drive(10.0):
+        outputs = estimator.step(step).outputs
+    (estimate,) = of_type(outputs, Estimate)
+    x, y, theta = circle(9.9)
+    covariance = np.array(estimate.covariance).reshape(3, 3)
+    error = np.array([estimate.x - x, estimate.y - y, math.remainder(estimate.theta - theta, math.tau)])
+    assert np.hypot(*error[:2]) < 0.1
+    assert error @ np.linalg.solve(covariance, error) < 16.3  # 99.9 % of chi-square with 3 degrees of freedom
+    assert 1.0 <= estimate.n_eff <= 1000.0 + 1e-9
+
+
+def test_a_thawed_node_continues_as_the_frozen_one_would_have() -> None:
+    steps = drive()
+    original = node(odometry_delay=0.25)
+    for step in steps[:20]:
+        original.step(step)
+    frozen = encode_state(original.freeze())
+    resumed = node(odometry_delay=0.25)
+    resumed.thaw(decode_state(frozen))
+    fresh = node(odometry_delay=0.25)
+    expected = [payloads(original.step(step).outputs) for step in steps[20:]]
+    assert [payloads(resumed.step(step).outputs) for step in steps[20:]] == expected
+    assert encode_state(resumed.freeze()) == encode_state(original.freeze())
+    assert [payloads(fresh.step(step).outputs) for step in steps[20:]] != expected
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:
+    def run(seed: int) -> list[list[tuple[str, bytes]]]:
+        estimator = node(seed)
+        return [payloads(estimator.step(step).outputs) for step in drive(2.0)]
+
+    assert run(5) == run(5)
+    assert run(5) != run(6)
+
+
+def test_a_step_without_inputs_says_nothing_and_changes_nothing() -> None:
+    estimator = node()
+    estimator.step(drive()[0])
+    before = encode_state(estimator.freeze())
+    assert estimator.step(Step(1, 1, 5 * SECOND, ())).outputs == ()
+    assert encode_state(estimator.freeze()) == before
+
+
+def test_particles_are_shown_five_times_a_second_and_two_hundred_at_most() -> None:
+    estimator = node()
+    shown = [cloud for step in drive(4.0) for cloud in of_type(estimator.step(step).outputs, PosesInFrame)]
+    assert len(shown) == 20
+    assert {len(cloud.poses) for cloud in shown} == {200}
+    few = node(n=7)
+    (cloud,) = of_type(few.step(drive()[0]).outputs, PosesInFrame)
+    assert len(cloud.poses) == 7
+
+
+@pytest.mark.parametrize(("delay", "travelled"), [(0.0, 1.0), (0.4, 0.6), (2.0, 0.0)])
+def test_odometry_takes_effect_after_its_delay(delay: float, travelled: float) -> None:
+    estimator = node(odometry_delay=delay, motion=NOISELESS, calibration=None)
+    estimator.step(Step(0, 0, 0, (received(0.0, Odometry(v=1.0, w=0.0)),)))
+    outputs = estimator.step(Step(1, 1, SECOND, (received(1.0, Odometry(v=0.0, w=0.0)),))).outputs
+    reckoned = next(output.message for output in outputs if output.topic == "estimator/dead_reckoning")
+    assert isinstance(reckoned, PoseInFrame)
+    assert reckoned.pose.position.x == pytest.approx(travelled)
+    estimator_spread = np.ptp(estimator.freeze()["particles"][0])
+    assert estimator_spread > 0.0
+
+
+def test_dead_reckoning_takes_the_exact_arcs() -> None:
+    estimator = node()
+    for step in drive(4.0):
+        outputs = estimator.step(step).outputs
+    reckoned = next(output.message for output in outputs if output.topic == "estimator/dead_reckoning")
+    assert isinstance(reckoned, PoseInFrame)
+    pose = (reckoned.pose.position.x, reckoned.pose.position.y, heading(reckoned.pose.orientation))
+    assert pose == pytest.approx(circle(3.9))
+
+
+def test_late_readings_count_as_if_taken_now_and_overtaken_odometry_not_at_all() -> None:
+    def after(inputs: tuple[Received, ...]) -> bytes:
+        estimator = node(motion=NOISELESS)
+        estimator.step(Step(0, 0, SECOND, (received(1.0, Odometry(v=0.0, w=0.0)),)))
+        estimator.step(Step(1, 1, SECOND, inputs))
+        estimator.step(Step(2, 2, 2 * SECOND, (received(2.0, Odometry(v=0.0, w=0.0)),)))
+        return encode_state(estimator.freeze())
+
+    late, now = received(0.2, seen_from(0.0, 0.0, 0.0)), received(1.0, seen_from(0.0, 0.0, 0.0))
+    overtaken = received(0.5, Odometry(v=1.0, w=0.0))
+    assert after((late,)) == after((now,)) == after((overtaken, now))
+    assert after((late,)) != after((overtaken,))
+
+
+def test_an_unknown_landmark_is_reported_once_and_left_out() -> None:
+    estimator = node()
+    strange = LandmarkReadings(readings=(LandmarkReading(landmark=61, range=1.0, bearing=0.0),))
+    first = estimator.step(Step(0, 0, 0, (received(0.0, strange),))).outputs
+    again = estimator.step(Step(1, 1, 0, (received(0.0, strange),))).outputs
+    assert [output.topic for output in first].count("log") == 1
+    assert [output.topic for output in again].count("log") == 0
+    assert estimator.freeze()["readings"] == {"used": 0, "refused": 2, "impossible": 0}
+
+
+def test_the_configuration_names_value_and_range() -> None:
+    good = {"kind": "localization", "n": 50, "measurement": [{"kind": "range_bearing", "gate": 9.0}]}
+    assert msgspec.convert(good, LocalizationConfig).measurement[0].gate == 9.0
+    for bad, words in (
+        ({"n": 0}, "int` >= 1 - at `$.n`"),
+        ({"motion": {"along_variance_per_m": -0.1}}, ">= 0.0 - at `$.motion.along_variance_per_m`"),
+        ({"resampling": {"threshold": 1.5}}, "<= 1.0 - at `$.resampling.threshold`"),
+        ({"measurement": [{"kind": "beam"}]}, "beam"),
+        ({"odometry_dely": 0.1}, "odometry_dely"),
+    ):
+        with pytest.raises(msgspec.ValidationError) as refusal:
+            msgspec.convert({"kind": "localization", **bad}, LocalizationConfig)
+        assert words in str(refusal.value)
+
+
+# --- a minute of a real log ----------------------------------------------------------------------------------------
+
+
+def read(name: str) -> np.ndarray:
+    return np.loadtxt(DATA / f"ds1_{name}.dat", comments="#")
+
+
+def play(with_readings: bool) -> tuple[TrajectoryScore, TrajectoryScore]:
+    """Return the scores of the estimate and of dead reckoning, both from the true start."""
+    subjects = {barcode: subject for subject, barcode in read("Barcodes").astype(int).tolist()}
+    landmarks = tuple(Landmark(id=int(row[0]), x=row[1], y=row[2]) for row in read("Landmark_Groundtruth"))
+    known = {mark.id for mark in landmarks}
+    truth_rows, odometry = read("Groundtruth"), read("Odometry")
+    origin = truth_rows[0, 0]
+    truth = Trajectory(truth_rows[:, 0] - origin, truth_rows[:, 1:].T)
+
+    records = [(row[0] - origin, Odometry(v=row[1], w=row[2])) for row in odometry]
+    for time, barcode, distance, bearing in read("Measurement"):
+        landmark = subjects.get(int(barcode), -1)
+        if with_readings and landmark in known:
+            reading = LandmarkReading(landmark=landmark, range=distance, bearing=bearing)
+            records.append((time - origin, LandmarkReadings(readings=(reading,))))
+    records.sort(key=lambda record: record[0])
+
+    first = Trajectory(np.array([records[0][0]]), np.zeros((3, 1)))
+    x, y, theta = (-pose_errors(first, truth).errors[:, 0]).tolist()
+    config = LocalizationConfig()
+    config = msgspec.structs.replace(config, start=msgspec.structs.replace(config.start, x=x, y=y, theta=theta))
+    estimator = LocalizationNode(config, landmarks, seed=1)
+    stamps, estimates, reckonings = [], [], []
+    for number, (time, message) in enumerate(records):
+        one = received(time, message)
+        outputs = estimator.step(Step(number, number, one.stamp_ns, (one,))).outputs
+        (estimate,) = of_type(outputs, Estimate)
+        reckoned = next(output.message for output in outputs if output.topic == "estimator/dead_reckoning")
+        assert isinstance(reckoned, PoseInFrame)
+        stamps.append(time)
+        estimates.append((estimate.x, estimate.y, estimate.theta))
+        position = reckoned.pose.position
+        reckonings.append((position.x, position.y, heading(reckoned.pose.orientation)))
+    kept = thin(np.array(stamps))
+    filtered, raw = (
+        Trajectory(np.array(stamps)[kept], np.array(poses).T[:, kept]) for poses in (estimates, reckonings)
+    )
+    return score(filtered, truth), score(raw, truth)
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason=f"the real log is not at {DATA}")
+def test_a_real_minute_is_tracked_within_15_cm_and_withholding_the_readings_loses_it() -> None:
+    estimate, reckoning = play(with_readings=True)
+    assert estimate.scored > 400
+    assert estimate.position_rmse_m < 0.15
+    blind, blind_reckoning = play(with_readings=False)
+    assert blind.position_rmse_m > 3 * estimate.position_rmse_m
+    assert blind_reckoning.position_rmse_m == pytest.approx(reckoning.position_rmse_m, abs=0.02)
+    assert reckoning.position_rmse_m > 3 * estimate.position_rmse_m
