@@ -11,7 +11,7 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
@@ -47,7 +47,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """A whole run. The nodes that take part are those whose section is present."""
 
     title: str
-    seed: Annotated[int, Meta(ge=0, lt=2**63)] = 1
+    seed: Annotated[int, Meta(ge=0, le=2**62)] = 1
     clock: Literal["lockstep", "realtime"] = "lockstep"
     tick_s: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.05  # the source's period
     max_ticks: Annotated[int, Meta(ge=1)] = 1_000_000
@@ -215,7 +215,7 @@ def _unknown_keys(info: Any, value: Any, path: str) -> Iterator[str]:
             yield from _unknown_keys(chosen[0], value, path)
     elif isinstance(info, msgspec.inspect.StructType) and isinstance(value, dict):
         fields = {field.encode_name: field.type for field in info.fields}
-        known = [*fields, *([cast("str", info.tag_field)] if info.tag_field else [])]
+        known = [*fields, *([info.tag_field] if info.tag_field else [])]
         for key, child in value.items():
             here = f"{path}.{key}" if path else key
             if key in fields:

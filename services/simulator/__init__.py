@@ -1,1 +1,1 @@
-"""The simulator: the true world, its camera, and the run's clock."""
+"""The simulated worlds: true state and overhead camera. Each world is a pure node; the simulator is the source of the run."""
