@@ -144,10 +144,10 @@ def test_refuses_what_is_no_grey_image(image: np.ndarray) -> None:
 
 
 def test_subsampling_keeps_places() -> None:
-    frame = np.repeat(as_grey(drawn([(401.3, 238.6, 40.0)], [90.0], shape=(480, 640)))[..., None], 3, axis=2)
+    frame = np.repeat(as_grey(drawn([(201.3, 138.6, 40.0)], [90.0], shape=(240, 320)))[..., None], 3, axis=2)
     (disc,) = detect_discs(subsample(frame), DetectionParams())
     centre = to_full_px(np.array([disc.x_px, disc.y_px]))
-    assert (*centre, 4 * disc.radius_px) == pytest.approx((401.3, 238.6, 40.0), abs=0.12)
+    assert (*centre, 4 * disc.radius_px) == pytest.approx((201.3, 138.6, 40.0), abs=0.12)
 
 
 def test_a_photograph_of_sweets() -> None:

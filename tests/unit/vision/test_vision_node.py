@@ -87,8 +87,10 @@ def test_noise_has_its_spread_and_hangs_on_seed_and_tick() -> None:
     sharp, _ = seen(node_of(), step_with(JPEG))
     config = VisionConfig(position_noise_m=0.01)
 
+    nodes = {seed: node_of(config, seed) for seed in (1, 2)}
+
     def noise(seed: int, tick: int) -> np.ndarray:
-        detections, _ = seen(node_of(config, seed), step_with(JPEG, tick=tick))
+        detections, _ = seen(nodes[seed], step_with(JPEG, tick=tick))
         pairs = zip(detections.discs, sharp.discs, strict=True)
         return np.array([(disc.x - true.x, disc.y - true.y) for disc, true in pairs])
 
