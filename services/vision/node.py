@@ -66,7 +66,7 @@ class VisionNode:
     def _detect(self, data: bytes, number: int) -> Detections:
         discs = detect_discs(self._decode(data), self._config.detection)
         if len(discs) > MAX_DISCS:
-            raise BrokenFrameError(f"{len(discs)} discs found, at most {MAX_DISCS} can be")
+            raise BrokenFrameError(f"{len(discs)} discs found, at most {MAX_DISCS} can be told")
         placed = self._calibration.discs_to_workspace(discs, SUBSAMPLING)
         noise = self._noise(len(discs), number)
         return Detections(

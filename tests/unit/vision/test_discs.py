@@ -129,6 +129,12 @@ def test_random_pixels_hold_nothing(contrast: int) -> None:
         assert detect_discs(image, DetectionParams()) == ()
 
 
+def test_many_discs_are_found_and_clutter_holds_nothing() -> None:
+    dot = drawn([(10.0, 10.0, 5.0)], [90.0], shape=(20, 20))
+    assert len(detect_discs(as_grey(np.tile(dot, (12, 16))), DetectionParams())) == 192
+    assert detect_discs(as_grey(np.tile(dot, (20, 20))), DetectionParams()) == ()
+
+
 def test_same_image_same_discs_in_order() -> None:
     truth = [(120.0, 30.0, 8.0), (30.0, 30.5, 8.0), (80.0, 90.0, 10.0)]
     image = as_grey(drawn(truth, [90.0] * 3), noise=2.0)
