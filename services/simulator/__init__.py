@@ -1,1 +1,1 @@
-"""The simulated worlds: true state and overhead camera. Each world is a pure node; the simulator is the source of the run."""
+"""The simulated worlds: pure nodes that hold the true state; the simulator is the source of its run."""
