@@ -30,7 +30,7 @@ class RangeBearingParams(
     """Noise and trust. The range's variance is sigma_range^2 + (sigma_range_per_m range)^2."""
 
     sigma_range: Positive = 0.08  # m, at range zero
-    sigma_range_per_m: NonNegative = 0.226  # m per m
+    sigma_range_per_m: NonNegative = 0.2  # m per m
     sigma_bearing: Positive = 0.018  # rad
     # Squared Mahalanobis distance of the innovation above which a reading is taken for a misread identity.
     gate: Positive = 25.0
@@ -38,7 +38,7 @@ class RangeBearingParams(
     outlier_fraction: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.01
     outlier_range: Positive = 10.0  # m: an outlier's range is uniform up to here, its bearing over the circle
     # Exponent of the likelihood: readings in quick succession share their error, so each counts for less.
-    tempering: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.3
+    tempering: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.35
 
 
 class RangeBearing:

@@ -25,7 +25,7 @@ class CalibrationParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     """Standard deviations of the turn scale: of its prior around 1, and of its random walk."""
 
     turn_scale_sigma: NonNegative = 0.1
-    turn_scale_walk: NonNegative = 0.003  # per square root of a second
+    turn_scale_walk: NonNegative = 0.004  # per square root of a second
 
 
 class CalibratedMotion:
