@@ -221,7 +221,7 @@ def join(name: str, scenario: Scenario, endpoint: str, stop: StopSignal) -> Iter
 
 
 def _same_scenario(name: str, bus: Bus, scenario: Scenario, endpoint: str) -> None:
-    theirs = bus.ask(SCENARIO)
+    theirs = bus.ask(SCENARIO, patience_s=5.0)
     if theirs is None:
         raise RunError(f"the router at {endpoint} does not say which scenario it runs; is it a dynpf router?")
     difference = first_difference(resolved_json(scenario), theirs.decode())

@@ -61,9 +61,14 @@ class Node(Protocol):
     and given that state by ``thaw`` continues exactly as the first would have.
     """
 
-    name: str
-    reads: frozenset[str]
-    writes: frozenset[str]
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def reads(self) -> frozenset[str]: ...
+
+    @property
+    def writes(self) -> frozenset[str]: ...
 
     def step(self, step: Step) -> Result: ...
 

@@ -7,7 +7,7 @@ from services.controller.waypoints import WaypointController
 from services.errors import ScenarioError
 from services.estimator.config import LocalizationConfig
 from services.estimator.config_rearrangement import RearrangementConfig
-from services.estimator.localization import LocalizationEstimator
+from services.estimator.localization import LocalizationNode
 from services.estimator.rearrangement import RearrangementEstimator
 from services.node import Node
 from services.scenario import Scenario
@@ -19,6 +19,7 @@ from services.simulator.config_room import RoomConfig
 from services.simulator.room import RoomSimulator
 from services.simulator.workspace import WorkspaceSimulator
 from services.task import RearrangementTask
+from services.vision.config import VisionConfig
 from services.vision.node import VisionNode
 
 __all__ = ["build_node", "build_nodes"]
@@ -51,13 +52,15 @@ def _build(scenario: Scenario, name: str) -> Node:
         case RearrangementConfig() as config:
             return RearrangementEstimator(config=config, seed=seed, tick_s=tick_s, task=_task(scenario, name))
         case LocalizationConfig() as config:
-            return LocalizationEstimator(config=config, seed=seed, tick_s=tick_s, landmarks=landmarks)
+            return LocalizationNode(config=config, seed=seed, landmarks=landmarks)
         case RearrangementControllerConfig() as config:
             return RearrangementController(config=config, seed=seed, tick_s=tick_s, task=_task(scenario, name))
         case WaypointsConfig() as config:
             return WaypointController(config=config, seed=seed, tick_s=tick_s)
-        case config:
-            return VisionNode(config=config, seed=seed, tick_s=tick_s)
+        case VisionConfig() as config:
+            return VisionNode(config=config, seed=seed)
+        case missing:
+            raise ScenarioError(f"{name}: takes no part in this run ({missing!r})")
 
 
 def _task(scenario: Scenario, name: str) -> RearrangementTask:

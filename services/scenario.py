@@ -11,7 +11,7 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
 from msgspec import Meta
@@ -30,6 +30,7 @@ from services.task import Landmark, RearrangementTask
 from services.vision.config import VisionConfig
 
 __all__ = [
+    "LogFacts",
     "Scenario",
     "find_scenario",
     "first_difference",
@@ -47,7 +48,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """A whole run. The nodes that take part are those whose section is present."""
 
     title: str
-    seed: Annotated[int, Meta(ge=0, lt=2**63)] = 1
+    seed: Annotated[int, Meta(ge=0, le=2**62)] = 1
     clock: Literal["lockstep", "realtime"] = "lockstep"
     tick_s: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.05  # the source's period
     max_ticks: Annotated[int, Meta(ge=1)] = 1_000_000
@@ -71,6 +72,14 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     @property
     def tick_ns(self) -> int:
         return round(self.tick_s * 1e9)
+
+
+class LogFacts(NamedTuple):
+    """What an imported log brings to a scenario: its content digest, its landmarks, and its first reference pose."""
+
+    digest: str
+    landmarks: Sequence[Mapping[str, Any]]
+    start: tuple[float, float, float] | None
 
 
 def scenario_files() -> list[Path]:
@@ -97,8 +106,7 @@ def load_scenario(
     overrides: Sequence[str] = (),
     seed: int | None = None,
     clock: str | None = None,
-    log_digest: str = "",
-    log_landmarks: Sequence[Mapping[str, Any]] = (),
+    log: LogFacts | None = None,
 ) -> Scenario:
     """Return the resolved scenario: the file, then what the log brings, then ``--set`` overrides, seed and clock.
 
@@ -112,10 +120,8 @@ def load_scenario(
         raise ScenarioError(f"{path}: {error}") from error
     if not isinstance(raw, dict):
         raise ScenarioError(f"{path}: holds a {type(raw).__name__}, expected a table of keys")
-    if log_digest:
-        raw["log_digest"] = log_digest
-        if log_landmarks:
-            raw["landmarks"] = [dict(landmark) for landmark in log_landmarks]
+    if log is not None:
+        _take_from_log(raw, log)
     for override in overrides:
         _apply(raw, override)
     if seed is not None:
@@ -152,6 +158,18 @@ def first_difference(ours: str, theirs: str) -> tuple[str, Any, Any] | None:
         if mine.get(key) != other.get(key):
             return key, mine.get(key), other.get(key)
     return None
+
+
+def _take_from_log(raw: dict[str, Any], log: LogFacts) -> None:
+    """Fill in what the scenario leaves to the log: the map, and where a known start is."""
+    raw["log_digest"] = log.digest
+    if log.landmarks:
+        raw.setdefault("landmarks", [dict(landmark) for landmark in log.landmarks])
+    estimator = raw.get("estimator")
+    start = estimator.get("start") if isinstance(estimator, dict) else None
+    if log.start is not None and isinstance(start, dict) and start.get("kind") == "known":
+        for key, value in zip(("x", "y", "theta"), log.start, strict=True):
+            start.setdefault(key, value)
 
 
 def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
@@ -215,7 +233,7 @@ def _unknown_keys(info: Any, value: Any, path: str) -> Iterator[str]:
             yield from _unknown_keys(chosen[0], value, path)
     elif isinstance(info, msgspec.inspect.StructType) and isinstance(value, dict):
         fields = {field.encode_name: field.type for field in info.fields}
-        known = [*fields, *([cast("str", info.tag_field)] if info.tag_field else [])]
+        known = [*fields, *([info.tag_field] if info.tag_field else [])]
         for key, child in value.items():
             here = f"{path}.{key}" if path else key
             if key in fields:

@@ -23,7 +23,7 @@ def estimate_background(grey: NDArray[np.uint8], degree: int = 4) -> NDArray[np.
     block = max(1, min(height, width) // _CELLS)
     columns, rows = max(1, width // block), max(1, height // block)
     cells = cv2.resize(grey.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA).astype(np.float64)
-    terms = _terms(rows, columns, degree)
+    terms = _terms(rows, columns, degree)  # summed by einsum: its order does not depend on threads, as BLAS's may
     values = cells.ravel()
     coefficients = np.zeros(terms.shape[1])
     coefficients[0] = np.median(values)
@@ -38,8 +38,9 @@ def estimate_background(grey: NDArray[np.uint8], degree: int = 4) -> NDArray[np.
     matrix = np.zeros((degree + 1, degree + 1))
     for (i, j), value in zip(_exponents(degree), coefficients, strict=True):
         matrix[i, j] = value
-    full = _powers(height, degree) @ matrix @ _powers(width, degree).T
-    return np.clip(full, 0, 255).astype(np.float32)
+    across = np.einsum("ij,xj->ix", matrix, _powers(width, degree))
+    full = np.einsum("yi,ix->yx", _powers(height, degree), across)
+    return np.asarray(np.clip(full, 0, 255), dtype=np.float32)
 
 
 def flatten(grey: NDArray[np.uint8], background: NDArray[np.float32]) -> NDArray[np.float32]:

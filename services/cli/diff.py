@@ -1,10 +1,12 @@
 """dynpf diff: the first difference between two recordings."""
 
-# ruff: noqa: PLC0415 (imported when run, so that the other commands need not wait)
-
 import argparse
+from typing import TYPE_CHECKING
 
-__all__ = ["add_parser"]
+if TYPE_CHECKING:
+    from services.recording.diff import Difference
+
+__all__ = ["add_parser", "print_difference"]
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -16,13 +18,18 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def run(args: argparse.Namespace) -> int:
-    import msgspec
-
     from services.recording.diff import diff
     from services.recording.reader import read_recording
 
     difference = diff(read_recording(args.a, allow_truncated=True), read_recording(args.b, allow_truncated=True))
-    if args.json:
+    return print_difference(difference, args.a, args.b, as_json=args.json)
+
+
+def print_difference(difference: "Difference", a: str, b: str, *, as_json: bool) -> int:
+    """Print where recordings ``a`` and ``b`` first differ, and return the command's exit code."""
+    import msgspec
+
+    if as_json:
         print(msgspec.json.encode(difference).decode())
         return 0 if difference.same else 1
     first = difference.first
@@ -31,8 +38,8 @@ def run(args: argparse.Namespace) -> int:
         return 0
     tick = "no tick" if first.tick is None else f"tick {first.tick}"
     print(f"first difference: {tick}, node {first.node}, {first.topic} {first.sequence}, field {first.field}")
-    print(f"  {args.a}: {first.a}")
-    print(f"  {args.b}: {first.b}")
+    print(f"  {a}: {first.a}")
+    print(f"  {b}: {first.b}")
     for topic, count in difference.counts.items():
         print(f"  {topic}: {count.a} and {count.b} messages, {count.differ} differ")
     return 1

@@ -1,7 +1,5 @@
 """dynpf info: what is in a recording."""
 
-# ruff: noqa: PLC0415 (imported when run, so that the other commands need not wait)
-
 import argparse
 
 __all__ = ["add_parser"]

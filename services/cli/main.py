@@ -59,10 +59,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _overview() -> str:
     rows = "\n".join(f"  {name:<11} {text}" for name, (_, text) in _COMMANDS.items())
-    return f"usage: dynpf COMMAND ...\n\nA localization laboratory: {_PURPOSE}\n\n{rows}\n\ndynpf COMMAND --help tells more."
+    return (
+        "usage: dynpf COMMAND ...\n\nA localization laboratory: processes on a bus, one recording a run, exact replay."
+        f"\n\n{rows}\n\ndynpf COMMAND --help tells more."
+    )
 
-
-_PURPOSE = "processes on a bus, one recording a run, exact replay."
 
 if __name__ == "__main__":
     sys.exit(main())

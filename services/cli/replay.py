@@ -109,4 +109,5 @@ def _closed_loop(options: argparse.Namespace, recording: "Recording", scenario: 
         with RecordingWriter(path, run_header(scenario), recording.attachments) as writer:
             run_inline(scenario, log_records(recording), writer)
             writer.close(complete=True, reason=f"run anew from {options.recording.name}")
-        return print_difference(diff(recording, read_recording(path)), as_json=options.json)
+        difference = diff(recording, read_recording(path))
+        return print_difference(difference, str(options.recording), "run anew", as_json=options.json)

@@ -15,7 +15,7 @@ from services.scenario import Scenario, resolved_json
 
 __all__ = ["run_on_bus"]
 
-GRACE_S = 3.0
+GRACE_S = 2.5
 """How long the others may take to stop by themselves after one process has failed."""
 
 POLL_S = 0.02
@@ -73,6 +73,8 @@ def _watch(processes: dict[str, subprocess.Popen[bytes]], stop: StopSignal) -> N
             for name in running:
                 processes[name].terminate()
             deadline = deadline or time.monotonic() + 10.0
+        if failed and running == ["router"]:
+            processes["router"].terminate()  # it waits for a run that will not come
         if stop.at_once or (deadline is not None and time.monotonic() > deadline):
             hung = ", ".join(running)
             raise RunError(f"{failed or 'stopped at once'}; killed what was left: {hung}")

@@ -5,6 +5,7 @@ as a closed loop from its source, with settings changed.
 """
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import cv2
@@ -12,7 +13,7 @@ import msgspec
 
 from protocol.codec import decode
 from protocol.envelope import Envelope
-from protocol.journal import JournalEntry, encode_entry
+from protocol.journal import JOURNAL_PREFIX, JournalEntry, encode_entry
 from protocol.topics import LOG_NODE, TOPICS
 from services.errors import UsageError
 from services.executor import Executed, Executor
@@ -106,7 +107,8 @@ def _compare(recording: Recording, node: str, boot: str, entry: JournalEntry, ex
         if before.stamp_ns != after.envelope.stamp_ns:
             return mismatch(topic, sequence, "stamp_ns", before.stamp_ns, after.envelope.stamp_ns)
         if before.payload != after.payload:
-            return mismatch(topic, sequence, *first_field(before.payload, after.payload))
+            field = first_field(before.payload, after.payload) or ("bytes", before.payload, after.payload)
+            return mismatch(topic, sequence, *field)
     if list(old) != list(new):
         return mismatch("", 0, "order of messages", [key[0] for key in old], [key[0] for key in new])
     if entry.state and entry.state != executed.entry.state:
@@ -119,15 +121,16 @@ def write_replayed(recording: Recording, outcomes: Sequence[Replayed], writer: R
     replayed = {outcome.node for outcome in outcomes}
     for record in recording.records:
         if record.node not in replayed:
-            writer.write(
-                record.topic,
+            envelope = Envelope(
                 record.node,
                 record.boot,
                 record.sequence,
+                recording.tick_of(record) or 0,
                 record.stamp_ns,
                 record.publish_ns,
-                record.payload,
             )
+            keep = writer.journal if record.topic.startswith(JOURNAL_PREFIX) else partial(writer.message, record.topic)
+            keep(envelope, record.payload)
     for outcome in outcomes:
         for boot, executed in outcome.executed:
             for sent in executed.sent:

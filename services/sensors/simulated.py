@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from dynpf.rng import stream
 from protocol.messages import Message, PartsState, RobotState
+from services.errors import ScenarioError
 from services.node import Output, Result, State, Step
 from services.sensors.config import ScanSensor, SimulatedSensorsConfig
 from services.sensors.readings import (
@@ -29,7 +30,7 @@ class SimulatedSensors:
     """Sensor publisher fed by the simulator's truth.
 
     Speaks only when a newer truth/robot came. A sensor's ``every`` counts true states, so that it holds under either
-    clock. Raises ValueError for a sensor whose facts (task, landmarks, walls) the run does not have.
+    clock. Raises ScenarioError for a sensor whose facts (task, landmarks, walls) the run does not have.
     """
 
     name = "sensors"
@@ -44,9 +45,9 @@ class SimulatedSensors:
         landmarks: tuple[Landmark, ...] = (),
     ) -> None:
         if task is None and (config.gripper is not None or config.overhead is not None):
-            raise ValueError("sensors.gripper and sensors.overhead need a rearrangement task; this run has none")
+            raise ScenarioError("sensors.gripper and sensors.overhead need a rearrangement task; this run has none")
         if config.landmarks is not None and not landmarks:
-            raise ValueError("sensors.landmarks needs landmarks; this run has none")
+            raise ScenarioError("sensors.landmarks needs landmarks; this run has none")
         self.config = config
         self.seed = seed
         self.task = task
@@ -134,5 +135,7 @@ def _walls(scan: ScanSensor | None, task: RearrangementTask | None) -> Walls:
     if scan.walls:
         return np.array(scan.walls, dtype=np.float64)
     if task is None:
-        raise ValueError("sensors.scan needs walls, or a rearrangement task with its workspace; this run has neither")
+        raise ScenarioError(
+            "sensors.scan needs walls, or a rearrangement task with its workspace; this run has neither"
+        )
     return rectangle(task.width, task.height)

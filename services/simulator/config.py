@@ -5,6 +5,8 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from services.simulator.camera import CameraParams
+
 __all__ = ["WorkspaceConfig"]
 
 NonNegative = Annotated[float, Meta(ge=0.0)]
@@ -22,3 +24,4 @@ class WorkspaceConfig(
     grip_angle: Positive = 0.2  # the same for the direction
     start_gap: NonNegative = 0.26  # between drawn starts: the robot fits between any two parts
     start_wall_gap: NonNegative = 0.10  # between drawn starts and the walls
+    camera: CameraParams | None = None  # the overhead camera; absent: no frames are rendered

@@ -2,7 +2,10 @@
 
 import math
 
+import numpy as np
+
 from dynpf.rng import stream
+from dynpf.se2 import arc_displacement, compose
 from protocol.messages import (
     ArrowPrimitive,
     Color,
@@ -21,12 +24,14 @@ from protocol.messages import (
     planar_pose,
     timestamp,
 )
+from services.errors import ScenarioError
 from services.node import Output, Result, State, Step
 from services.simulator.config_room import RoomConfig
 from services.task import Landmark
 
-__all__ = ["RoomSimulator", "arc"]
+__all__ = ["RoomSimulator"]
 
+FRAME = "map"
 SCENE_PERIOD_NS = 200_000_000
 WALL_COLOR = Color(r=0.35, g=0.35, b=0.35)
 LANDMARK_COLOR = Color(r=0.85, g=0.55, b=0.1)
@@ -36,8 +41,9 @@ ROBOT_COLOR = Color(r=0.15, g=0.4, b=0.8)
 class RoomSimulator:
     """True world of a room with landmarks; the source of its run.
 
-    Each step is one tick: the robot drives ``tick_s`` by the last command, after the first tick, which shows it where
-    it starts. A robot that would leave the room is held at the wall. Raises ValueError for a start outside the room.
+    Each step is one tick. The twist in truth/robot is the one that holds from its stamp to the next: the last command
+    and the motion's noise. The next step finds the robot at the end of that arc. A robot that would leave the room is
+    held at the wall while its wheels turn on. Raises ScenarioError for a start outside the room.
     """
 
     name = "simulator"
@@ -50,48 +56,53 @@ class RoomSimulator:
         self.tick_s = tick_s
         self.landmarks = landmarks
         if self._held_inside(*config.start) != config.start:
-            raise ValueError(
+            raise ScenarioError(
                 f"simulator.start {config.start}: the robot of radius {config.robot_radius} m does not fit there"
                 f" in the room of {config.width} m x {config.height} m"
             )
         self._pose = config.start
-        self._speed = 0.0
-        self._turn_rate = 0.0
+        self._command = (0.0, 0.0)  # forward speed and turning rate
+        self._twist = (0.0, 0.0, 0.0)  # true forward speed and turning rate, and rate of turning on the spot besides
         self._finished = False
         self._ticks = 0
         self._scene_ns = -SCENE_PERIOD_NS
 
     def step(self, step: Step) -> Result:
+        self._move()
         self._obey(step)
-        v, w = self._drive(step.number) if self._ticks > 0 else (0.0, 0.0)
+        self._twist = self._perturbed(step.number)
         self._ticks += 1
         x, y, theta = self._pose
+        v, w, _ = self._twist
         outputs = [Output("truth/robot", RobotState(x=x, y=y, theta=theta, v=v, w=w))]
         if step.stamp_ns - self._scene_ns >= SCENE_PERIOD_NS:
             self._scene_ns = step.stamp_ns
             outputs.append(Output("truth/scene", self._scene(timestamp(step.stamp_ns))))
         return Result(tuple(outputs), finished=self._finished or self._ticks >= self.config.max_ticks)
 
+    def _move(self) -> None:
+        v, w, spin = self._twist
+        arc = arc_displacement(v * self.tick_s, w * self.tick_s)
+        x, y, theta = compose(np.array(self._pose), arc).tolist()
+        self._pose = self._held_inside(x, y, math.remainder(theta + spin * self.tick_s, math.tau))
+
     def _obey(self, step: Step) -> None:
         for received in step.inputs:
             command = received.message
             if isinstance(command, Command):
-                drive = command.mode == "drive"
-                self._speed = _clip(command.vx, self.config.max_speed) if drive else 0.0
-                self._turn_rate = _clip(command.w, self.config.max_turn_rate) if drive else 0.0
+                v, w = (command.vx, command.w) if command.mode == "drive" else (0.0, 0.0)
+                self._command = _clip(v, self.config.max_speed), _clip(w, self.config.max_turn_rate)
                 self._finished = self._finished or command.finished
 
-    def _drive(self, number: int) -> tuple[float, float]:
-        """Move for one tick; return the speed and turning rate that the wheels really had."""
+    def _perturbed(self, number: int) -> tuple[float, float, float]:
+        v, w = self._command
         a1, a2, a3, a4, a5, a6 = self.config.alpha
-        v2, w2 = self._speed**2, self._turn_rate**2
         noise = stream(self.seed, self.name, number, "motion").standard_normal(3).tolist()
-        v = self._speed + math.sqrt(a1 * v2 + a2 * w2) * noise[0]
-        w = self._turn_rate + math.sqrt(a3 * v2 + a4 * w2) * noise[1]
-        spin = math.sqrt(a5 * v2 + a6 * w2) * noise[2]
-        x, y, theta = arc(self._pose, v, w, self.tick_s)
-        self._pose = self._held_inside(x, y, math.remainder(theta + spin * self.tick_s, math.tau))
-        return v, w
+        return (
+            v + math.sqrt(a1 * v**2 + a2 * w**2) * noise[0],
+            w + math.sqrt(a3 * v**2 + a4 * w**2) * noise[1],
+            math.sqrt(a5 * v**2 + a6 * w**2) * noise[2],
+        )
 
     def _held_inside(self, x: float, y: float, theta: float) -> tuple[float, float, float]:
         radius = self.config.robot_radius
@@ -106,7 +117,7 @@ class RoomSimulator:
         loop = LinePrimitive(
             type=1, pose=_at(0.0, 0.0, 0.0), thickness=0.03, scale_invariant=False, points=corners, color=WALL_COLOR
         )
-        return SceneEntity(timestamp=now, frame_id="world", id="room", lines=(loop,))
+        return SceneEntity(timestamp=now, frame_id=FRAME, id="room", lines=(loop,))
 
     def _landmark_shapes(self, now: Timestamp) -> SceneEntity:
         posts = tuple(_cylinder(mark.x, mark.y, 0.05, 0.5, LANDMARK_COLOR) for mark in self.landmarks)
@@ -121,7 +132,7 @@ class RoomSimulator:
             )
             for mark in self.landmarks
         )
-        return SceneEntity(timestamp=now, frame_id="world", id="landmarks", cylinders=posts, texts=labels)
+        return SceneEntity(timestamp=now, frame_id=FRAME, id="landmarks", cylinders=posts, texts=labels)
 
     def _robot_shape(self, now: Timestamp) -> SceneEntity:
         x, y, theta = self._pose
@@ -135,13 +146,13 @@ class RoomSimulator:
             color=ROBOT_COLOR,
         )
         body = _cylinder(x, y, radius, 0.1, ROBOT_COLOR)
-        return SceneEntity(timestamp=now, frame_id="world", id="robot", cylinders=(body,), arrows=(nose,))
+        return SceneEntity(timestamp=now, frame_id=FRAME, id="robot", cylinders=(body,), arrows=(nose,))
 
     def freeze(self) -> State:
         return {
             "pose": list(self._pose),
-            "speed": self._speed,
-            "turn_rate": self._turn_rate,
+            "command": list(self._command),
+            "twist": list(self._twist),
             "finished": self._finished,
             "ticks": self._ticks,
             "scene_ns": self._scene_ns,
@@ -149,24 +160,12 @@ class RoomSimulator:
 
     def thaw(self, state: State) -> None:
         x, y, theta = state["pose"]
-        self._pose = (x, y, theta)
-        self._speed = state["speed"]
-        self._turn_rate = state["turn_rate"]
+        v, w = state["command"]
+        true_v, true_w, spin = state["twist"]
+        self._pose, self._command, self._twist = (x, y, theta), (v, w), (true_v, true_w, spin)
         self._finished = state["finished"]
         self._ticks = state["ticks"]
         self._scene_ns = state["scene_ns"]
-
-
-def arc(pose: tuple[float, float, float], v: float, w: float, duration_s: float) -> tuple[float, float, float]:
-    """Return the pose (x, y, theta) after driving the exact arc of speed ``v`` and turning rate ``w``.
-
-    The chord of an arc that turns by 2h is v t sin(h) / h long and points along theta + h: no case for w = 0 but that
-    limit itself.
-    """
-    x, y, theta = pose
-    half = w * duration_s / 2
-    chord = v * duration_s * (math.sin(half) / half if half != 0.0 else 1.0)
-    return x + chord * math.cos(theta + half), y + chord * math.sin(theta + half), theta + 2 * half
 
 
 def _clip(value: float, limit: float) -> float:

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from dynpf.fields.clearance import disc_clearances, wall_clearances
 from dynpf.fields.layout import Layout
 from dynpf.rng import stream
-from protocol.messages import Command, PartsState, PartState, RobotState, timestamp
+from protocol.messages import Command, CompressedImage, PartsState, PartState, RobotState, timestamp
 from services.node import Output, Result, State, Step
+from services.simulator.camera import CameraParams, DrawnDisc, encode, render
 from services.simulator.config import WorkspaceConfig
 from services.simulator.workspace_scene import draw_scene
 from services.task import RearrangementTask, layout_of
@@ -34,7 +35,7 @@ class WorkspaceSimulator:
 
     name = "simulator"
     reads = frozenset({"controller/command"})
-    writes = frozenset({"truth/robot", "truth/parts", "truth/scene"})
+    writes = frozenset({"truth/robot", "truth/parts", "truth/scene", "camera/image"})
 
     def __init__(self, *, config: WorkspaceConfig, seed: int, tick_s: float, task: RearrangementTask) -> None:
         """Place the robot and the parts; raises ValueError when they do not fit."""
@@ -65,6 +66,8 @@ class WorkspaceSimulator:
             self._scene_ns = step.stamp_ns
             scene = draw_scene(self._pose, self._parts, self._layout, timestamp(step.stamp_ns))
             outputs.append(Output("truth/scene", scene))
+        if self._config.camera is not None:
+            outputs.append(Output("camera/image", self._photograph(self._config.camera, step)))
         finished = self._command.finished or self._ticks >= self._config.max_ticks
         return Result(tuple(outputs), finished=finished)
 
@@ -109,6 +112,18 @@ class WorkspaceSimulator:
         aside = np.abs(np.angle(np.exp(1j * (directions - self._pose[2]))))
         caught = (gaps <= self._layout.reach + self._config.grip_tolerance) & (aside <= self._config.grip_angle)
         return int(np.argmin(np.where(caught, gaps, np.inf))) if caught.any() else -1
+
+    def _photograph(self, camera: CameraParams, step: Step) -> CompressedImage:
+        x, y, theta = self._pose.tolist()
+        discs = [
+            DrawnDisc(part_x, part_y, spec.radius, camera.part_colour)
+            for (part_x, part_y), spec in zip(self._parts.tolist(), self._task.parts, strict=True)
+        ]
+        discs.append(DrawnDisc(x, y, self._task.robot_radius, camera.robot_colour, theta))
+        frame = render(discs, camera, self._seed, step.tick)
+        return CompressedImage(
+            timestamp=timestamp(step.stamp_ns), frame_id="camera", data=encode(frame, camera), format="jpeg"
+        )
 
     def _robot_state(self) -> RobotState:
         command = self._command

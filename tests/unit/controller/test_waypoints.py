@@ -2,21 +2,27 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dynpf.se2 import arc_displacement, compose
 from protocol.messages import Command, Estimate
 from services.controller.config_waypoints import WaypointsConfig
 from services.controller.waypoints import WaypointController
 from services.node import Received, Step, decode_state, encode_state
-from services.simulator.room import arc
 
 TICK_S = 0.05
 TICK_NS = 50_000_000
 SQUARE = ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0))
 
 Pose = tuple[float, float, float]
+
+
+def arc(pose: Pose, v: float, w: float, seconds: float) -> Pose:
+    x, y, theta = compose(np.array(pose), arc_displacement(v * seconds, w * seconds)).tolist()
+    return x, y, theta
 
 
 def controller(**config: object) -> WaypointController:

@@ -17,6 +17,7 @@ from protocol.messages import (
     PartState,
     RobotState,
 )
+from services.errors import ScenarioError
 from services.node import Received, Step, decode_state, encode_state
 from services.sensors.config import (
     GripperSensor,
@@ -188,7 +189,7 @@ def test_robot_alone_gives_no_overhead_reading_before_the_parts_are_known() -> N
 @pytest.mark.parametrize("sensor", ["gripper", "overhead", "scan", "landmarks"])
 def test_a_sensor_without_its_facts_is_refused_by_name(sensor: str) -> None:
     kinds = {"gripper": GripperSensor, "overhead": OverheadSensor, "scan": ScanSensor, "landmarks": LandmarkSensor}
-    with pytest.raises(ValueError, match=sensor):
+    with pytest.raises(ScenarioError, match=sensor):
         SimulatedSensors(config=SimulatedSensorsConfig(**{sensor: kinds[sensor]()}), seed=1, tick_s=0.05)
 
 

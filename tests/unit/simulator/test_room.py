@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from protocol.messages import Command, RobotState, SceneUpdate
+from services.errors import ScenarioError
 from services.node import Received, Result, Step, decode_state, encode_state
 from services.simulator.config_room import RoomConfig
-from services.simulator.room import RoomSimulator, arc
+from services.simulator.room import RoomSimulator
 from services.task import Landmark
 
 TICK_S = 0.05
@@ -35,29 +36,30 @@ def state(result: Result) -> RobotState:
 
 
 def test_one_metre_and_one_radian_a_second_trace_a_circle_of_radius_one() -> None:
-    # LANDMARK: constant 1 m/s and 1 rad/s is a circle of radius 1 about (0, 1) from (0, 0, 0).
-    for seconds in (0.1, 1.0, 3.0, 6.0):
-        x, y, theta = arc((0.0, 0.0, 0.0), 1.0, 1.0, seconds)
-        assert (x, y, theta) == pytest.approx((math.sin(seconds), 1 - math.cos(seconds), seconds), abs=1e-15)
-    assert arc((1.0, 2.0, math.pi / 2), 2.0, 0.0, 1.5) == pytest.approx((1.0, 5.0, math.pi / 2), abs=1e-15)
-    assert arc((0.0, 0.0, 0.0), 1.0, 1e-300, 1.0) == pytest.approx((1.0, 0.0, 0.0))
+    # LANDMARK: constant 1 m/s and 1 rad/s is a circle of radius 1, here about (0, 1) from (0, 0, 0).
+    node = room(width=10.0, height=10.0)
+    advance(node, 0, Command(mode="drive", vx=1.0, w=1.0))
+    for tick in range(1, 61):
+        here, seconds = state(advance(node, tick)), tick * TICK_S
+        assert (here.x, here.y) == pytest.approx((math.sin(seconds), 1 - math.cos(seconds)), abs=1e-12)
+        assert here.theta == pytest.approx(seconds, abs=1e-12)
+    here = state(advance(node, 61))
+    assert (here.v, here.w) == (1.0, 1.0)
 
 
-def test_the_robot_drives_the_commanded_arc_from_its_start() -> None:
-    node = room(start=(0.5, -0.5, 1.0))
-    assert state(advance(node, 0, DRIVE)) == RobotState(x=0.5, y=-0.5, theta=1.0)
-    for tick in range(1, 41):  # the command holds until the next one
-        last = state(advance(node, tick))
-    assert (last.x, last.y, last.theta) == pytest.approx(arc((0.5, -0.5, 1.0), 0.5, 0.4, 2.0), abs=1e-12)
-    assert (last.v, last.w) == (0.5, 0.4)
-    stopped = state(advance(node, 41, Command(mode="idle")))
-    assert (stopped.x, stopped.y, stopped.v, stopped.w) == (last.x, last.y, 0.0, 0.0)
+def test_the_twist_told_is_the_one_that_leads_to_the_next_pose() -> None:
+    node = room(start=(0.5, -0.5, math.pi / 2))
+    assert state(advance(node, 0)) == RobotState(x=0.5, y=-0.5, theta=math.pi / 2)
+    assert state(advance(node, 1, DRIVE)) == RobotState(x=0.5, y=-0.5, theta=math.pi / 2, v=0.5, w=0.4)
+    halted = state(advance(node, 2, Command(mode="idle", vx=1.0)))
+    assert (halted.theta, halted.v, halted.w) == (pytest.approx(math.pi / 2 + 0.4 * TICK_S), 0.0, 0.0)
+    assert math.dist((halted.x, halted.y), (0.5, -0.5)) == pytest.approx(0.5 * TICK_S, rel=1e-3)
+    assert state(advance(node, 3)) == halted
 
 
 def test_commands_beyond_the_limits_are_cut() -> None:
     node = room(max_speed=0.3, max_turn_rate=0.2)
-    advance(node, 0, Command(mode="drive", vx=-5.0, w=9.0))
-    after = state(advance(node, 1))
+    after = state(advance(node, 0, Command(mode="drive", vx=-5.0, w=9.0)))
     assert (after.v, after.w) == (-0.3, 0.2)
 
 
@@ -68,7 +70,7 @@ def test_motion_noise_has_the_variances_of_its_parameters() -> None:
     advance(node, 0, DRIVE)
     states = [state(advance(node, tick)) for tick in range(1, count + 1)]
     theta = np.unwrap([s.theta for s in states])
-    spins = np.diff(theta) / TICK_S - np.array([s.w for s in states[1:]])
+    spins = np.diff(theta) / TICK_S - np.array([s.w for s in states[:-1]])
     for samples, mean, variance in (
         (np.array([s.v for s in states]), v, 0.01 * v**2 + 0.02 * w**2),
         (np.array([s.w for s in states]), w, 0.03 * v**2 + 0.04 * w**2),
@@ -86,7 +88,7 @@ def test_walls_hold_the_robot() -> None:
 
 
 def test_a_start_outside_the_room_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"does not fit .* 6\.0 m x 4\.0 m"):
+    with pytest.raises(ScenarioError, match=r"does not fit .* 6\.0 m x 4\.0 m"):
         room(start=(2.9, 0.0, 0.0))
 
 

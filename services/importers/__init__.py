@@ -1,0 +1,1 @@
+"""Importers: foreign logs as recordings of ours."""

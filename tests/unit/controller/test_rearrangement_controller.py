@@ -1,0 +1,196 @@
+"""The controller's events: what is next, gripping, putting down, leaving, stalling, finishing."""
+
+import math
+
+import numpy as np
+import pytest
+
+from protocol.messages import Estimate, PartEstimate
+from services.controller.config import RearrangementControllerConfig
+from services.controller.rearrangement import RearrangementController
+from services.node import Received, Step, state_digest
+from services.task import PartSpec, RearrangementTask
+
+GOALS = ((0.0, 0.55), (-0.476, -0.275), (0.476, -0.275))
+RADII = (0.06, 0.08, 0.11)
+TASK = RearrangementTask(parts=tuple(PartSpec(radius=r, goal=g) for r, g in zip(RADII, GOALS, strict=True)))
+AWAY = ((0.5, 0.4), (-0.3, 0.6), (-0.1, -0.6))
+
+
+class Bench:
+    """A controller fed with estimates; standard deviation ``sigma`` of everything."""
+
+    def __init__(self, task=TASK, **config):
+        self.node = RearrangementController(
+            config=RearrangementControllerConfig(**config), seed=1, tick_s=0.05, task=task
+        )
+        self.tick = 0
+
+    def decide(self, robot=(0.0, 0.0), theta=0.0, parts=AWAY, held=-1, sigma=0.001):
+        covariance = tuple(np.diag([sigma**2, sigma**2, 0.0]).ravel().tolist())
+        estimate = Estimate(
+            x=robot[0],
+            y=robot[1],
+            theta=theta,
+            covariance=covariance,
+            n_eff=100.0,
+            held=held,
+            parts=tuple(PartEstimate(x=x, y=y, variance=sigma**2, seen=True) for x, y in parts),
+        )
+        return self.step(Received("estimator/state", "estimator", "boot", self.tick, 0, estimate))
+
+    def step(self, *inputs):
+        result = self.node.step(Step(self.tick, self.tick, self.tick * 50_000_000, inputs))
+        self.tick += 1
+        return result.outputs[0].message
+
+
+def holding(robot, theta, part):
+    """Parts as in AWAY, but ``part`` in the gripper."""
+    distance = 0.1 + RADII[part] + 0.01
+    parts = list(AWAY)
+    parts[part] = (robot[0] + distance * math.cos(theta), robot[1] + distance * math.sin(theta))
+    return tuple(parts)
+
+
+def robot_that_holds_at(place, theta, part):
+    distance = 0.1 + RADII[part] + 0.01
+    return (place[0] - distance * math.cos(theta), place[1] - distance * math.sin(theta))
+
+
+def test_drives_towards_the_part_that_is_next_and_turns_its_gripper_to_it():
+    command = Bench().decide()
+    assert command.mode == "mate"
+    target = AWAY[command.target]
+    assert command.vx * target[0] + command.vy * target[1] > 0
+    assert command.w * math.atan2(target[1], target[0]) > 0
+    assert math.hypot(command.vx, command.vy) == pytest.approx(0.2)
+    assert not command.grip
+
+
+def test_noise_does_not_change_the_target():
+    bench = Bench()
+    first = bench.decide().target
+    for shift in (0.02, -0.02, 0.01):
+        assert bench.decide(parts=tuple((x + shift, y - shift) for x, y in AWAY)).target == first
+
+
+def test_closes_the_gripper_only_close_and_aligned():
+    bench = Bench()
+    target = bench.decide().target
+    x, y = AWAY[target]
+    for gap, aside, expected in ((0.10, 0.0, False), (0.02, 0.5, False), (0.02, 0.0, True)):
+        robot = (x - 0.1 - RADII[target] - gap, y)
+        command = bench.decide(robot=robot, theta=aside)
+        assert (command.mode, command.grip) == ("mate", expected)
+
+
+def test_carries_what_it_holds_to_its_goal_and_puts_it_down_there():
+    bench = Bench()
+    part = bench.decide().target
+    robot = (0.0, 0.0)
+    command = bench.decide(robot=robot, parts=holding(robot, 0.0, part), held=part)
+    assert (command.mode, command.target, command.grip) == ("move", part, True)
+    theta = math.atan2(GOALS[part][1], GOALS[part][0])
+    there = robot_that_holds_at(GOALS[part], theta, part)
+    command = bench.decide(robot=there, theta=theta, parts=holding(there, theta, part), held=part)
+    assert (command.mode, command.grip) == ("leave", False)
+    assert command.vx * math.cos(theta) + command.vy * math.sin(theta) < -0.15
+
+
+def test_leaves_backwards_until_there_is_room_then_takes_another():
+    bench = Bench()
+    part = bench.decide().target
+    theta = math.atan2(GOALS[part][1], GOALS[part][0])
+    there = robot_that_holds_at(GOALS[part], theta, part)
+    parts = holding(there, theta, part)
+    bench.decide(robot=there, theta=theta, parts=parts, held=part)
+    bench.decide(robot=there, theta=theta, parts=parts, held=part)
+    modes = [bench.decide(robot=there, theta=theta, parts=parts).mode for _ in range(5)]
+    assert modes == ["leave"] * 5
+    back = (there[0] - 0.05 * math.cos(theta), there[1] - 0.05 * math.sin(theta))
+    command = bench.decide(robot=back, theta=theta, parts=parts)
+    assert command.mode == "mate"
+    assert command.target != part
+
+
+def test_a_lost_grip_is_taken_again():
+    bench = Bench()
+    part = bench.decide().target
+    robot = (0.0, 0.0)
+    assert bench.decide(robot=robot, parts=holding(robot, 0.0, part), held=part).mode == "move"
+    command = bench.decide(robot=robot, parts=holding(robot, 0.0, part))
+    assert (command.mode, command.target) == ("mate", part)
+
+
+def test_a_part_stays_home_through_noise_but_not_through_a_push():
+    bench = Bench(home_ticks=1000)
+    assert bench.decide(parts=GOALS).mode == "idle"
+    nudged = (*GOALS[:2], (GOALS[2][0] + 0.010, GOALS[2][1]))
+    assert bench.decide(parts=nudged).mode == "idle"
+    pushed = (*GOALS[:2], (GOALS[2][0] + 0.020, GOALS[2][1]))
+    command = bench.decide(parts=pushed)
+    assert (command.mode, command.target) == ("mate", 2)
+
+
+def test_finishes_after_some_ticks_with_all_parts_home():
+    bench = Bench(home_ticks=3)
+    finished = [bench.decide(parts=GOALS).finished for _ in range(4)]
+    assert finished == [False, False, True, True]
+    assert not bench.decide(parts=(*GOALS[:2], AWAY[2])).finished
+
+
+def test_a_part_that_cannot_be_reached_gives_way_to_another():
+    bench = Bench(stall_ticks=5)
+    first = bench.decide().target
+    targets = [bench.decide().target for _ in range(8)]
+    assert targets[0] == first
+    assert targets[-1] != first
+
+
+def test_a_part_whose_goal_is_taken_waits():
+    """Part 2 stands where part 1 belongs: whatever is steepest, 2 goes first of the two."""
+    parts = (GOALS[0], (0.5, 0.8), GOALS[1])
+    assert Bench().decide(robot=(0.0, 0.0), parts=parts).target == 2
+
+
+def test_of_two_that_swap_goals_one_makes_room():
+    task = RearrangementTask(parts=TASK.parts[1:])
+    bench = Bench(task=task)
+    swapped = (GOALS[2], GOALS[1])
+    command = bench.decide(parts=swapped)
+    assert (command.mode, command.target) == ("mate", 0)
+    # In the gripper it is not carried to its goal, where the other one stands.
+    held = ((0.19, 0.0), GOALS[1])
+    command = bench.decide(robot=(0.0, 0.0), parts=held, held=0)
+    towards_goal = np.array(GOALS[1]) - held[0]
+    assert command.mode == "move"
+    assert np.array([command.vx, command.vy]) @ towards_goal / np.linalg.norm(towards_goal) < 0.15
+
+
+def test_margins_grow_with_uncertainty():
+    """Beside a wall the robot may go on when it knows where it is, and must back off when it does not."""
+    parts = ((0.5, 0.9), (-0.5, -0.6), (0.5, -0.6))
+    where = (-0.885, 0.0)
+    assert Bench().decide(robot=where, parts=parts, sigma=0.0001).vx > -0.2
+    sure, unsure = (Bench().decide(robot=where, parts=parts, sigma=sigma).vx for sigma in (0.0001, 0.02))
+    assert unsure > sure
+
+
+def test_without_an_estimate_it_stands_and_holds_on():
+    bench = Bench()
+    part = bench.decide().target
+    robot = (0.0, 0.0)
+    bench.decide(robot=robot, parts=holding(robot, 0.0, part), held=part)
+    command = bench.step()
+    assert (command.vx, command.vy, command.w, command.grip) == (0.0, 0.0, 0.0, True)
+    assert not Bench().step().grip
+
+
+def test_a_thawed_controller_continues_as_the_first():
+    first, second = Bench(), Bench()
+    first.decide()
+    second.node.thaw(first.node.freeze())
+    assert first.decide(robot=(0.1, 0.1)) == second.decide(robot=(0.1, 0.1))
+    assert state_digest(first.node.freeze()) == state_digest(second.node.freeze())
+    assert state_digest(first.node.freeze()) != state_digest(Bench().node.freeze())

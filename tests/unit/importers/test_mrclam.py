@@ -1,0 +1,235 @@
+"""The MRCLAM importer: a small data set of known content, every way in which one can be wrong, and a real one."""
+
+import json
+import lzma
+import math
+from pathlib import Path
+
+import pytest
+
+from protocol.codec import decode
+from protocol.messages import LandmarkReading, LandmarkReadings, Odometry, RobotState
+from services.cli.main import main
+from services.importers.errors import ImportFailedError
+from services.importers.log import Record
+from services.importers.mrclam import import_mrclam
+from services.recording.reader import read_recording
+from services.task import Landmark
+
+REAL = Path(__file__).parents[3] / "../shared/data/mrclam"
+
+TABLES = {
+    "Barcodes.dat": "# Subject Barcode\n 1\t 5 \n 2 14\n 6 63\n 7 25\n 8 45\n",
+    "Landmark_Groundtruth.dat": "# Subject x y sx sy\n 6 1.5 -2.5 0.1 0.1\n 7 3.0 4.0 0.1 0.1\n",
+    "Robot1_Odometry.dat": "# Time v w\n100.000 0.1 0.0\n100.100 0.2 -0.3\n100.200 0.2 0.0\n",
+    "Robot1_Measurement.dat": (
+        "# Time barcode range bearing\n"
+        "100.100 63 2.0 0.5\n"
+        "100.100 25 3.0 -0.5\n"
+        "100.100 14 1.0 0.0\n"  # another robot
+        "100.150 99 1.0 0.0\n"  # in no table
+        "100.150 45 1.0 0.0\n"  # a landmark that nobody surveyed
+        "100.180 25 2.5 4.0\n"
+    ),
+    "Robot1_Groundtruth.dat": "# Time x y theta\n100.100 0.5 0.25 -1.0\n99.999999999 0.0 0.0 0.0\n",
+}
+
+
+def folder(root: Path, **changes: str | None) -> Path:
+    """Write the small data set; ``changes`` replace tables (dots as two underscores) or leave them out."""
+    changed = {name.replace("__", "."): text for name, text in changes.items()}
+    for name, text in {**TABLES, **changed}.items():
+        if text is not None:
+            (root / name).write_text(text)
+    return root
+
+
+def problems(path: Path, robot: int | None = None) -> tuple[str, ...]:
+    with pytest.raises(ImportFailedError) as caught:
+        import_mrclam(path, robot)
+    assert "\n".join(caught.value.problems) == str(caught.value)
+    return caught.value.problems
+
+
+def test_records_come_in_time_order_with_everything_where_it_belongs(tmp_path: Path) -> None:
+    log = import_mrclam(folder(tmp_path))
+    assert log.records == (
+        Record("log/truth", 99_999_999_999, RobotState(x=0.0, y=0.0, theta=0.0)),
+        Record("log/odometry", 100_000_000_000, Odometry(v=0.1, w=0.0)),
+        Record("log/truth", 100_100_000_000, RobotState(x=0.5, y=0.25, theta=-1.0)),
+        Record("log/odometry", 100_100_000_000, Odometry(v=0.2, w=-0.3)),
+        Record(
+            "log/landmarks",
+            100_100_000_000,
+            LandmarkReadings(
+                readings=(
+                    LandmarkReading(landmark=6, range=2.0, bearing=0.5),
+                    LandmarkReading(landmark=7, range=3.0, bearing=-0.5),
+                )
+            ),
+        ),
+        Record(
+            "log/landmarks",
+            100_180_000_000,
+            LandmarkReadings(readings=(LandmarkReading(landmark=7, range=2.5, bearing=4.0 - math.tau),)),
+        ),
+        Record("log/odometry", 100_200_000_000, Odometry(v=0.2, w=0.0)),
+    )
+    assert log.landmarks == (Landmark(id=6, x=1.5, y=-2.5), Landmark(id=7, x=3.0, y=4.0))
+
+
+def test_the_summary_counts_what_was_taken_and_what_was_dropped_and_why(tmp_path: Path) -> None:
+    summary = import_mrclam(folder(tmp_path)).summary
+    assert (summary.robot, summary.odometry, summary.landmark_messages, summary.landmark_readings) == (1, 3, 2, 3)
+    assert (summary.references, summary.landmarks) == (2, 2)
+    assert (summary.dropped_robots, summary.dropped_unknown_barcodes, summary.dropped_unmapped) == (1, 1, 1)
+    assert (summary.start_ns, summary.duration_s) == (99_999_999_999, pytest.approx(0.200000001))
+    assert summary.reference_gaps == summary.heading_faults == ()
+
+
+def test_a_gap_of_the_reference_is_told_in_seconds_from_the_start(tmp_path: Path) -> None:
+    references = "100.0 0 0 0\n100.5 0 0 0\n101.1 0 0 0\n"
+    log = import_mrclam(folder(tmp_path, Robot1_Groundtruth__dat=references))
+    assert log.summary.reference_gaps == (pytest.approx((0.5, 1.1)),)
+
+
+def test_compressed_tables_and_a_single_robot_under_another_prefix_are_the_same_log(tmp_path: Path) -> None:
+    (tmp_path / "plain").mkdir()
+    (tmp_path / "packed").mkdir()
+    plain = import_mrclam(folder(tmp_path / "plain"))
+    for name, text in TABLES.items():
+        target = "ds1_" + name.replace("Robot1_", "")
+        (tmp_path / "packed" / f"{target}.xz").write_bytes(lzma.compress(text.encode()))
+    packed = import_mrclam(tmp_path / "packed")
+    assert (packed.records, packed.landmarks) == (plain.records, plain.landmarks)
+    assert packed.summary.robot is None
+    (line,) = problems(tmp_path / "packed", robot=1)
+    assert line.endswith("robot 1 asked for, but its one robot has no number; ask for none")
+
+
+def test_a_robot_is_chosen_by_number(tmp_path: Path) -> None:
+    other = {name.replace("Robot1", "Robot3"): text for name, text in TABLES.items() if "Robot1" in name}
+    other["Robot3_Odometry.dat"] = "100.0 0.7 0.0\n"
+    for name, text in other.items():
+        (tmp_path / name).write_text(text)
+    folder(tmp_path)
+    assert import_mrclam(tmp_path, 3).summary.odometry == 1
+    assert import_mrclam(tmp_path, 1).summary.odometry == 3
+    assert problems(tmp_path) == (f"{tmp_path}: has robots 1, 3; choose one",)
+    assert problems(tmp_path, 2) == (f"{tmp_path}: no robot 2; it has 1, 3",)
+
+
+def test_a_marker_swap_is_told_in_the_summary_and_on_each_reference(tmp_path: Path) -> None:
+    rows = [(100 + k / 20, 0.01 * k, 2.0 if 100 <= k < 300 else 0.0) for k in range(400)]
+    references = "".join(f"{t:.3f} {x:.4f} 0.0 {theta}\n" for t, x, theta in rows)
+    log = import_mrclam(folder(tmp_path, Robot1_Groundtruth__dat=references))
+    assert log.summary.heading_faults == (pytest.approx((4.5, 15.5), abs=0.1),)
+    poses = [record.message for record in log.records if isinstance(record.message, RobotState)]
+    bad = [pose for pose in poses if not pose.heading_valid]
+    assert len(bad) == pytest.approx(220, abs=3)
+    assert all(pose.heading_valid for pose in poses if pose.x < 0.88 or pose.x > 3.12)
+
+
+@pytest.mark.parametrize(
+    ("table", "text", "expected"),
+    [
+        ("Robot1_Odometry", "100.0 abc 0.0\n", "Robot1_Odometry.dat:1: v is 'abc'; expected a finite number"),
+        ("Robot1_Odometry", "# c\n\n100.0 0.1 nan\n", "Robot1_Odometry.dat:3: w is 'nan'; expected a finite number"),
+        ("Robot1_Odometry", "100.0 0.1\n", "Robot1_Odometry.dat:1: 2 columns in '100.0 0.1'; expected 3"),
+        ("Robot1_Odometry", "-1 0 0\n", "Robot1_Odometry.dat:1: time is '-1'; expected seconds, 0 or more"),
+        ("Robot1_Odometry", "inf 0 0\n", "Robot1_Odometry.dat:1: time is 'inf'; expected seconds, 0 or more"),
+        ("Robot1_Odometry", "x 0 0\n", "Robot1_Odometry.dat:1: time is 'x'; expected seconds, 0 or more"),
+        ("Robot1_Odometry", "# nothing\n", "Robot1_Odometry.dat: holds no record"),
+        ("Robot1_Measurement", "1 63 -2 0\n", "Robot1_Measurement.dat:1: range is '-2'; expected 0 or more"),
+        ("Robot1_Measurement", "1 6.5 2 0\n", "Robot1_Measurement.dat:1: barcode is '6.5'; expected a whole number"),
+        (
+            "Robot1_Groundtruth",
+            "1 0 0 1e999\n",
+            "Robot1_Groundtruth.dat:1: orientation is '1e999'; expected a finite number",
+        ),
+        ("Barcodes", "6 63\n7 63\n", "Barcodes.dat: barcode 63 has two subjects"),
+        ("Barcodes", "", "Barcodes.dat: holds no record"),
+        ("Landmark_Groundtruth", "6 0 0 0 0\n6 1 1 0 0\n", "Landmark_Groundtruth.dat: subject 6 has two positions"),
+        ("Landmark_Groundtruth", "6 a 0 0 0\n", "Landmark_Groundtruth.dat:1: x is 'a'; expected a finite number"),
+    ],
+)
+def test_each_fault_of_a_table_is_one_line(tmp_path: Path, table: str, text: str, expected: str) -> None:
+    assert problems(folder(tmp_path, **{f"{table}__dat": text})) == (expected,)
+
+
+def test_all_faults_are_told_at_once_up_to_twenty(tmp_path: Path) -> None:
+    bad = folder(tmp_path, Robot1_Odometry__dat="a 0 0\n" * 3, Robot1_Measurement__dat="b 63 1 0\n" * 30)
+    with pytest.raises(ImportFailedError) as caught:
+        import_mrclam(bad)
+    assert len(caught.value.problems) == 33
+    assert str(caught.value).splitlines()[-1] == "and 13 more"
+
+
+def test_missing_and_unreadable_files_are_told_at_once(tmp_path: Path) -> None:
+    path = folder(tmp_path, Barcodes__dat=None, Robot1_Measurement__dat=None)
+    (path / "Robot1_Measurement.dat.xz").write_bytes(lzma.compress(b"x" * 1000)[:40])
+    first, second = problems(path)
+    assert first == f"{path / 'Barcodes.dat'}: no such file, nor Barcodes.dat.xz"
+    assert second.startswith(f"{path / 'Robot1_Measurement.dat.xz'}: cannot be read: ")
+
+
+@pytest.mark.parametrize("name", ["nowhere", "empty"])
+def test_a_folder_without_a_data_set_is_told(tmp_path: Path, name: str) -> None:
+    (tmp_path / "empty").mkdir()
+    (line,) = problems(tmp_path / name)
+    assert line.startswith(f"{tmp_path / name}: no ")
+
+
+def test_the_command_writes_every_record_in_order_and_prints_the_summary(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, output = folder(tmp_path), tmp_path / "log.mcap"
+    assert main(["import", "mrclam", str(source), "--robot", "1", "-o", str(output), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["landmark_readings"] == 3
+    log, recording = import_mrclam(source, 1), read_recording(output)
+    found = [Record(one.topic, one.stamp_ns, decode(one.topic, one.payload)) for one in recording.messages(node="log")]
+    assert tuple(found) == log.records
+    assert {(source.node, source.boot) for source in recording.sources} == {("log", "import")}
+    (attached,) = recording.attachments
+    assert attached.name == "landmarks.json"
+    assert json.loads(attached.data) == [{"id": 6, "x": 1.5, "y": -2.5}, {"id": 7, "x": 3.0, "y": 4.0}]
+    assert main(["doctor", str(output)]) == 0
+
+
+def test_the_command_overwrites_nothing_and_tells_faults_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "log.mcap"
+    output.write_bytes(b"kept")
+    assert main(["import", "mrclam", str(folder(tmp_path)), "-o", str(output)]) == 2
+    assert output.read_bytes() == b"kept"
+    assert main(["import", "mrclam", str(tmp_path), "--robot", "4", "-o", str(tmp_path / "new.mcap")]) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == f"dynpf import: {tmp_path}: no robot 4; it has 1"
+    assert not (tmp_path / "new.mcap").exists()
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason=f"the MRCLAM data sets are not at {REAL}")
+def test_the_real_slice_has_its_counts() -> None:
+    log = import_mrclam(REAL / "ds1_seed_60s")
+    summary = log.summary
+    assert (summary.odometry, summary.landmark_readings, summary.dropped_robots, summary.references) == (
+        499,
+        216,
+        6,
+        5972,
+    )
+    assert [landmark.id for landmark in log.landmarks] == list(range(6, 21))
+    assert (summary.reference_gaps, summary.heading_faults) == ((), ())
+    stamps = [record.stamp_ns for record in log.records]
+    assert stamps == sorted(stamps)
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason=f"the MRCLAM data sets are not at {REAL}")
+def test_the_real_log_shows_its_two_marker_swaps_and_a_clean_one_none() -> None:
+    summary = import_mrclam(REAL / "ds1_Dataset9_Robot3").summary
+    assert (summary.odometry, summary.landmark_readings, summary.references) == (11524, 5114, 125925)
+    assert summary.landmark_readings + summary.dropped_robots == 6167
+    assert len(summary.reference_gaps) == 9
+    # The heading itself jumps at 757.5, 835.6, 991.2 and 1045.4 s; half a chord is added.
+    assert summary.heading_faults == (pytest.approx((757.0, 836.1), abs=0.6), pytest.approx((991.2, 1046.0), abs=0.6))
+    assert import_mrclam(REAL / "ds7_5robots_30s", 2).summary.heading_faults == ()

@@ -1,0 +1,155 @@
+"""The rearrangement workspace: determinism, noise, gripping, contacts."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dynpf.rng import stream
+from protocol.messages import Command
+from services.node import Received, Step, state_digest
+from services.simulator.config import WorkspaceConfig
+from services.simulator.workspace import WorkspaceSimulator, draw_starts
+from services.task import PartSpec, RearrangementTask
+
+TICK_S = 0.05
+QUIET = WorkspaceConfig(process_variance=0.0)
+IDLE = Command(mode="idle")
+
+
+def task(*starts, robot=(0.0, 0.0)):
+    parts = tuple(PartSpec(radius=0.08, goal=(0.5, 0.5 * index), start=start) for index, start in enumerate(starts))
+    return RearrangementTask(parts=parts, robot_start=robot)
+
+
+def simulator(of, config=QUIET, seed=1):
+    return WorkspaceSimulator(config=config, seed=seed, tick_s=TICK_S, task=of)
+
+
+def drive(node, *commands):
+    """Step through the first tick and then one tick for each command; return (robot, parts, finished) of each."""
+    seen = []
+    for tick, command in enumerate((None, *commands)):
+        inputs = () if command is None else (_received(command, tick),)
+        result = node.step(Step(tick, tick, tick * 50_000_000, inputs))
+        by_topic = {output.topic: output.message for output in result.outputs}
+        seen.append((by_topic["truth/robot"], by_topic["truth/parts"], result.finished))
+    return seen
+
+
+def _received(command, tick):
+    return Received("controller/command", "controller", "boot", tick, tick * 50_000_000, command)
+
+
+def test_same_seed_same_bytes_and_another_seed_another_world():
+    config = WorkspaceConfig()
+    free = RearrangementTask(parts=(PartSpec(radius=0.06, goal=(0.0, 0.5)), PartSpec(radius=0.11, goal=(0.5, 0.0))))
+    move = Command(mode="mate", target=0, vx=0.1, vy=-0.05, w=0.3)
+    worlds = [simulator(free, config, seed) for seed in (5, 5, 6)]
+    for world in worlds:
+        drive(world, *[move] * 10)
+    digests = [state_digest(world.freeze()) for world in worlds]
+    assert digests[0] == digests[1]
+    assert digests[0] != digests[2]
+
+
+def test_a_thawed_world_continues_as_the_first():
+    config = WorkspaceConfig()
+    first, second = (simulator(task((0.4, 0.0)), config) for _ in range(2))
+    move = Command(mode="mate", target=0, vx=0.2)
+    drive(first, move, move)
+    second.thaw(first.freeze())
+    step = Step(3, 3, 150_000_000, (_received(move, 3),))
+    assert first.step(step) == second.step(step)
+
+
+def test_the_robot_goes_as_commanded_plus_noise_of_the_given_variance():
+    config = WorkspaceConfig(process_variance=0.06e-4, max_ticks=10_000)
+    world = simulator(task((0.9, 0.9)), config)
+    back_and_forth = [Command(mode="mate", vx=0.2 * (-1) ** tick) for tick in range(3000)]
+    path = np.array([(robot.x, robot.y) for robot, _, _ in drive(world, *back_and_forth)])
+    commanded = np.array([(command.vx * TICK_S, 0.0) for command in back_and_forth])
+    noise = np.diff(path, axis=0) - commanded
+    # The standard error of a variance from n normal draws is variance sqrt(2 / n).
+    np.testing.assert_allclose(noise.var(axis=0), 0.06e-4, rtol=5 * math.sqrt(2 / 3000))
+    assert np.all(np.abs(noise.mean(axis=0)) < 5 * math.sqrt(0.06e-4 / 3000))
+
+
+def test_a_part_moves_only_in_the_gripper():
+    near = 0.1 + 0.08 + 0.015
+    world = simulator(task((near, 0.0), (-0.5, -0.5)))
+    push = Command(mode="mate", target=0, vx=0.0, vy=0.1)
+    grip = Command(mode="move", target=0, vx=-0.1, vy=0.0, w=0.2, grip=True)
+    seen = drive(world, push, Command(mode="mate", target=0, vy=-0.1), grip, grip, push)
+    where = [(parts.parts[0].x, parts.parts[0].y) for _, parts, _ in seen]
+    assert [parts.held for _, parts, _ in seen] == [-1, -1, -1, 0, 0, -1]
+    assert where[0] == where[1] == where[2] == (near, 0.0)
+    for robot, parts, _ in seen[3:5]:
+        offset = (parts.parts[0].x - robot.x, parts.parts[0].y - robot.y)
+        assert math.hypot(*offset) == pytest.approx(0.1 + 0.08 + 0.01)
+        assert math.atan2(offset[1], offset[0]) == pytest.approx(robot.theta)
+    assert where[5] == where[4] != where[3]
+    assert len({(parts.parts[1].x, parts.parts[1].y) for _, parts, _ in seen}) == 1
+
+
+@pytest.mark.parametrize(("gap", "angle"), [(0.025, 0.0), (0.01, 0.25)])
+def test_the_jaws_reach_only_so_far(gap, angle):
+    centre = 0.18 + gap
+    world = simulator(task((centre * math.cos(angle), centre * math.sin(angle))))
+    assert drive(world, Command(mode="mate", target=0, grip=True))[-1][1].held == -1
+
+
+def test_contacts_are_counted_by_tick_and_not_for_what_is_held():
+    world = simulator(task((0.19, 0.0), (0.0, 0.185)))
+    up = Command(mode="mate", target=1, vy=0.2)
+    hold = Command(mode="move", target=0, grip=True)
+    contacts = [parts.contacts for _, parts, _ in drive(world, hold, hold, up, up, IDLE)]
+    assert contacts == [0, 0, 0, 1, 2, 3]
+
+
+def test_a_wall_is_a_contact():
+    world = simulator(task((0.5, 0.5), robot=(-0.895, 0.0)))
+    assert drive(world, Command(mode="mate", vx=-0.2))[-1][1].contacts == 1
+
+
+def test_the_run_ends_when_the_controller_has_finished_or_time_is_up():
+    seen = drive(simulator(task((0.5, 0.5))), IDLE, Command(mode="idle", finished=True))
+    assert [finished for _, _, finished in seen] == [False, False, True]
+    assert seen[-1][1].finished
+    short = simulator(task((0.5, 0.5)), WorkspaceConfig(max_ticks=2))
+    assert [finished for _, _, finished in drive(short, IDLE)] == [False, True]
+
+
+def test_drawn_starts_leave_room_for_the_robot():
+    config = WorkspaceConfig()
+    free = RearrangementTask(
+        parts=tuple(PartSpec(radius=radius, goal=(0.0, 0.0)) for radius in (0.06, 0.1, 0.08, 0.11, 0.07, 0.09))
+    )
+    radii = np.array([0.06, 0.1, 0.08, 0.11, 0.07, 0.09, 0.1])
+    for seed in range(10):
+        robot, parts = draw_starts(free, config, stream(seed, "simulator", 0, "start"))
+        centres = np.vstack([parts, robot])
+        first, second = np.triu_indices(7, 1)
+        gaps = np.linalg.norm(centres[first] - centres[second], axis=1) - radii[first] - radii[second]
+        assert gaps.min() >= config.start_gap
+        assert (1.0 - np.abs(centres) - radii[:, None]).min() >= config.start_wall_gap - 1e-12
+
+
+def test_starts_that_do_not_fit_are_refused():
+    crowded = RearrangementTask(parts=tuple(PartSpec(radius=0.2, goal=(0.0, 0.0)) for _ in range(20)))
+    with pytest.raises(ValueError, match="ask for smaller gaps"):
+        draw_starts(crowded, WorkspaceConfig(), stream(1, "simulator", 0, "start"))
+    wide = RearrangementTask(parts=(PartSpec(radius=0.95, goal=(0.0, 0.0)),))
+    with pytest.raises(ValueError, match="ask for smaller gaps"):
+        draw_starts(wide, WorkspaceConfig(), stream(1, "simulator", 0, "start"))
+
+
+def test_the_scene_is_drawn_five_times_a_second():
+    world = simulator(task((0.5, 0.5)))
+    drawn = [
+        tick
+        for tick in range(9)
+        for output in world.step(Step(tick, tick, tick * 50_000_000, ())).outputs
+        if output.topic == "truth/scene"
+    ]
+    assert drawn == [0, 4, 8]
