@@ -31,7 +31,7 @@ from services.estimator.config import LocalizationConfig
 from services.node import Output, Received, Result, State, Step
 from services.task import Landmark
 
-__all__ = ["LocalizationEstimator"]
+__all__ = ["LocalizationNode"]
 
 FRAME = "map"
 NANOSECONDS = 10**9
@@ -47,7 +47,7 @@ class _TimedTwist(NamedTuple):
     w: float
 
 
-class LocalizationEstimator:
+class LocalizationNode:
     """The estimator of a robot among landmarks.
 
     Inputs are taken in the order given. Each first brings the particles to its own stamp, under the twist that
@@ -59,14 +59,7 @@ class LocalizationEstimator:
     reads = frozenset({"sensors/odometry", "sensors/landmarks"})
     writes = frozenset({"estimator/state", "estimator/pose", "estimator/dead_reckoning", "estimator/particles", "log"})
 
-    def __init__(
-        self,
-        *,
-        config: LocalizationConfig,
-        seed: int,
-        tick_s: float,  # noqa: ARG002 - goes by the stamps of its inputs
-        landmarks: Sequence[Landmark],
-    ) -> None:
+    def __init__(self, *, config: LocalizationConfig, seed: int, landmarks: Sequence[Landmark]) -> None:
         self._seed = seed
         self._delay_ns = round(config.odometry_delay * NANOSECONDS)
         self._landmarks = LandmarkMap((mark.id, mark.x, mark.y) for mark in landmarks)
