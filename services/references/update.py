@@ -111,7 +111,7 @@ def _make(entry: Entry, checkout: Path, path: Path) -> Change | None:
     if size > MAX_BYTES and not entry.log:
         raise UsageError(f"{entry.name}: {size} bytes; a reference recording has at most {MAX_BYTES}: make it shorter")
     digest, provenance = content_digest(anew), collect()
-    if entry.made is not None and entry.made.digest == digest and (entry.log or old is not None):
+    if entry.made is not None and entry.made.digest == digest and (entry.log or not note):
         return None
     made = Made(digest=digest, dynpf=provenance.dynpf_version, platform=made_by(provenance))
     before = measure(old) if old is not None else {}
