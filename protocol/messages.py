@@ -20,6 +20,8 @@ __all__ = [
     "Diagnostics",
     "Duration",
     "Estimate",
+    "FrameTransform",
+    "FrameTransforms",
     "Gap",
     "Gripper",
     "HostEvent",
@@ -133,6 +135,21 @@ class PosesInFrame(Message, frozen=True, kw_only=True):
     timestamp: Timestamp
     frame_id: str
     poses: Annotated[tuple[Pose, ...], Meta(max_length=200)]
+
+
+class FrameTransform(Part, frozen=True, kw_only=True):
+    """Where the child frame lies in the parent frame."""
+
+    timestamp: Timestamp
+    parent_frame_id: str
+    child_frame_id: str
+    translation: Vector3
+    rotation: Quaternion
+
+
+class FrameTransforms(Message, frozen=True, kw_only=True):
+    schema_name = "foxglove.FrameTransforms"
+    transforms: Annotated[tuple[FrameTransform, ...], Meta(max_length=16)]
 
 
 class LaserScan(Message, frozen=True, kw_only=True):

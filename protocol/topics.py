@@ -166,6 +166,18 @@ _ROWS = (
         description="At most 200 of the particles, at most five times a second of logical time",
     ),
     Topic(
+        name="estimator/transforms",
+        type=messages.FrameTransforms,
+        publishers=("estimator",),
+        description="Where the estimated robot is in the map, for looking at; sent with the particles",
+    ),
+    Topic(
+        name="estimator/scene",
+        type=messages.SceneUpdate,
+        publishers=("estimator",),
+        description="The landmarks and the estimated robot as shapes, for looking at: at most once a second",
+    ),
+    Topic(
         name="controller/command",
         type=messages.Command,
         publishers=("controller",),

@@ -24,6 +24,7 @@ from dynpf.filters.optimal import (
 )
 from dynpf.filters.resampling import effective_sample_size
 from dynpf.rng import stream
+from protocol import frames
 from protocol.messages import (
     Command,
     Detections,
@@ -36,6 +37,7 @@ from protocol.messages import (
     timestamp,
 )
 from services.estimator.config_rearrangement import RearrangementConfig
+from services.estimator.picture import robot_transform
 from services.node import Output, Result, State, Step
 from services.task import RearrangementTask, layout_of
 
@@ -44,7 +46,6 @@ __all__ = ["RearrangementEstimator"]
 FloatArray = NDArray[np.float64]
 
 ROBOT = 0  # row of the robot among the objects to be matched; part i is row i + 1
-FRAME = "world"
 
 
 class RearrangementEstimator:
@@ -52,7 +53,7 @@ class RearrangementEstimator:
 
     name = "estimator"
     reads = frozenset({"vision/detections", "sensors/overhead", "sensors/gripper", "controller/command"})
-    writes = frozenset({"estimator/state", "estimator/pose", "estimator/particles"})
+    writes = frozenset({"estimator/state", "estimator/pose", "estimator/particles", "estimator/transforms"})
 
     def __init__(self, *, config: RearrangementConfig, seed: int, tick_s: float, task: RearrangementTask) -> None:
         self._layout = layout_of(task)
@@ -261,13 +262,15 @@ class RearrangementEstimator:
             held=self._held,
         )
         stamp = timestamp(step.stamp_ns)
-        pose = PoseInFrame(timestamp=stamp, frame_id=FRAME, pose=planar_pose(x, y, self._theta))
+        pose = PoseInFrame(timestamp=stamp, frame_id=frames.MAP, pose=planar_pose(x, y, self._theta))
         outputs = [Output("estimator/state", estimate), Output("estimator/pose", pose)]
         if self._cloud_ns < 0 or step.stamp_ns - self._cloud_ns >= round(self._config.particle_period_s * 1e9):
             self._cloud_ns = step.stamp_ns
             shown = particles.states[:: math.ceil(len(particles.states) / 200)].tolist()
             poses = tuple(planar_pose(px, py, self._theta) for px, py in shown)
-            outputs.append(Output("estimator/particles", PosesInFrame(timestamp=stamp, frame_id=FRAME, poses=poses)))
+            cloud = PosesInFrame(timestamp=stamp, frame_id=frames.MAP, poses=poses)
+            outputs.append(Output("estimator/particles", cloud))
+            outputs.append(Output("estimator/transforms", robot_transform(x, y, self._theta, stamp)))
         return tuple(outputs)
 
 
