@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from services.errors import RunError
+from services.errors import BROKEN_OFF, RunError
 from services.member import StopSignal, say
 from services.scenario import Scenario, resolved_json
 
@@ -92,14 +92,12 @@ def _failure(processes: dict[str, subprocess.Popen[bytes]]) -> str:
 
     A killed process is the cause, whatever the others, which follow it, say of themselves.
     """
-    codes = {name: process.poll() for name, process in processes.items()}
+    codes = {name: process.poll() or 0 for name, process in processes.items()}
     for name, code in codes.items():
-        if code is not None and code < 0:
+        if code < 0:
             return f"{name} was killed by signal {-code}"
-    for name, code in codes.items():
-        if code:
-            return f"{name} ended with exit code {code}"
-    return ""
+    failed = sorted((code == BROKEN_OFF, name, code) for name, code in codes.items() if code > 0)
+    return f"{failed[0][1]} ended with exit code {failed[0][2]}" if failed else ""
 
 
 def free_port() -> int:
