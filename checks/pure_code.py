@@ -16,6 +16,7 @@ __all__ = ["PURE", "findings"]
 PURE = (
     "dynpf",
     "protocol",
+    "services/errors.py",
     "services/node.py",
     "services/task.py",
     "services/simulator",
@@ -28,7 +29,20 @@ PURE = (
 MODULES = (
     *(root.removesuffix(".py").replace("/", ".") for root in PURE),
     *("__future__", "abc", "base64", "bisect", "collections", "copy", "dataclasses", "enum", "functools", "hashlib"),
-    *("heapq", "itertools", "json", "math", "numbers", "operator", "re", "string", "struct", "types", "typing"),
+    *(
+        "heapq",
+        "itertools",
+        "json",
+        "math",
+        "numbers",
+        "operator",
+        "re",
+        "statistics",
+        "string",
+        "struct",
+        "types",
+        "typing",
+    ),
     *("cv2", "msgspec", "numba", "numpy"),
 )
 
