@@ -147,12 +147,16 @@ class Bus:
         """Answer every query of ``key`` with ``payload``."""
         self._declared.append(self._session.declare_queryable(key, lambda query: query.reply(key, payload)))
 
-    def ask(self, key: str) -> bytes | None:
-        """Return the answer to ``key``, or None if nobody gives one."""
-        for reply in self._session.get(key, timeout=2.0):
-            if reply.ok is not None:
-                return reply.ok.payload.to_bytes()
-        return None
+    def ask(self, key: str, patience_s: float) -> bytes | None:
+        """Return the answer to ``key``, or None if nobody gives one within ``patience_s``."""
+        deadline = time.monotonic() + patience_s
+        while True:
+            for reply in self._session.get(key, timeout=patience_s):
+                if reply.ok is not None:
+                    return reply.ok.payload.to_bytes()
+            if time.monotonic() > deadline:
+                return None
+            time.sleep(0.02)  # Zenoh says at once that nobody answers yet
 
     def receive(self, timeout_s: float) -> Arrival | None:
         """Return the next arrival, or None after ``timeout_s``."""

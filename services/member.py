@@ -15,13 +15,15 @@ from types import FrameType
 
 from protocol.control import Beat, Recorded, Stop, decode_control, encode_control
 from services.bus import ALIVE, BEAT, CONTROL, READY, SCENARIO, Arrival, Bus
-from services.errors import RunError, UsageError
+from services.errors import BrokenOffError, RunError, UsageError
 from services.scenario import Scenario, first_difference, resolved_json
 
 __all__ = ["Member", "join", "new_boot", "say"]
 
 BEAT_S = 0.5
 WEDGED_S = 15.0
+SURE_S = 0.05
+"""When the router goes, the peers' tokens go first: a moment later it is clear who it was."""
 RECORDER = "recorder"
 
 
@@ -117,13 +119,13 @@ class Member:
         self._next_beat = now + BEAT_S
         self.bus.put(f"{BEAT}{self.name}", encode_control(Beat(self.name, self.boot, self.ticks)), may_drop=True)
         if not self.bus.connected and not self.leaving:
-            raise RunError("the router is gone; the run cannot go on")
+            raise BrokenOffError("the router is gone; the run cannot go on")
         if os.getppid() != self._parent and not self._stop.requested:
             self._stop.request("the process that started this one is gone")
         if not self.leaving:
             for peer, seen in self._beats.items():
                 if peer in self.peers and now - seen > WEDGED_S:
-                    raise RunError(f"{peer} has not answered for {WEDGED_S:g} s: it hangs; the run cannot go on")
+                    raise BrokenOffError(f"{peer} has not answered for {WEDGED_S:g} s: it hangs; the run cannot go on")
 
     def _token(self, arrival: Arrival) -> None:
         prefix = ALIVE if arrival.key.startswith(ALIVE) else READY
@@ -141,18 +143,21 @@ class Member:
         if node not in self._ready:
             del self.boots[node]  # it left before the run began; another may come
             return
-        if not self.bus.connected:
-            raise RunError("the router is gone; the run cannot go on")
         if node == RECORDER and self.recorded is not None:
             return
-        raise RunError(f"{node} is gone (killed, crashed or cut off) after tick {self.ticks}; the run cannot go on")
+        time.sleep(SURE_S)
+        if not self.bus.connected:
+            raise BrokenOffError("the router is gone; the run cannot go on")
+        raise BrokenOffError(
+            f"{node} is gone (killed, crashed or cut off) after tick {self.ticks}; the run cannot go on"
+        )
 
     def _control(self, arrival: Arrival) -> None:
         what = arrival.key[len(CONTROL) :]
         if what == "recorded":
             self.recorded = decode_control(arrival.payload, Recorded)
             if not self.recorded.complete and not self.leaving:
-                raise RunError(f"the recorder has closed the recording: {self.recorded.reason}")
+                raise BrokenOffError(f"the recorder has closed the recording: {self.recorded.reason}")
         elif what == "stop":
             self.stop_reason = decode_control(arrival.payload, Stop).reason
 
@@ -190,8 +195,8 @@ class StopSignal:
         """Catch SIGINT and SIGTERM while the block runs."""
         stop = cls()
 
-        def handle(number: int, _frame: FrameType | None) -> None:
-            stop.request("stopped by the user" if number == signal.SIGINT else "told to terminate")
+        def handle(_number: int, _frame: FrameType | None) -> None:
+            stop.request("stopped by the user")
 
         before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
@@ -221,7 +226,7 @@ def join(name: str, scenario: Scenario, endpoint: str, stop: StopSignal) -> Iter
 
 
 def _same_scenario(name: str, bus: Bus, scenario: Scenario, endpoint: str) -> None:
-    theirs = bus.ask(SCENARIO)
+    theirs = bus.ask(SCENARIO, patience_s=5.0)
     if theirs is None:
         raise RunError(f"the router at {endpoint} does not say which scenario it runs; is it a dynpf router?")
     difference = first_difference(resolved_json(scenario), theirs.decode())

@@ -11,7 +11,7 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
 from msgspec import Meta
@@ -30,6 +30,7 @@ from services.task import Landmark, RearrangementTask
 from services.vision.config import VisionConfig
 
 __all__ = [
+    "LogFacts",
     "Scenario",
     "find_scenario",
     "first_difference",
@@ -73,6 +74,14 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         return round(self.tick_s * 1e9)
 
 
+class LogFacts(NamedTuple):
+    """What an imported log brings to a scenario: its content digest, its landmarks, and its first reference pose."""
+
+    digest: str
+    landmarks: Sequence[Mapping[str, Any]]
+    start: tuple[float, float, float] | None
+
+
 def scenario_files() -> list[Path]:
     """Return the scenarios that come with dynpf, by name."""
     return sorted(SCENARIOS.glob("*.toml"))
@@ -97,8 +106,7 @@ def load_scenario(
     overrides: Sequence[str] = (),
     seed: int | None = None,
     clock: str | None = None,
-    log_digest: str = "",
-    log_landmarks: Sequence[Mapping[str, Any]] = (),
+    log: LogFacts | None = None,
 ) -> Scenario:
     """Return the resolved scenario: the file, then what the log brings, then ``--set`` overrides, seed and clock.
 
@@ -112,10 +120,8 @@ def load_scenario(
         raise ScenarioError(f"{path}: {error}") from error
     if not isinstance(raw, dict):
         raise ScenarioError(f"{path}: holds a {type(raw).__name__}, expected a table of keys")
-    if log_digest:
-        raw["log_digest"] = log_digest
-        if log_landmarks:
-            raw["landmarks"] = [dict(landmark) for landmark in log_landmarks]
+    if log is not None:
+        _take_from_log(raw, log)
     for override in overrides:
         _apply(raw, override)
     if seed is not None:
@@ -152,6 +158,18 @@ def first_difference(ours: str, theirs: str) -> tuple[str, Any, Any] | None:
         if mine.get(key) != other.get(key):
             return key, mine.get(key), other.get(key)
     return None
+
+
+def _take_from_log(raw: dict[str, Any], log: LogFacts) -> None:
+    """Fill in what the scenario leaves to the log: the map, and where a known start is."""
+    raw["log_digest"] = log.digest
+    if log.landmarks:
+        raw.setdefault("landmarks", [dict(landmark) for landmark in log.landmarks])
+    estimator = raw.get("estimator")
+    start = estimator.get("start") if isinstance(estimator, dict) else None
+    if log.start is not None and isinstance(start, dict) and start.get("kind") == "known":
+        for key, value in zip(("x", "y", "theta"), log.start, strict=True):
+            start.setdefault(key, value)
 
 
 def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:

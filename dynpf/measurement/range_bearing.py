@@ -8,7 +8,6 @@ from msgspec import Meta
 
 from dynpf.filters.estimate import weighted_covariance
 from dynpf.maps.landmarks import LandmarkMap
-from dynpf.motion.calibration import BEARING_BIAS
 from dynpf.se2 import FloatArray, wrap_angle
 
 __all__ = ["RangeBearing", "RangeBearingParams", "RangeBearingReading"]
@@ -31,15 +30,15 @@ class RangeBearingParams(
     """Noise and trust. The range's variance is sigma_range^2 + (sigma_range_per_m range)^2."""
 
     sigma_range: Positive = 0.08  # m, at range zero
-    sigma_range_per_m: NonNegative = 0.226  # m per m
+    sigma_range_per_m: NonNegative = 0.2  # m per m
     sigma_bearing: Positive = 0.018  # rad
     # Squared Mahalanobis distance of the innovation above which a reading is taken for a misread identity.
     gate: Positive = 25.0
     # Share of readings that come from anywhere: keeps one bad reading from deciding.
-    outlier_fraction: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
+    outlier_fraction: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.01
     outlier_range: Positive = 10.0  # m: an outlier's range is uniform up to here, its bearing over the circle
     # Exponent of the likelihood: readings in quick succession share their error, so each counts for less.
-    tempering: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.4
+    tempering: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.35
 
 
 class RangeBearing:
@@ -58,8 +57,6 @@ class RangeBearing:
         x, y = self.landmarks.position(landmark)
         east, north = x - particles[0], y - particles[1]
         bearing = np.arctan2(north, east) - particles[2]
-        if particles.shape[0] > BEARING_BIAS:
-            bearing = bearing + particles[BEARING_BIAS]
         return np.hypot(east, north), wrap_angle(bearing)
 
     def innovation(self, particles: FloatArray, reading: RangeBearingReading) -> FloatArray:

@@ -17,7 +17,7 @@ Variance = Annotated[float, Meta(ge=0.0)]
 class ArcsParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="arcs"):
     """Noise variances per metre of way and per radian turned, so that the step's length does not matter."""
 
-    along_variance_per_m: Variance = 0.15  # m^2 per m, in the direction of motion
+    along_variance_per_m: Variance = 0.1  # m^2 per m, in the direction of motion
     across_variance_per_m: Variance = 0.0015  # m^2 per m, sideways slip
     turn_variance_per_rad: Variance = 0.078  # rad^2 per rad turned
     turn_variance_per_m: Variance = 0.003  # rad^2 per m driven

@@ -1,7 +1,7 @@
-"""Calibration estimated with the pose: further rows of the particles that odometry and bearings are corrected by.
+"""Calibration estimated with the pose: a further row of the particles, by which odometry is corrected.
 
-A wheel base that is off, or wheels that slip when turning, scale every commanded turn; a camera mounted askew shifts
-every bearing. Both stay almost the same over a run, so a filter that carries them needs far less noise.
+A wheel base that is off, or wheels that slip when turning, scale every turn that odometry reports. The scale hardly
+changes over a run, so a filter that carries it learns what it would otherwise have to call noise.
 """
 
 from typing import Annotated
@@ -13,24 +13,19 @@ from msgspec import Meta
 from dynpf.motion.model import MotionModel, Twist
 from dynpf.se2 import FloatArray
 
-__all__ = ["BEARING_BIAS", "TURN_SCALE", "CalibratedMotion", "CalibrationParams"]
+__all__ = ["TURN_SCALE", "CalibratedMotion", "CalibrationParams"]
 
 TURN_SCALE = 3
-"""Row of a particle: true turning rate over the odometry's."""
-
-BEARING_BIAS = 4
-"""Row of a particle: what the sensor adds to every true bearing, radians."""
+"""Row of a particle: the true turning rate over the odometry's."""
 
 NonNegative = Annotated[float, Meta(ge=0.0)]
 
 
 class CalibrationParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Priors (turn scale around 1, bearing bias around 0) and random walks, as standard deviations."""
+    """Standard deviations of the turn scale: of its prior around 1, and of its random walk."""
 
-    turn_scale_sigma: NonNegative = 0.15
-    turn_scale_walk: NonNegative = 0.003  # per square root of a second
-    bearing_bias_sigma: NonNegative = 0.02  # rad
-    bearing_bias_walk: NonNegative = 0.0002  # rad per square root of a second
+    turn_scale_sigma: NonNegative = 0.1
+    turn_scale_walk: NonNegative = 0.004  # per square root of a second
 
 
 class CalibratedMotion:
@@ -41,22 +36,19 @@ class CalibratedMotion:
         self.params = params
 
     def particles(self, poses: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Return poses (3, N) with turn scale and bearing bias drawn from their priors, shape (5, N)."""
-        noise = rng.standard_normal((2, poses.shape[1]))
-        scale = 1.0 + self.params.turn_scale_sigma * noise[0]
-        bias = self.params.bearing_bias_sigma * noise[1]
-        return np.vstack((self.motion.particles(poses, rng), scale, bias))
+        """Return poses (3, N) with turn scales drawn from their prior, shape (4, N)."""
+        scale = 1.0 + self.params.turn_scale_sigma * rng.standard_normal(poses.shape[1])
+        return np.vstack((self.motion.particles(poses, rng), scale))
 
     def propagate(self, particles: FloatArray, twist: Twist, duration: float, rng: np.random.Generator) -> FloatArray:
-        """Return particles (5, N) moved by their own scaled twist, their calibration one step further on its walk.
+        """Return particles (4, N) moved by their own scaled twist, their scales one step further on the walk.
 
-        While the robot rests the calibration rests too: nothing would be seen that could correct it.
+        While the robot rests the scale rests too: nothing would be seen that could correct it.
         """
         if not (np.any(twist.v) or np.any(twist.w)):
             return particles
         scaled = Twist(twist.v, twist.w * particles[TURN_SCALE])
         moved = self.motion.propagate(particles, scaled, duration, rng)
-        noise = np.sqrt(duration) * rng.standard_normal((2, particles.shape[1]))
-        moved[TURN_SCALE] += self.params.turn_scale_walk * noise[0]
-        moved[BEARING_BIAS] += self.params.bearing_bias_walk * noise[1]
+        step = self.params.turn_scale_walk * np.sqrt(duration)
+        moved[TURN_SCALE] += step * rng.standard_normal(particles.shape[1])
         return moved

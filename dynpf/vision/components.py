@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 __all__ = ["Group", "foreground", "group_edges"]
 
 
+_CLUTTER = 256
+
+
 class Group(NamedTuple):
     """The edge pixels of an image and whose they are, as weights 1 or 0."""
 
@@ -40,52 +43,78 @@ def foreground(contrast: NDArray[np.float32], min_contrast: float) -> NDArray[np
 def group_edges(mask: NDArray[np.uint8], min_radius_px: float) -> Group:
     """Find the mask's components and the discs in each, and hand out the edge pixels.
 
-    Specks and holes of less than half the area of the smallest disc are passed over. The image's border is no edge.
+    Specks of less than half the area of the smallest disc are passed over. A hole as small as that is either a glint
+    on a disc or what three discs leave between them: peaks are found both with such holes filled and with them open,
+    and it is left to the fit which are discs. The image's border is no edge. An image with more than 256 components
+    or peaks is clutter, in which nothing is found.
     """
-    labels, edge_px, edge_label, outer = _components(mask, np.pi * min_radius_px**2 / 2)
-    names = np.unique(edge_label)
-    of_component = (edge_label == names[:, None]) & outer
-    peak_px, peak_radius = _peaks(labels, min_radius_px)
-    peak_label = labels[peak_px[:, 1], peak_px[:, 0]]
-    with_edge = np.isin(peak_label, names)
-    peak_px, peak_radius, peak_label = peak_px[with_edge], peak_radius[with_edge], peak_label[with_edge]
-    component = np.searchsorted(names, peak_label)
-    if len(peak_px) == 0:
-        return Group(edge_px, of_component.astype(np.float64), np.zeros((0, len(edge_px))), component)
-    distance = np.sqrt(((edge_px - peak_px[:, None]) ** 2).sum(axis=2)) - peak_radius[:, None]
-    distance = np.where(edge_label == peak_label[:, None], np.abs(distance), np.inf)
-    owner = np.argmin(distance, axis=0)
-    close = distance[owner, np.arange(len(edge_px))] < 0.5 * peak_radius[owner]
-    of_peak = (owner == np.arange(len(peak_px))[:, None]) & close
-    return Group(edge_px, of_component.astype(np.float64), of_peak.astype(np.float64), component)
+    borders = _borders(mask, np.pi * min_radius_px**2 / 2)
+    names = np.unique(borders.label)
+    if len(names) > _CLUTTER:
+        return _nothing(borders.px)
+    of_component = (borders.label == names[:, None]) & borders.outer
+    of_peak, component = [np.zeros((0, len(borders.px)), dtype=bool)], [np.zeros(0, dtype=np.intp)]
+    has_holes = bool(((borders.filled > 0) & (mask == 0)).any())
+    for labels in (borders.filled, np.where(mask > 0, borders.filled, 0))[: 1 + has_holes]:
+        peak_px, peak_radius = _peaks(labels, min_radius_px)
+        if len(peak_px) > _CLUTTER:
+            return _nothing(borders.px)
+        peak_label = labels[peak_px[:, 1], peak_px[:, 0]]
+        of_peak.append(_shares(borders, peak_px, peak_radius, peak_label))
+        component.append(np.searchsorted(names, peak_label))
+    return Group(
+        borders.px, of_component.astype(float), np.concatenate(of_peak).astype(float), np.concatenate(component)
+    )
 
 
-def _components(
-    mask: NDArray[np.uint8], min_area_px: float
-) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.int32], NDArray[np.bool_]]:
-    """Follow the borders (Suzuki and Abe 1985).
+def _nothing(edge_px: NDArray[np.float64]) -> Group:
+    none = np.zeros((0, len(edge_px)))
+    return Group(edge_px, none, none, np.zeros(0, dtype=np.intp))
 
-    Returns the label image (H, W), edge pixels (K, 2), their labels (K,) and whether the border is an outer one (K,).
-    """
+
+class _Borders(NamedTuple):
+    px: NDArray[np.float64]  # (K, 2) edge pixels, x, y
+    label: NDArray[np.int32]  # (K,) the component of each
+    outer: NDArray[np.bool_]  # (K,) whether it belongs to the outer border
+    filled: NDArray[np.int32]  # (H, W) component of each pixel, small holes included; 0: none
+
+
+def _borders(mask: NDArray[np.uint8], min_area_px: float) -> _Borders:
+    """Label the components by following their borders (Suzuki and Abe 1985)."""
     contours, hierarchy = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     parents = [int(row[3]) for row in hierarchy[0]] if contours else []
     large = [len(contour) > 4 and cv2.contourArea(contour) >= min_area_px for contour in contours]
-    borders = [i for i, parent in enumerate(parents) if large[i] and (parent < 0 or large[parent])]
-    labels = np.zeros(mask.shape, dtype=np.int32)
-    edges, edge_labels = [np.zeros((0, 2))], [np.zeros(0, dtype=np.int32)]
+    kept = [i for i, parent in enumerate(parents) if large[i] and (parent < 0 or large[parent])]
+    filled = np.zeros(mask.shape, dtype=np.int32)
+    edges, labels = [np.zeros((0, 2))], [np.zeros(0, dtype=np.int32)]
     outer = [np.zeros(0, dtype=bool)]
-    for i in sorted(borders, key=lambda i: parents[i] >= 0):  # holes are cut after what they are in is filled
+    last = np.array(mask.shape[::-1]) - 1
+    for i in sorted(kept, key=lambda i: parents[i] >= 0):  # holes are cut after what they are in is filled
         is_outer = parents[i] < 0
         label = 1 + (i if is_outer else parents[i])
+        cv2.drawContours(filled, contours, i, float(label if is_outer else 0), cv2.FILLED)
         edge = np.asarray(contours[i], dtype=np.float64)[:, 0]
+        edge = edge[((edge > 0) & (edge < last)).all(axis=1)]
         edges.append(edge)
-        edge_labels.append(np.full(len(edge), label, dtype=np.int32))
+        labels.append(np.full(len(edge), label, dtype=np.int32))
         outer.append(np.full(len(edge), is_outer))
-        cv2.drawContours(labels, contours, i, float(label if is_outer else 0), cv2.FILLED)
-    edge_px, edge_label = np.concatenate(edges), np.concatenate(edge_labels)
-    last = np.array(mask.shape[::-1]) - 1
-    within = ((edge_px > 0) & (edge_px < last)).all(axis=1)
-    return labels, edge_px[within], edge_label[within], np.concatenate(outer)[within]
+    return _Borders(np.concatenate(edges), np.concatenate(labels), np.concatenate(outer), filled)
+
+
+def _shares(
+    borders: _Borders,
+    peak_px: NDArray[np.int64],
+    peak_radius: NDArray[np.float64],
+    peak_label: NDArray[np.int32],
+) -> NDArray[np.bool_]:
+    """Which edge pixels (D, K) are nearer to each peak's circle than to any other's in the same component."""
+    if len(peak_px) == 0:
+        return np.zeros((0, len(borders.px)), dtype=bool)
+    distance = np.sqrt(((borders.px - peak_px[:, None]) ** 2).sum(axis=2)) - peak_radius[:, None]
+    distance = np.where(borders.label == peak_label[:, None], np.abs(distance), np.inf)
+    owner = np.argmin(distance, axis=0)
+    close = distance[owner, np.arange(len(borders.px))] < 0.5 * peak_radius[owner]
+    return np.asarray((owner == np.arange(len(peak_px))[:, None]) & close)
 
 
 def _peaks(labels: NDArray[np.int32], min_radius_px: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -103,4 +132,6 @@ def _peaks(labels: NDArray[np.int32], min_radius_px: float) -> tuple[NDArray[np.
         )
         if clear:
             kept.append(int(candidate))
+        if len(kept) > _CLUTTER:
+            break
     return np.stack([columns[kept], rows[kept]], axis=1), height[kept]

@@ -16,6 +16,7 @@ __all__ = ["DetectionParams", "Disc", "detect_discs"]
 _MIN_SIDE_PX = 16
 _PASSES = 2  # the second starts from the first's circles, so its rays cross the edge squarely
 _MIN_POINTS = 6
+_LEAST_SPACING = 0.75  # of two discs' centres, relative to the sum of their radii
 _PIXEL_ROUGHNESS_PX = 0.35  # rms distance of edge pixels to the true rim
 
 
@@ -26,8 +27,9 @@ class DetectionParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     max_radius_px: Annotated[float, msgspec.Meta(gt=0)] = 40.0
     min_contrast: Annotated[float, msgspec.Meta(gt=0, le=255)] = 24.0  # to the background, grey levels
     max_residual: Annotated[float, msgspec.Meta(gt=0)] = 0.05  # rms distance of edge points to the circle / radius
-    min_arc_fraction: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.4  # of the circumference, seen as an edge
-    rays: Annotated[int, msgspec.Meta(ge=16, le=512)] = 96  # edge points looked for around each disc
+    min_arc_fraction: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.25  # of the circumference, seen as an edge
+    min_support: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.7  # of what another disc or the border does not hide
+    rays: Annotated[int, msgspec.Meta(ge=16, le=512)] = 64  # edge points looked for around each disc
     background_degree: Annotated[int, msgspec.Meta(ge=0, le=6)] = 4  # of the polynomial through the light
 
 
@@ -67,7 +69,7 @@ def detect_discs(grey: NDArray[np.uint8], params: DetectionParams) -> tuple[Disc
     )
     discs = [
         Disc(*(float(value) for value in (*circles[i], level[i], residual[i], arc[i])))
-        for i in np.flatnonzero(good & ~_inside_a_better(circles, good, arc))
+        for i in np.flatnonzero(good)[_best_apart(circles[good], arc[good])]
     ]
     return tuple(sorted(discs, key=lambda disc: (disc.y_px, disc.x_px)))
 
@@ -76,37 +78,47 @@ def _coarse_circles(mask: NDArray[np.uint8], params: DetectionParams) -> NDArray
     """Circles (D, 3) within a pixel of the rim: one through a component if that fits it, else one for each peak."""
     group = group_edges(mask, params.min_radius_px)
     single = fit_circles_algebraic(group.edge_px[None], group.of_component)
-    distance = np.sqrt(((group.edge_px - single[:, None, :2]) ** 2).sum(axis=2)) - single[:, 2, None]
+    distance = _distance(group.edge_px, single)
     count = np.maximum(group.of_component.sum(axis=1), 1)
     residual = np.sqrt((group.of_component * distance**2).sum(axis=1) / count)
     fits = (residual <= _PIXEL_ROUGHNESS_PX + params.max_residual * single[:, 2]) & _of_size(single, params)
-    several = fit_circles_algebraic(group.edge_px[None], group.of_peak[~fits[group.component]])
+    split = np.append(~fits, True)[group.component]  # True: in a component whose every edge is the image's border
+    several = fit_circles_algebraic(group.edge_px[None], group.of_peak[split])
     circles = np.concatenate([single[fits], several])
+    member = np.concatenate([group.of_component[fits], group.of_peak[split]])
+    on_rim = (member * (np.abs(_distance(group.edge_px, circles)) < 1)).sum(axis=1)
     circles[:, 2] += 0.5  # edge pixels are the outermost inside
-    return circles[_of_size(circles, params)]
+    right = _of_size(circles, params)
+    circles, on_rim = circles[right], on_rim[right]
+    return circles[_best_apart(circles, on_rim / circles[:, 2])]
+
+
+def _distance(points: NDArray[np.float64], circles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Signed distance (D, K) of points (K, 2) or (D, K, 2) to the rims of circles (D, 3)."""
+    offset = points - circles[:, None, :2]
+    return np.asarray(np.sqrt((offset**2).sum(axis=2)) - circles[:, 2, None])
 
 
 def _refine(
     contrast: NDArray[np.float32], circles: NDArray[np.float64], params: DetectionParams
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Fit the circles (D, 3) to sub-pixel edges; with rms residuals (D,) and arc fractions (D,)."""
+    """Fit the circles (D, 3) to sub-pixel edges; with rms residuals (D,) and arc fractions (D,), 0 if unsupported."""
     for _ in range(_PASSES - 1):
-        points, found = rim_edges(contrast, circles, params.rays)
+        points, _, found = rim_edges(contrast, circles, params.rays)
         fitted, _ = fit_circles(points, found.astype(np.float64), circles)
         usable = (found.sum(axis=1) >= _MIN_POINTS) & _of_size(fitted, params)
         circles = np.where(usable[:, None], fitted, circles)
-    points, found = rim_edges(contrast, circles, params.rays)
+    points, visible, found = rim_edges(contrast, circles, params.rays)
     fitted, _ = fit_circles(points, found.astype(np.float64), circles)
     used = found & _near(points, found, fitted)
     fitted, residual = fit_circles(points, used.astype(np.float64), fitted)
-    arc = np.where(used.sum(axis=1) >= _MIN_POINTS, used.mean(axis=1), 0.0)
-    return fitted, residual, arc
+    enough = used.sum(axis=1) >= np.maximum(_MIN_POINTS, params.min_support * visible.sum(axis=1))
+    return fitted, residual, np.where(enough, used.mean(axis=1), 0.0)
 
 
 def _near(points: NDArray[np.float64], found: NDArray[np.bool_], circles: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which points (D, R, 2) lie no farther from their circle than three robust standard deviations."""
-    offset = points - circles[:, None, :2]
-    distance = np.abs(np.sqrt((offset**2).sum(axis=2)) - circles[:, 2, None])
+    distance = np.abs(_distance(points, circles))
     ordered = np.sort(np.where(found, distance, np.inf), axis=1)
     median = ordered[np.arange(len(found)), found.sum(axis=1) // 2 - 1]
     return np.asarray(distance <= np.maximum(3 * 1.4826 * median, 0.1)[:, None])
@@ -116,12 +128,11 @@ def _of_size(circles: NDArray[np.float64], params: DetectionParams) -> NDArray[n
     return (circles[:, 2] >= params.min_radius_px) & (circles[:, 2] <= params.max_radius_px)
 
 
-def _inside_a_better(
-    circles: NDArray[np.float64], good: NDArray[np.bool_], arc: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Which circles have their centre in another good one that is seen more completely: the same disc twice."""
-    distance = np.sqrt(((circles[:, None, :2] - circles[None, :, :2]) ** 2).sum(axis=2))
-    order = np.lexsort((np.arange(len(circles)), -arc))
-    rank = np.argsort(order)
-    better = good[None, :] & (rank[None, :] < rank[:, None])
-    return np.asarray((better & (distance < circles[None, :, 2])).any(axis=1))
+def _best_apart(circles: NDArray[np.float64], merit: NDArray[np.float64]) -> list[int]:
+    """Indices of circles that do not overlap, best merit first: discs lie side by side."""
+    kept: list[int] = []
+    for i in np.argsort(-merit, kind="stable"):
+        apart = np.sqrt(((circles[kept, :2] - circles[i, :2]) ** 2).sum(axis=1))
+        if np.all(apart > _LEAST_SPACING * (circles[kept, 2] + circles[i, 2])):
+            kept.append(int(i))
+    return kept

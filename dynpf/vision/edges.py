@@ -16,7 +16,8 @@ class RimEdges(NamedTuple):
     """Edge points on the rays of D discs, R rays each."""
 
     points_px: NDArray[np.float64]  # (D, R, 2)
-    found: NDArray[np.bool_]  # (D, R)
+    visible: NDArray[np.bool_]  # (D, R) the ray ends in the image, and not beside another disc
+    found: NDArray[np.bool_]  # (D, R) it is visible and has an edge
 
 
 def inner_contrast(contrast: NDArray[np.float32], circles: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -32,8 +33,7 @@ def rim_edges(contrast: NDArray[np.float32], circles: NDArray[np.float64], rays:
     """Find the edge of each circle (D, 3: x, y, radius) along `rays` directions.
 
     The edge lies where the contrast, relative to the disc's own, crosses one half: linear between samples half a
-    pixel apart, the crossing nearest to the expected rim. Rays that leave the image or end beside another circle
-    have none.
+    pixel apart, the crossing nearest to the expected rim.
     """
     height, width = contrast.shape
     angle = np.arange(rays) * (2 * np.pi / rays)
@@ -57,7 +57,8 @@ def rim_edges(contrast: NDArray[np.float32], circles: NDArray[np.float64], rays:
     rim = circles[:, None, :2] + (circles[:, 2, None] + shift)[..., None] * direction
     last = np.array([width - 1, height - 1])
     seen = ((points[:, :, -1] >= 0) & (points[:, :, -1] <= last)).all(axis=2)
-    return RimEdges(rim, found & seen & ~_beside_another(rim, circles))
+    visible = seen & ~_beside_another(rim, circles)
+    return RimEdges(rim, visible, found & visible)
 
 
 def _blur_inset(

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from services.scenario import Scenario, load_scenario
+from services.scenario import LogFacts, Scenario, load_scenario
 
 if TYPE_CHECKING:
     from services.recording.header import Attachment
@@ -17,20 +17,23 @@ LANDMARKS = "landmarks.json"
 
 
 class Log:
-    """An imported log: its records, its content digest, its landmarks, and what is attached to it."""
+    """An imported log: its records, what it brings to a scenario, and what is attached to it."""
 
     def __init__(self, path: Path) -> None:
+        from protocol.codec import decode
+        from protocol.messages import RobotState
         from services.recording.digest import content_digest
         from services.recording.reader import read_recording
         from services.runners.replay import log_records
 
         recording = read_recording(path)
         self.path = path
-        self.digest = content_digest(recording)
         self.records: list[LogRecord] = log_records(recording)
         self.attachments: tuple[Attachment, ...] = recording.attachments
         found = [one.data for one in recording.attachments if one.name == LANDMARKS]
-        self.landmarks = json.loads(found[0]) if found else []
+        reference = next((decode("log/truth", one.payload) for one in self.records if one.topic == "log/truth"), None)
+        start = (reference.x, reference.y, reference.theta) if isinstance(reference, RobotState) else None
+        self.facts = LogFacts(content_digest(recording), json.loads(found[0]) if found else [], start)
 
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
@@ -60,6 +63,5 @@ def scenario_from(options: argparse.Namespace, log: Log | None) -> Scenario:
         overrides=options.overrides,
         seed=options.seed,
         clock=getattr(options, "clock", None),
-        log_digest=log.digest if log else "",
-        log_landmarks=log.landmarks if log else (),
+        log=log.facts if log else None,
     )

@@ -25,6 +25,6 @@ class LocalizationConfig(
     # Seconds between an odometry message and the robot moving as it says.
     odometry_delay: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
     motion: ArcsParams = ArcsParams()
-    calibration: CalibrationParams | None = None  # absent: odometry and bearings are taken as they come
+    calibration: CalibrationParams | None = None  # absent: odometry is taken as it comes
     measurement: Annotated[tuple[RangeBearingParams, ...], Meta(min_length=1, max_length=1)] = (RangeBearingParams(),)
     resampling: SystematicParams = SystematicParams()

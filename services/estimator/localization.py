@@ -59,7 +59,7 @@ class LocalizationNode:
     reads = frozenset({"sensors/odometry", "sensors/landmarks"})
     writes = frozenset({"estimator/state", "estimator/pose", "estimator/dead_reckoning", "estimator/particles", "log"})
 
-    def __init__(self, config: LocalizationConfig, landmarks: Sequence[Landmark], seed: int) -> None:
+    def __init__(self, *, config: LocalizationConfig, seed: int, landmarks: Sequence[Landmark]) -> None:
         self._seed = seed
         self._delay_ns = round(config.odometry_delay * NANOSECONDS)
         self._landmarks = LandmarkMap((mark.id, mark.x, mark.y) for mark in landmarks)

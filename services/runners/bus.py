@@ -15,7 +15,7 @@ from services.scenario import Scenario, resolved_json
 
 __all__ = ["run_on_bus"]
 
-GRACE_S = 3.0
+GRACE_S = 2.5
 """How long the others may take to stop by themselves after one process has failed."""
 
 POLL_S = 0.02
@@ -62,21 +62,26 @@ def _watch(processes: dict[str, subprocess.Popen[bytes]], stop: StopSignal) -> N
     deadline: float | None = None
     asked = False
     while running := [name for name, process in processes.items() if process.poll() is None]:
-        if not failed:
+        if not failed and not stop.requested:
             failed = _failure(processes)
             if failed:
                 deadline = time.monotonic() + GRACE_S
-                say("run", f"{failed}; stopping the others")
         if stop.requested and not asked:
             asked = True
             say("run", f"{stop.reason}: ending the run (again to end it at once)")
             for name in running:
                 processes[name].terminate()
             deadline = deadline or time.monotonic() + 10.0
+        if (failed or stop.requested) and running == ["router"]:
+            processes["router"].terminate()  # it waits for a run that will not come
         if stop.at_once or (deadline is not None and time.monotonic() > deadline):
             hung = ", ".join(running)
             raise RunError(f"{failed or 'stopped at once'}; killed what was left: {hung}")
         time.sleep(POLL_S)
+    if stop.requested:
+        if processes["recorder"].returncode != 0:
+            raise RunError(f"{stop.reason} before the run had begun")
+        return
     failed = failed or _failure(processes)
     if failed:
         raise RunError(failed)

@@ -1,1 +1,1 @@
-"""The simulator: the true world, its camera, and the run's clock."""
+"""The simulated worlds: pure nodes that hold the true state; the simulator is the source of its run."""

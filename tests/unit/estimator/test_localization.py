@@ -70,7 +70,7 @@ def drive(duration_s: float = 4.0) -> list[Step]:
 
 def node(seed: int = 1, **settings: object) -> LocalizationNode:
     config = msgspec.structs.replace(LocalizationConfig(n=300, calibration=CalibrationParams()), **settings)
-    return LocalizationNode(config, LANDMARKS, seed)
+    return LocalizationNode(config=config, seed=seed, landmarks=LANDMARKS)
 
 
 def payloads(outputs: tuple[Output, ...]) -> list[tuple[str, bytes]]:
@@ -223,9 +223,9 @@ def play(with_readings: bool) -> tuple[TrajectoryScore, TrajectoryScore]:
 
     first = Trajectory(np.array([records[0][0]]), np.zeros((3, 1)))
     x, y, theta = (-pose_errors(first, truth).errors[:, 0]).tolist()
-    config = LocalizationConfig()
+    config = LocalizationConfig(odometry_delay=0.15, calibration=CalibrationParams())
     config = msgspec.structs.replace(config, start=msgspec.structs.replace(config.start, x=x, y=y, theta=theta))
-    estimator = LocalizationNode(config, landmarks, seed=1)
+    estimator = LocalizationNode(config=config, seed=1, landmarks=landmarks)
     stamps, estimates, reckonings = [], [], []
     for number, (time, message) in enumerate(records):
         one = received(time, message)
