@@ -13,7 +13,7 @@ from services.errors import RunError
 from services.member import StopSignal, say
 from services.scenario import Scenario, resolved_json
 
-__all__ = ["run_on_bus"]
+__all__ = ["free_port", "run_on_bus"]
 
 GRACE_S = 2.5
 """How long the others may take to stop by themselves after one process has failed."""
@@ -29,7 +29,7 @@ def run_on_bus(scenario: Scenario, path: Path, log: Path | None, stop: StopSigna
     with tempfile.TemporaryDirectory(prefix="dynpf-") as folder:
         resolved = Path(folder) / "scenario.json"
         resolved.write_text(resolved_json(scenario), encoding="utf-8")
-        endpoint = f"tcp/127.0.0.1:{_free_port()}"
+        endpoint = f"tcp/127.0.0.1:{free_port()}"
         with _processes(scenario, resolved, endpoint, path, log) as processes:
             _watch(processes, stop)
 
@@ -102,7 +102,8 @@ def _failure(processes: dict[str, subprocess.Popen[bytes]]) -> str:
     return ""
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """Return a TCP port on loopback that nobody listens at."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
