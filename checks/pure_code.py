@@ -16,6 +16,7 @@ __all__ = ["PURE", "findings"]
 PURE = (
     "dynpf",
     "protocol",
+    "services/errors.py",
     "services/node.py",
     "services/errors.py",
     "services/task.py",
