@@ -147,14 +147,14 @@ class Bus:
         """Answer every query of ``key`` with ``payload``."""
         self._declared.append(self._session.declare_queryable(key, lambda query: query.reply(key, payload)))
 
-    def ask(self, key: str, patience_s: float) -> bytes | None:
+    def ask(self, key: str, patience_s: float, stopped: Callable[[], bool]) -> bytes | None:
         """Return the answer to ``key``, or None if nobody gives one within ``patience_s``."""
         deadline = time.monotonic() + patience_s
         while True:
             for reply in self._session.get(key, timeout=patience_s):
                 if reply.ok is not None:
                     return reply.ok.payload.to_bytes()
-            if time.monotonic() > deadline:
+            if stopped() or time.monotonic() > deadline:
                 return None
             time.sleep(0.02)  # Zenoh says at once that nobody answers yet
 

@@ -1,6 +1,6 @@
 """Errors whose text is for a person: where, which value, what was expected, what to do."""
 
-__all__ = ["DynpfError", "RunError", "ScenarioError", "UsageError"]
+__all__ = ["BrokenOffError", "DynpfError", "RunError", "ScenarioError", "UsageError"]
 
 
 class DynpfError(Exception):
@@ -21,3 +21,7 @@ class RunError(DynpfError):
     """A run could not be carried through."""
 
     exit_code = 1
+
+
+class BrokenOffError(RunError):
+    """The run broke off for another process's sake: a peer or the router is gone."""

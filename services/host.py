@@ -46,7 +46,7 @@ def run_node(name: str, scenario: Scenario, endpoint: str, log: Sequence[LogReco
     with join(name, scenario, endpoint, stop) as member:
         host = _Host(nodes[name], scenario, graph, member)
         host.subscribe()
-        member.assemble()
+        member.assemble(leads=name == graph.source)
         host.run(host.feeds(log) if name == graph.source else None)
         member.await_recorded()
 

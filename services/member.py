@@ -9,19 +9,22 @@ import signal
 import sys
 import time
 import uuid
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 from protocol.control import Beat, Recorded, Stop, decode_control, encode_control
 from services.bus import ALIVE, BEAT, CONTROL, READY, SCENARIO, Arrival, Bus
-from services.errors import RunError, UsageError
+from services.errors import BrokenOffError, RunError, UsageError
 from services.scenario import Scenario, first_difference, resolved_json
 
 __all__ = ["Member", "join", "new_boot", "say"]
 
 BEAT_S = 0.5
 WEDGED_S = 15.0
+SURE_S = 0.05
+"""When the router goes, the peers' tokens go first: a moment later it is clear who it was."""
 RECORDER = "recorder"
 
 
@@ -51,6 +54,7 @@ class Member:
         self._stop = stop
         self._stop_sent = False
         self._ready: set[str] = set()
+        self._early: deque[Arrival] = deque()
         self._beats: dict[str, float] = {}
         self._peer_ticks: dict[str, int] = {}
         self._next_beat = 0.0
@@ -64,6 +68,8 @@ class Member:
         now = time.monotonic()
         if now >= self._next_beat:
             self._beat(now)
+        if self._early:
+            return self._early.popleft()
         arrival = self.bus.receive(min(timeout_s, max(self._next_beat - now, 0.0)))
         if self._stop.requested:
             self._ask_to_stop()
@@ -81,12 +87,16 @@ class Member:
             return arrival
         return None
 
-    def assemble(self) -> None:
-        """Wait until every peer is alive, say so by being ready, and wait until every peer is ready."""
+    def assemble(self, *, leads: bool) -> None:
+        """Wait until every peer is alive, and say so by being ready; who ``leads`` the run waits for that of all.
+
+        The others must not wait any longer: as soon as all are ready the first messages may come.
+        """
         self.bus.declare(f"{ALIVE}{self.name}/{self.boot}")
         self._wait(lambda: self.peers - self.boots.keys(), "waiting for")
         self.bus.declare(f"{READY}{self.name}/{self.boot}")
-        self._wait(lambda: self.peers - self._ready, "waiting until ready:")
+        if leads:
+            self._wait(lambda: self.peers - self._ready, "waiting until ready:")
 
     def behind(self, peer: str) -> int:
         """Return how many ticks ``peer`` had behind it at its last beat."""
@@ -104,26 +114,30 @@ class Member:
 
     def _wait(self, missing: Callable[[], set[str]], what: str) -> None:
         told: set[str] = set()
+        early: list[Arrival] = []  # from strangers: to be refused as any other
         tell_at = time.monotonic() + 1.0
         while names := missing():
             if time.monotonic() > tell_at and names != told:
                 told = names
                 say(self.name, f"{what} {', '.join(sorted(names))}")
-            self.poll(0.1)
+            arrival = self.poll(0.1)
+            if arrival is not None:
+                early.append(arrival)
             if self._stop.requested:
                 raise KeyboardInterrupt
+        self._early.extend(early)
 
     def _beat(self, now: float) -> None:
         self._next_beat = now + BEAT_S
         self.bus.put(f"{BEAT}{self.name}", encode_control(Beat(self.name, self.boot, self.ticks)), may_drop=True)
         if not self.bus.connected and not self.leaving:
-            raise RunError("the router is gone; the run cannot go on")
+            raise BrokenOffError("the router is gone; the run cannot go on")
         if os.getppid() != self._parent and not self._stop.requested:
             self._stop.request("the process that started this one is gone")
         if not self.leaving:
             for peer, seen in self._beats.items():
                 if peer in self.peers and now - seen > WEDGED_S:
-                    raise RunError(f"{peer} has not answered for {WEDGED_S:g} s: it hangs; the run cannot go on")
+                    raise BrokenOffError(f"{peer} has not answered for {WEDGED_S:g} s: it hangs; the run cannot go on")
 
     def _token(self, arrival: Arrival) -> None:
         prefix = ALIVE if arrival.key.startswith(ALIVE) else READY
@@ -141,18 +155,21 @@ class Member:
         if node not in self._ready:
             del self.boots[node]  # it left before the run began; another may come
             return
-        if not self.bus.connected:
-            raise RunError("the router is gone; the run cannot go on")
         if node == RECORDER and self.recorded is not None:
             return
-        raise RunError(f"{node} is gone (killed, crashed or cut off) after tick {self.ticks}; the run cannot go on")
+        time.sleep(SURE_S)
+        if not self.bus.connected:
+            raise BrokenOffError("the router is gone; the run cannot go on")
+        raise BrokenOffError(
+            f"{node} is gone (killed, crashed or cut off) after tick {self.ticks}; the run cannot go on"
+        )
 
     def _control(self, arrival: Arrival) -> None:
         what = arrival.key[len(CONTROL) :]
         if what == "recorded":
             self.recorded = decode_control(arrival.payload, Recorded)
             if not self.recorded.complete and not self.leaving:
-                raise RunError(f"the recorder has closed the recording: {self.recorded.reason}")
+                raise BrokenOffError(f"the recorder has closed the recording: {self.recorded.reason}")
         elif what == "stop":
             self.stop_reason = decode_control(arrival.payload, Stop).reason
 
@@ -190,8 +207,8 @@ class StopSignal:
         """Catch SIGINT and SIGTERM while the block runs."""
         stop = cls()
 
-        def handle(number: int, _frame: FrameType | None) -> None:
-            stop.request("stopped by the user" if number == signal.SIGINT else "told to terminate")
+        def handle(_number: int, _frame: FrameType | None) -> None:
+            stop.request("stopped by the user")
 
         before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
@@ -209,7 +226,7 @@ def join(name: str, scenario: Scenario, endpoint: str, stop: StopSignal) -> Iter
     """
     with Bus.connect(endpoint, lambda text: say(name, text), lambda: stop.requested) as bus:
         stop.wakes(bus)
-        _same_scenario(name, bus, scenario, endpoint)
+        _same_scenario(name, bus, scenario, endpoint, stop)
         if taken := bus.tokens(f"{ALIVE}{name}/*"):
             raise UsageError(f"{name} already runs at {endpoint} (boot {taken[0].rpartition('/')[2]}); stop it first")
         member = Member(name, bus, scenario, new_boot(), stop)
@@ -220,8 +237,10 @@ def join(name: str, scenario: Scenario, endpoint: str, stop: StopSignal) -> Iter
         yield member
 
 
-def _same_scenario(name: str, bus: Bus, scenario: Scenario, endpoint: str) -> None:
-    theirs = bus.ask(SCENARIO, patience_s=5.0)
+def _same_scenario(name: str, bus: Bus, scenario: Scenario, endpoint: str, stop: StopSignal) -> None:
+    theirs = bus.ask(SCENARIO, patience_s=5.0, stopped=lambda: stop.requested)
+    if stop.requested:
+        raise KeyboardInterrupt
     if theirs is None:
         raise RunError(f"the router at {endpoint} does not say which scenario it runs; is it a dynpf router?")
     difference = first_difference(resolved_json(scenario), theirs.decode())

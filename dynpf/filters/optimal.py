@@ -54,7 +54,7 @@ def update(
     """
     predictive = process_covariance + measurement_covariance
     innovation = measurement - predicted
-    whitened = np.linalg.solve(predictive, innovation.T).T
+    whitened = innovation @ np.linalg.inv(predictive)
     log_likelihood = -0.5 * (
         np.einsum("nd,nd->n", innovation, whitened)
         + np.linalg.slogdet(predictive)[1]
@@ -80,10 +80,13 @@ def resample_if_needed(particles: Particles, threshold: float, uniform: float) -
 
 
 def mean_and_covariance(particles: Particles) -> tuple[FloatArray, FloatArray]:
-    """Return the weighted mean, (d,), and covariance, (d, d), of states that add (no angles)."""
-    mean = particles.weights @ particles.states
+    """Return the weighted mean, (d,), and covariance, (d, d), of states that add (no angles).
+
+    Summed without BLAS, whose threads would make the last bits depend on the number of processors.
+    """
+    mean = np.sum(particles.weights[:, None] * particles.states, axis=0)
     deviation = particles.states - mean
-    return mean, (particles.weights[:, None] * deviation).T @ deviation
+    return mean, np.einsum("ni,nj->ij", particles.weights[:, None] * deviation, deviation)
 
 
 def _gaussian(means: FloatArray, covariance: FloatArray, random: np.random.Generator) -> FloatArray:

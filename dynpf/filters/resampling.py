@@ -32,7 +32,7 @@ def normalize_log_weights(log_weights: FloatArray) -> tuple[FloatArray, float]:
 
 def effective_sample_size(weights: FloatArray) -> float:
     """Return 1 / sum(w^2) of normalized weights: N if all are equal, 1 if one has all (PARTS eq. 3.24)."""
-    return 1.0 / float(np.dot(weights, weights))
+    return 1.0 / float(np.sum(weights * weights))
 
 
 def systematic(weights: FloatArray, uniform: float, count: int | None = None) -> NDArray[np.intp]:

@@ -18,9 +18,9 @@ __all__ = [
 FloatArray = NDArray[np.float64]
 
 
-def all_home(parts: FloatArray, goals: FloatArray, tolerance: float) -> bool:
-    """Return whether each part, (p, 2), lies within ``tolerance`` of its goal, (p, 2)."""
-    return bool(np.all(np.linalg.norm(parts - goals, axis=-1) <= tolerance))
+def all_home(final: FloatArray, goals: FloatArray, tolerance: float) -> bool:
+    """Return whether each final position, (p, 2), lies within ``tolerance`` of its goal, (p, 2)."""
+    return bool(np.all(np.linalg.norm(final - goals, axis=-1) <= tolerance))
 
 
 def normalized_part_length(parts: FloatArray, goals: FloatArray) -> float:
@@ -49,9 +49,9 @@ def normalized_robot_length(
     return float(travelled / (gaps.sum() + between.sum()))
 
 
-def positional_inaccuracy(parts: FloatArray, goals: FloatArray, radii: FloatArray) -> float:
-    """Return pi: the final distance from the goal in radii of the part, mean over parts (eq. 4.5)."""
-    return float(np.mean(np.linalg.norm(parts[-1] - goals, axis=1) / radii))
+def positional_inaccuracy(final: FloatArray, goals: FloatArray, radii: FloatArray) -> float:
+    """Return pi: the distance of the final positions, (p, 2), from the goals in radii, mean over parts (eq. 4.5)."""
+    return float(np.mean(np.linalg.norm(final - goals, axis=1) / radii))
 
 
 def robot_position_error(robot: FloatArray, estimated: FloatArray) -> float:

@@ -118,7 +118,7 @@ def _linear_homography(plane: NDArray[np.float64], image: NDArray[np.float64]) -
     u, v = image[:, 0], image[:, 1]
     rows_u = np.stack([x, y, one, zero, zero, zero, -u * x, -u * y, -u], axis=1)
     rows_v = np.stack([zero, zero, zero, x, y, one, -v * x, -v * y, -v], axis=1)
-    _, singular, basis = np.linalg.svd(np.concatenate([rows_u, rows_v]))
+    _, singular, basis = np.linalg.svd(np.concatenate([rows_u, rows_v]), full_matrices=False)
     if singular[7] <= 1e-6 * singular[0] or abs(basis[8, 8]) < 1e-9:
         raise CalibrationError(
             f"the {len(plane)} calibration pairs do not fix the map: spread the points over the workspace"
@@ -132,8 +132,9 @@ def _least_squares(
     damping = 1e-3
     error, jacobian = _error_and_jacobian(parameters, plane, image)
     for _ in range(_MAX_STEPS):
-        normal = jacobian.T @ jacobian
-        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), -jacobian.T @ error)
+        normal = np.einsum("ki,kj->ij", jacobian, jacobian)
+        gradient = np.einsum("ki,k->i", jacobian, error)
+        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), -gradient)
         trial_error, trial_jacobian = _error_and_jacobian(parameters + step, plane, image)
         if trial_error @ trial_error <= error @ error:
             parameters, error, jacobian = parameters + step, trial_error, trial_jacobian

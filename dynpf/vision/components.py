@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 __all__ = ["Group", "foreground", "group_edges"]
 
 
+_CLUTTER = 256
+
+
 class Group(NamedTuple):
     """The edge pixels of an image and whose they are, as weights 1 or 0."""
 
@@ -42,21 +45,31 @@ def group_edges(mask: NDArray[np.uint8], min_radius_px: float) -> Group:
 
     Specks of less than half the area of the smallest disc are passed over. A hole as small as that is either a glint
     on a disc or what three discs leave between them: peaks are found both with such holes filled and with them open,
-    and it is left to the fit which are discs. The image's border is no edge.
+    and it is left to the fit which are discs. The image's border is no edge. An image with more than 256 components
+    or peaks is clutter, in which nothing is found.
     """
     borders = _borders(mask, np.pi * min_radius_px**2 / 2)
     names = np.unique(borders.label)
+    if len(names) > _CLUTTER:
+        return _nothing(borders.px)
     of_component = (borders.label == names[:, None]) & borders.outer
     of_peak, component = [np.zeros((0, len(borders.px)), dtype=bool)], [np.zeros(0, dtype=np.intp)]
     has_holes = bool(((borders.filled > 0) & (mask == 0)).any())
     for labels in (borders.filled, np.where(mask > 0, borders.filled, 0))[: 1 + has_holes]:
         peak_px, peak_radius = _peaks(labels, min_radius_px)
+        if len(peak_px) > _CLUTTER:
+            return _nothing(borders.px)
         peak_label = labels[peak_px[:, 1], peak_px[:, 0]]
         of_peak.append(_shares(borders, peak_px, peak_radius, peak_label))
         component.append(np.searchsorted(names, peak_label))
     return Group(
         borders.px, of_component.astype(float), np.concatenate(of_peak).astype(float), np.concatenate(component)
     )
+
+
+def _nothing(edge_px: NDArray[np.float64]) -> Group:
+    none = np.zeros((0, len(edge_px)))
+    return Group(edge_px, none, none, np.zeros(0, dtype=np.intp))
 
 
 class _Borders(NamedTuple):
@@ -119,4 +132,6 @@ def _peaks(labels: NDArray[np.int32], min_radius_px: float) -> tuple[NDArray[np.
         )
         if clear:
             kept.append(int(candidate))
+        if len(kept) > _CLUTTER:
+            break
     return np.stack([columns[kept], rows[kept]], axis=1), height[kept]

@@ -29,7 +29,7 @@ class DetectionParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     max_residual: Annotated[float, msgspec.Meta(gt=0)] = 0.05  # rms distance of edge points to the circle / radius
     min_arc_fraction: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.25  # of the circumference, seen as an edge
     min_support: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.7  # of what another disc or the border does not hide
-    rays: Annotated[int, msgspec.Meta(ge=16, le=512)] = 96  # edge points looked for around each disc
+    rays: Annotated[int, msgspec.Meta(ge=16, le=512)] = 64  # edge points looked for around each disc
     background_degree: Annotated[int, msgspec.Meta(ge=0, le=6)] = 4  # of the polynomial through the light
 
 

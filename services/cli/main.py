@@ -2,6 +2,7 @@
 
 import argparse
 import difflib
+import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -29,6 +30,7 @@ _COMMANDS = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code: 0 done or same, 1 differs or failed, 2 wrong usage."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads cost more than they give
     words = list(sys.argv[1:] if arguments is None else arguments)
     if not words or words[0] in {"-h", "--help"}:
         print(_overview())
@@ -39,16 +41,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         hint = f"did you mean {close[0]!r}?" if close else "dynpf --help shows the commands"
         print(f"dynpf: unknown command {command!r}; {hint}", file=sys.stderr)
         return 2
-    parser = argparse.ArgumentParser(prog="dynpf", allow_abbrev=False)
-    import_module(f"services.cli.{_COMMANDS[command][0]}").add_parser(parser.add_subparsers(required=True))
+    label = command
     try:
+        parser = argparse.ArgumentParser(prog="dynpf", allow_abbrev=False)
+        import_module(f"services.cli.{_COMMANDS[command][0]}").add_parser(parser.add_subparsers(required=True))
         options = parser.parse_args(words)
+        label = options.name if command == "service" else command
         return int(options.run(options))
     except DynpfError as error:
-        print(f"dynpf {command}: {error}", file=sys.stderr)
+        print(f"dynpf {label}: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        print(f"dynpf {command}: stopped", file=sys.stderr)
+        print(f"dynpf {label}: stopped", file=sys.stderr)
         return 1
     except BrokenPipeError:
         sys.stderr.close()

@@ -6,7 +6,7 @@ from typing import Any
 
 from protocol.topics import NODES
 from services.cli.options import add_scenario_options, load_log, scenario_from
-from services.errors import UsageError
+from services.errors import BrokenOffError, UsageError
 
 __all__ = ["DEFAULT_ENDPOINT", "add_parser"]
 
@@ -21,11 +21,20 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
     parser.add_argument("--connect", default=DEFAULT_ENDPOINT, metavar="tcp/HOST:PORT", help="where the router listens")
     parser.add_argument("--listen", default=DEFAULT_ENDPOINT, metavar="tcp/HOST:PORT", help="router: where to listen")
     parser.add_argument("-o", "--output", type=Path, metavar="RUN.mcap", help="recorder: the recording to write")
-    parser.add_argument("--quiet", action="store_true", help="say only what goes wrong")
+    parser.add_argument("--quiet", action="store_true", help="say only what goes wrong in this very process")
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
+    try:
+        return _run(options)
+    except (BrokenOffError, KeyboardInterrupt):
+        if options.quiet:
+            return 1
+        raise
+
+
+def _run(options: argparse.Namespace) -> int:
     from services.member import StopSignal, say
 
     log = load_log(options) if options.name != "router" or options.log else None
@@ -40,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
         if options.name == "router":
             from services.router.host import run_router
 
-            run_router(scenario, options.listen, stop)
+            run_router(scenario, options.listen, stop, quiet=options.quiet)
         elif options.name == "recorder":
             from services.cli.run import default_output
             from services.recorder.host import run_recorder

@@ -89,7 +89,7 @@ class RearrangementEstimator:
                 case Detections():
                     detections = item.message
         self._held = self._command.target if contact and self._command.grip else -1
-        elapsed_s = 0.0 if self._stamp_ns < 0 else (step.stamp_ns - self._stamp_ns) / 1e9
+        elapsed_s = 0.0 if self._stamp_ns < 0 else max(step.stamp_ns - self._stamp_ns, 0) / 1e9
         self._stamp_ns = step.stamp_ns
         self._filter(detections, elapsed_s, step.number)
         if self._particles is None or not self._located.all():

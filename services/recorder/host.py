@@ -44,7 +44,7 @@ def run_recorder(
             member.bus.subscribe(key)
         with RecordingWriter(path, run_header(scenario), attachments, boot=member.boot) as writer:
             try:
-                member.assemble()
+                member.assemble(leads=False)
                 end = recorder.record(writer)
             except (RunError, KeyboardInterrupt) as error:
                 recorder.drain(writer)

@@ -30,7 +30,7 @@ class Leaf(NamedTuple):
 
     tick: int
     stamp_ns: int
-    digest: str  # SHA-256 of the payload
+    digest: bytes  # SHA-256 of the payload
     record: Recorded
 
 
@@ -46,7 +46,7 @@ def content_digest(recording: Recording) -> str:
     """Return the SHA-256, in hexadecimal, over what is compared of a recording."""
     total = hashlib.sha256()
     for key, leaf in sorted(leaves(recording).items()):
-        total.update(msgspec.json.encode((*key, leaf.tick, leaf.stamp_ns, leaf.digest)) + b"\n")
+        total.update(msgspec.json.encode((*key, leaf.tick, leaf.stamp_ns, leaf.digest.hex())) + b"\n")
     for state in sorted(states(recording).items()):
         total.update(msgspec.json.encode(state) + b"\n")
     return total.hexdigest()
@@ -63,7 +63,7 @@ def leaves(recording: Recording) -> dict[Key, Leaf]:
         tick = recording.tick_of(record)
         key = Key(record.node, record.topic, starts[record.node, record.boot], record.sequence)
         found[key] = Leaf(
-            -1 if tick is None else tick, record.stamp_ns, hashlib.sha256(record.payload).hexdigest(), record
+            -1 if tick is None else tick, record.stamp_ns, hashlib.sha256(record.payload).digest(), record
         )
     return found
 

@@ -75,7 +75,10 @@ def _title(recording: Recording) -> str:
         scenario = msgspec.json.decode(recording.header.scenario, type=dict[str, Any])
     except msgspec.DecodeError:
         return "untitled"
-    return str(scenario.get("title") or scenario.get("name") or "untitled")
+    imported = scenario.get("import")  # what an importer tells of its source, in the place of a scenario
+    if isinstance(imported, dict) and "source" in imported:
+        return f"log imported from {imported['source']}"
+    return str(scenario.get("title", "untitled"))
 
 
 def _ticks(recording: Recording) -> int:

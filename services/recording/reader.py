@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import msgspec
 from mcap.records import Attachment as AttachmentRecord
-from mcap.records import Channel, Header, Metadata, Schema
+from mcap.records import Channel, Header, Metadata
 
 from protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
 from protocol.version import READABLE_VERSIONS
@@ -33,6 +33,7 @@ __all__ = ["Examined", "Recorded", "Recording", "Source", "load", "read_recordin
 _CACHE_BYTES = 64 * 2**20
 _INDEX_ENTRY = 16  # bytes that a file spends on each message beside the chunk, in its message index
 _UNINDEXED = 20_000  # messages of a last chunk whose index the recorder had no time to write
+_MOST_DAMAGE = 10_000
 _LISTED_TOPICS = 8
 _FOREIGN_CHUNKS = 16  # chunks of somebody else's file that are searched for topics
 
@@ -298,6 +299,8 @@ class _Loader:
         return Examined(recording, tuple(self._damage))
 
     def _take(self, item: object) -> None:
+        if len(self._damage) >= _MOST_DAMAGE:
+            raise CorruptRecordingError(f"{self._path}: damaged in more than {_MOST_DAMAGE} places")
         match item:
             case Header():
                 self._profile = item.profile
@@ -326,8 +329,6 @@ class _Loader:
                     self._message(record, chunk)
                 elif isinstance(record, Channel):
                     self._channel(record, region.offset)
-                elif not isinstance(record, Schema):
-                    raise ValueError(f"an unexpected {type(record).__name__}")
         except ValueError as error:
             self._damage.append(Damage(DamageKind.MALFORMED, region.offset, f"chunk: {error}"))
 

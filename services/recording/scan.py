@@ -110,15 +110,11 @@ class _BadError(Exception):
 class _Body(ReadDataStream):
     """The body of one record, from which nothing can be read beyond its end."""
 
-    def __init__(self, body: bytes) -> None:
-        super().__init__(BytesIO(body))
-        self._left = len(body)
-
     def read(self, length: int) -> bytes:
-        if length > self._left:
-            raise _BadError(DamageKind.MALFORMED, f"a field of {length} bytes where {self._left} are left")
-        self._left -= length
-        return super().read(length)
+        data = super().read(length)
+        if len(data) != length:
+            raise _BadError(DamageKind.MALFORMED, f"a field of {length} bytes where {len(data)} are left")
+        return data
 
 
 def scan(stream: BinaryIO, size: int) -> Iterator[Item]:
@@ -233,9 +229,11 @@ def _data_record(opcode: int, body: bytes, offset: int) -> Item | None:
 
 def _parse(kind: type[_R], body: bytes) -> _R:
     try:
-        return kind.read(_Body(body))  # type: ignore[attr-defined, no-any-return]
-    except (McapError, struct.error, UnicodeDecodeError) as error:
-        raise _BadError(DamageKind.MALFORMED, f"unreadable {kind.__name__} record: {error}") from error
+        return kind.read(_Body(BytesIO(body)))  # type: ignore[attr-defined, no-any-return]
+    except (McapError, struct.error, UnicodeDecodeError, OverflowError) as error:
+        raise _BadError(
+            DamageKind.MALFORMED, f"unreadable {kind.__name__} record: {str(error) or type(error).__name__}"
+        ) from error
 
 
 def _attachment(body: bytes) -> Attachment:
@@ -249,19 +247,19 @@ def _attachment(body: bytes) -> Attachment:
 def _uncompress(chunk: Chunk) -> bytes:
     size = chunk.uncompressed_size
     if size > MAX_RECORD:
-        raise _BadError(DamageKind.OVERSIZE, f"claims {size} bytes uncompressed; at most {MAX_RECORD} are read")
+        raise _BadError(DamageKind.OVERSIZE, f"a chunk claims {size} bytes uncompressed; at most {MAX_RECORD} are read")
     match chunk.compression:
         case "":
             data = chunk.data
         case "zstd":
             data = _zstd(chunk.data, size)
         case other:
-            raise _BadError(DamageKind.MALFORMED, f"compressed by {other!r}; expected zstd")
+            raise _BadError(DamageKind.MALFORMED, f"a chunk compressed by {other!r}; expected zstd")
     if len(data) != size:
-        raise _BadError(DamageKind.MALFORMED, f"holds {len(data)} bytes uncompressed and claims {size}")
+        raise _BadError(DamageKind.MALFORMED, f"a chunk holds {len(data)} bytes uncompressed and claims {size}")
     # A stored 0 means "no checksum" in MCAP. Recordings always have one, so here it is a checksum like any other.
     if zlib.crc32(data) != chunk.uncompressed_crc:
-        raise _BadError(DamageKind.CHECKSUM, "its checksum does not match")
+        raise _BadError(DamageKind.CHECKSUM, "the checksum of a chunk does not match")
     return data
 
 
@@ -270,12 +268,14 @@ def _zstd(data: bytes, size: int) -> bytes:
         # zstandard allocates what the frame claims to hold: look before believing it.
         claimed = zstandard.get_frame_parameters(data).content_size
         if claimed not in (size, zstandard.CONTENTSIZE_UNKNOWN):
-            raise _BadError(DamageKind.MALFORMED, f"the compressed data claim {claimed} bytes, the chunk {size}")
+            raise _BadError(
+                DamageKind.MALFORMED, f"a chunk claims {size} bytes uncompressed, its compressed data {claimed}"
+            )
         if size == 0:
             return b""
         return zstandard.ZstdDecompressor().decompress(data, max_output_size=size, allow_extra_data=False)
     except zstandard.ZstdError as error:
-        raise _BadError(DamageKind.CHECKSUM, f"the compressed data are damaged: {error}") from error
+        raise _BadError(DamageKind.CHECKSUM, f"the compressed data of a chunk are damaged: {error}") from error
 
 
 def _check_message_index(body: bytes) -> None:

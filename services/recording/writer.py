@@ -1,6 +1,7 @@
 """Writes a recording: channels on demand, chunks that are closed in time, and an account of what is missing."""
 
 import errno
+import functools
 import os
 from pathlib import Path
 from types import TracebackType
@@ -250,7 +251,7 @@ class RecordingWriter:
         kind = JournalEntry if name.startswith(JOURNAL_PREFIX) else topic(name).type
         schema = self._schemas.get(kind.schema_name)
         if schema is None:
-            schema = self._mcap.register_schema(kind.schema_name, "jsonschema", json_schema(kind))
+            schema = self._mcap.register_schema(kind.schema_name, "jsonschema", _schema(kind))
             self._schemas[kind.schema_name] = schema
         channel = self._mcap.register_channel(name, "json", schema, {"node": node, "boot": boot})
         track = self._tracks[source] = _Track(channel)
@@ -310,6 +311,11 @@ class RecordingWriter:
     def _fail(self, error: OSError) -> RecordingError:
         self._failure = _unwritable(self.path, error)
         return self._failure
+
+
+@functools.cache
+def _schema(kind: type[Message] | type[JournalEntry]) -> bytes:
+    return json_schema(kind)
 
 
 def _entry(name: str, payload: bytes) -> JournalEntry:

@@ -5,17 +5,17 @@ import time
 
 from protocol.control import Beat, Recorded, Stop, decode_control, encode_control
 from services.bus import ALIVE, BEAT, CONTROL, READY, SCENARIO, open_router
-from services.errors import RunError
+from services.errors import BrokenOffError
 from services.member import BEAT_S, StopSignal, new_boot, say
 from services.scenario import Scenario, resolved_json
 
 __all__ = ["run_router"]
 
 
-def run_router(scenario: Scenario, endpoint: str, stop: StopSignal) -> None:
+def run_router(scenario: Scenario, endpoint: str, stop: StopSignal, *, quiet: bool) -> None:
     """Be the hub at ``endpoint`` until the run that goes through it has ended and everybody has left.
 
-    Raises UsageError if it cannot listen there, RunError if everybody left before the run was recorded.
+    Raises UsageError if it cannot listen there, BrokenOffError if everybody left before the run was recorded.
     """
     boot, parent = new_boot(), os.getppid()
     with open_router(endpoint) as bus:
@@ -25,7 +25,8 @@ def run_router(scenario: Scenario, endpoint: str, stop: StopSignal) -> None:
         bus.watch(f"{ALIVE}**")
         bus.watch(f"{READY}**")
         bus.declare(f"{ALIVE}router/{boot}")
-        say("router", f"listening at {endpoint}")
+        if not quiet:
+            say("router", f"listening at {endpoint}")
         present: set[str] = set()
         began = stopping = False
         recorded: Recorded | None = None
@@ -52,6 +53,6 @@ def run_router(scenario: Scenario, endpoint: str, stop: StopSignal) -> None:
             elif arrival.key == f"{CONTROL}recorded":
                 recorded = decode_control(arrival.payload, Recorded)
         if recorded is None:
-            raise RunError("everybody has left before the run was recorded")
+            raise BrokenOffError("everybody has left before the run was recorded")
         if not recorded.complete:
-            raise RunError(f"the run ended incomplete: {recorded.reason}")
+            raise BrokenOffError(f"the run ended incomplete: {recorded.reason}")

@@ -13,7 +13,7 @@ from services.errors import RunError
 from services.member import StopSignal, say
 from services.scenario import Scenario, resolved_json
 
-__all__ = ["run_on_bus"]
+__all__ = ["free_port", "run_on_bus"]
 
 GRACE_S = 2.5
 """How long the others may take to stop by themselves after one process has failed."""
@@ -29,7 +29,7 @@ def run_on_bus(scenario: Scenario, path: Path, log: Path | None, stop: StopSigna
     with tempfile.TemporaryDirectory(prefix="dynpf-") as folder:
         resolved = Path(folder) / "scenario.json"
         resolved.write_text(resolved_json(scenario), encoding="utf-8")
-        endpoint = f"tcp/127.0.0.1:{_free_port()}"
+        endpoint = f"tcp/127.0.0.1:{free_port()}"
         with _processes(scenario, resolved, endpoint, path, log) as processes:
             _watch(processes, stop)
 
@@ -62,23 +62,26 @@ def _watch(processes: dict[str, subprocess.Popen[bytes]], stop: StopSignal) -> N
     deadline: float | None = None
     asked = False
     while running := [name for name, process in processes.items() if process.poll() is None]:
-        if not failed:
+        if not failed and not stop.requested:
             failed = _failure(processes)
             if failed:
                 deadline = time.monotonic() + GRACE_S
-                say("run", f"{failed}; stopping the others")
         if stop.requested and not asked:
             asked = True
             say("run", f"{stop.reason}: ending the run (again to end it at once)")
             for name in running:
                 processes[name].terminate()
             deadline = deadline or time.monotonic() + 10.0
-        if failed and running == ["router"]:
+        if (failed or stop.requested) and running == ["router"]:
             processes["router"].terminate()  # it waits for a run that will not come
         if stop.at_once or (deadline is not None and time.monotonic() > deadline):
             hung = ", ".join(running)
             raise RunError(f"{failed or 'stopped at once'}; killed what was left: {hung}")
         time.sleep(POLL_S)
+    if stop.requested:
+        if processes["recorder"].returncode != 0:
+            raise RunError(f"{stop.reason} before the run had begun")
+        return
     failed = failed or _failure(processes)
     if failed:
         raise RunError(failed)
@@ -99,7 +102,8 @@ def _failure(processes: dict[str, subprocess.Popen[bytes]]) -> str:
     return ""
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """Return a TCP port on loopback that nobody listens at."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

@@ -1,5 +1,7 @@
 """The vision node: camera frames in, discs in workspace coordinates out."""
 
+from typing import cast
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -33,17 +35,18 @@ class VisionNode:
     reads = frozenset({"camera/image"})
     writes = frozenset({"vision/detections", "log"})
 
-    def __init__(self, config: VisionConfig, *, seed: int) -> None:
+    def __init__(self, *, config: VisionConfig, seed: int) -> None:
         self._config = config
         self._seed = seed
         self._calibration = config.calibrated()
 
     def step(self, step: Step) -> Result:
-        frames = [item.message for item in step.inputs if isinstance(item.message, CompressedImage)]
+        frames = [item for item in step.inputs if isinstance(item.message, CompressedImage)]
         if not frames:
             return Result()
+        newest = max(frames, key=lambda item: item.stamp_ns).message
         try:
-            detections = self._detect(frames[-1].data, step.tick)
+            detections = self._detect(cast(CompressedImage, newest).data, step.number)
         except BrokenFrameError as error:
             warning = Log(
                 timestamp=timestamp(step.stamp_ns),
@@ -60,12 +63,12 @@ class VisionNode:
     def thaw(self, state: State) -> None:
         """Take back a state of `freeze`, which is always empty."""
 
-    def _detect(self, data: bytes, tick: int) -> Detections:
+    def _detect(self, data: bytes, number: int) -> Detections:
         discs = detect_discs(self._decode(data), self._config.detection)
         if len(discs) > MAX_DISCS:
-            raise BrokenFrameError(f"{len(discs)} discs found, at most {MAX_DISCS} can be")
+            raise BrokenFrameError(f"{len(discs)} discs found, at most {MAX_DISCS} can be told")
         placed = self._calibration.discs_to_workspace(discs, SUBSAMPLING)
-        noise = self._noise(len(discs), tick)
+        noise = self._noise(len(discs), number)
         return Detections(
             discs=tuple(
                 Detection(
@@ -97,6 +100,6 @@ class VisionNode:
             )
         return np.asarray(image, dtype=np.uint8)
 
-    def _noise(self, count: int, tick: int) -> NDArray[np.float64]:
-        draws = stream(self._seed, self.name, tick, "position noise").standard_normal((count, 2))
+    def _noise(self, count: int, number: int) -> NDArray[np.float64]:
+        draws = stream(self._seed, self.name, number, "position noise").standard_normal((count, 2))
         return self._config.position_noise_m * draws

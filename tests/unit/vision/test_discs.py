@@ -129,6 +129,12 @@ def test_random_pixels_hold_nothing(contrast: int) -> None:
         assert detect_discs(image, DetectionParams()) == ()
 
 
+def test_many_discs_are_found_and_clutter_holds_nothing() -> None:
+    dot = drawn([(10.0, 10.0, 5.0)], [90.0], shape=(20, 20))
+    assert len(detect_discs(as_grey(np.tile(dot, (12, 16))), DetectionParams())) == 192
+    assert detect_discs(as_grey(np.tile(dot, (20, 20))), DetectionParams()) == ()
+
+
 def test_same_image_same_discs_in_order() -> None:
     truth = [(120.0, 30.0, 8.0), (30.0, 30.5, 8.0), (80.0, 90.0, 10.0)]
     image = as_grey(drawn(truth, [90.0] * 3), noise=2.0)
@@ -144,10 +150,10 @@ def test_refuses_what_is_no_grey_image(image: np.ndarray) -> None:
 
 
 def test_subsampling_keeps_places() -> None:
-    frame = np.repeat(as_grey(drawn([(401.3, 238.6, 40.0)], [90.0], shape=(480, 640)))[..., None], 3, axis=2)
+    frame = np.repeat(as_grey(drawn([(201.3, 138.6, 40.0)], [90.0], shape=(240, 320)))[..., None], 3, axis=2)
     (disc,) = detect_discs(subsample(frame), DetectionParams())
     centre = to_full_px(np.array([disc.x_px, disc.y_px]))
-    assert (*centre, 4 * disc.radius_px) == pytest.approx((401.3, 238.6, 40.0), abs=0.12)
+    assert (*centre, 4 * disc.radius_px) == pytest.approx((201.3, 138.6, 40.0), abs=0.12)
 
 
 def test_a_photograph_of_sweets() -> None:

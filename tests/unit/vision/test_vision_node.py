@@ -21,9 +21,13 @@ SCENE = [
 JPEG = encode(render(SCENE, CAMERA, seed=4, tick=0), CAMERA)
 
 
+def node_of(config: VisionConfig | None = None, seed: int = 1) -> VisionNode:
+    return VisionNode(config=config or VisionConfig(), seed=seed)
+
+
 def step_with(*frames: bytes, tick: int = 3) -> Step:
     images = [CompressedImage(timestamp=timestamp(0), frame_id="camera", data=data, format="jpeg") for data in frames]
-    inputs = tuple(Received("camera/image", "simulator", "b", i, 0, image) for i, image in enumerate(images))
+    inputs = tuple(Received("camera/image", "simulator", "b", i, i * 1000, image) for i, image in enumerate(images))
     return Step(number=tick, tick=tick, stamp_ns=150_000_000, inputs=inputs)
 
 
@@ -34,7 +38,7 @@ def seen(node: VisionNode, step: Step) -> tuple[Detections, tuple[Message, ...]]
 
 
 def test_sees_every_disc_in_its_place() -> None:
-    detections, others = seen(VisionNode(VisionConfig(), seed=1), step_with(JPEG))
+    detections, others = seen(node_of(), step_with(JPEG))
     found = sorted((disc.radius, disc.x, disc.y) for disc in detections.discs)
     truth = sorted((disc.radius_m, disc.x_m, disc.y_m) for disc in SCENE)
     assert np.array(found) == pytest.approx(np.array(truth), abs=6e-4)
@@ -47,7 +51,7 @@ def test_sees_every_disc_in_its_place() -> None:
 
 def test_a_png_frame_is_as_good() -> None:
     png = cv2.imencode(".png", render(SCENE, CAMERA, seed=4, tick=0))[1].tobytes()
-    detections, _ = seen(VisionNode(VisionConfig(), seed=1), step_with(png))
+    detections, _ = seen(node_of(), step_with(png))
     assert len(detections.discs) == len(SCENE)
 
 
@@ -62,7 +66,7 @@ def test_a_png_frame_is_as_good() -> None:
     ],
 )
 def test_a_broken_frame_is_reported_and_the_next_is_seen(data: bytes, complaint: str) -> None:
-    node = VisionNode(VisionConfig(), seed=1)
+    node = node_of()
     detections, (warning,) = seen(node, step_with(data))
     assert detections.discs == ()
     assert isinstance(warning, Log)
@@ -72,7 +76,7 @@ def test_a_broken_frame_is_reported_and_the_next_is_seen(data: bytes, complaint:
 
 
 def test_the_newest_frame_counts_and_none_gives_nothing() -> None:
-    node = VisionNode(VisionConfig(), seed=1)
+    node = node_of()
     empty = encode(render([], CAMERA, seed=4, tick=0), CAMERA)
     assert seen(node, step_with(JPEG, empty))[0].discs == ()
     assert len(seen(node, step_with(empty, JPEG))[0].discs) == len(SCENE)
@@ -80,11 +84,13 @@ def test_the_newest_frame_counts_and_none_gives_nothing() -> None:
 
 
 def test_noise_has_its_spread_and_hangs_on_seed_and_tick() -> None:
-    sharp, _ = seen(VisionNode(VisionConfig(), seed=1), step_with(JPEG))
+    sharp, _ = seen(node_of(), step_with(JPEG))
     config = VisionConfig(position_noise_m=0.01)
 
+    nodes = {seed: node_of(config, seed) for seed in (1, 2)}
+
     def noise(seed: int, tick: int) -> np.ndarray:
-        detections, _ = seen(VisionNode(config, seed=seed), step_with(JPEG, tick=tick))
+        detections, _ = seen(nodes[seed], step_with(JPEG, tick=tick))
         pairs = zip(detections.discs, sharp.discs, strict=True)
         return np.array([(disc.x - true.x, disc.y - true.y) for disc, true in pairs])
 

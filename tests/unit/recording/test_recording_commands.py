@@ -1,0 +1,158 @@
+import argparse
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from protocol.envelope import Envelope
+from services.cli import diff, doctor, info, recover
+from services.errors import DynpfError
+from services.recording.doctor import Finding, Severity, examine
+from tests.unit.recording.recorded_runs import Sent, changed, lockstep, write
+
+Run = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    def call(*words: str | Path) -> tuple[int, str]:
+        parser = argparse.ArgumentParser()
+        subparsers = parser.add_subparsers(required=True)
+        for command in (info, doctor, recover, diff):
+            command.add_parser(subparsers)
+        args = parser.parse_args([str(word) for word in words])
+        code = args.run(args)
+        return code, capsys.readouterr().out
+
+    return call
+
+
+def test_info(run: Run, tmp_path: Path) -> None:
+    path = write(tmp_path / "run.mcap", lockstep(5))
+    code, printed = run("info", path, "--json")
+    summary = json.loads(printed)
+    assert code == 0
+    assert (summary["title"], summary["seed"], summary["ticks"], summary["messages"]) == ("Two nodes", 7, 5, 20)
+    assert (summary["complete"], summary["gaps"], summary["duration_s"]) == (True, 0, 0.2)
+    assert summary["topics"]["truth/robot"]["messages"] == 5
+    assert summary["attachments"] == {"map.pgm": 256}
+    code, printed = run("info", path)
+    assert code == 0
+    assert "Two nodes, seed 7" in printed
+    assert summary["content_digest"] in printed
+
+
+def test_info_tells_that_a_file_was_cut_off(run: Run, tmp_path: Path) -> None:
+    path = write(tmp_path / "run.mcap", lockstep(5), flush_every=10, close=False)
+    code, printed = run("info", path, "--json")
+    summary = json.loads(printed)
+    assert code == 0
+    assert (summary["truncated"], summary["complete"], summary["messages"]) == (True, False, 18)
+
+
+def test_doctor_of_a_healthy_recording(run: Run, tmp_path: Path) -> None:
+    path = write(tmp_path / "run.mcap", lockstep(5))
+    assert run("doctor", path) == (0, f"{path}: whole and complete\n")
+    assert json.loads(run("doctor", path, "--json")[1]) == {"healthy": True, "findings": []}
+
+
+def without(sent: list[Sent], topic: str, sequence: int) -> list[Sent]:
+    return changed(sent, topic, sequence, lambda _: None)
+
+
+def extra(topic: str, node: str, payload: bytes = b"{}") -> list[Sent]:
+    return [*lockstep(3), Sent(topic, Envelope(node, "b", 0, 0, 0, 0), payload)]
+
+
+@pytest.mark.parametrize(
+    ("sent", "where", "what"),
+    [
+        (without(lockstep(5), "diagnostics", 2), "diagnostics", "missing: sequence 2 of estimator"),
+        (
+            without(lockstep(5), "truth/robot", 4),
+            "journal/sensors",
+            "1 references .* truth/robot 4 of simulator, consumed",
+        ),
+        (without(lockstep(5), "truth/robot", 4), "journal/simulator", "truth/robot 4 of simulator, produced in step 4"),
+        (without(lockstep(5), "truth/robot", 4), "end of run", "not complete: the journal refers to"),
+        (without(lockstep(5), "journal/sensors", 2), "journal/sensors", "missing: step 2"),
+        (extra("log", "vision", b'{"level":9}'), "log", "1 unreadable messages of vision, first sequence 0: log: "),
+        (extra("log", "stranger"), "log", "sent by 'stranger'; expected simulator"),
+        ([*lockstep(2), *lockstep(2)[:1]], "truth/robot", "1 messages of simulator were recorded twice"),
+        (
+            [*lockstep(2), lockstep(2)[0]._replace(payload=lockstep(2)[7].payload)],
+            "truth/robot",
+            "1 sequence numbers of simulator stand for two different messages",
+        ),
+    ],
+)
+def test_doctor_finds(run: Run, tmp_path: Path, sent: list[Sent], where: str, what: str) -> None:
+    path = write(tmp_path / "run.mcap", sent)
+    findings = [found for found in examine(path) if found.where == where and re.search(what, found.what)]
+    assert len(findings) == 1
+    code, printed = run("doctor", path)
+    assert code == 1
+    assert findings[0].what in printed
+
+
+def test_doctor_of_something_else(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    path.write_text("hello, world")
+    code, printed = run("doctor", path, "--json")
+    assert code == 2
+    (finding,) = json.loads(printed)["findings"]
+    assert finding["severity"] == "unreadable"
+    assert examine(path) == [Finding(severity=Severity.UNREADABLE, what=finding["what"], where=str(path))]
+
+
+def test_recover(run: Run, tmp_path: Path) -> None:
+    killed = write(tmp_path / "killed.mcap", lockstep(5), flush_every=10, close=False)
+    code, printed = run("recover", killed)
+    assert code == 0
+    assert (
+        "killed.recovered.mcap: 30 messages kept, the last at 0.200 s; incomplete, recovered: the file ends" in printed
+    )
+    mended = tmp_path / "killed.recovered.mcap"
+    with mended.open("rb") as stream:
+        assert len(list(make_reader(stream, validate_crcs=True).iter_messages())) == 30
+    with pytest.raises(DynpfError, match="the file exists") as refused:
+        run("recover", killed, "-o", mended)
+    assert refused.value.exit_code == 2
+    code, printed = run("recover", killed, "-o", tmp_path / "second.mcap", "--json")
+    assert (code, json.loads(printed)["kept"]) == (0, 30)
+
+
+def test_diff(run: Run, tmp_path: Path) -> None:
+    sent = lockstep(5)
+    other = changed(sent, "truth/robot", 2, lambda one: one._replace(payload=one.payload.replace(b"0.5", b"0.6")))
+    a, b = write(tmp_path / "a.mcap", sent), write(tmp_path / "b.mcap", other)
+    assert run("diff", a, a) == (0, "same: 15 messages\n")
+    code, printed = run("diff", a, b)
+    assert code == 1
+    assert "tick 2, node simulator, truth/robot 2, field y" in printed
+    code, printed = run("diff", a, b, "--json")
+    difference = json.loads(printed)
+    assert (code, difference["same"]) == (1, False)
+    assert difference["first"] == {
+        "node": "simulator",
+        "topic": "truth/robot",
+        "tick": 2,
+        "sequence": 2,
+        "field": "y",
+        "a": 0.5,
+        "b": 0.6,
+    }
+    assert difference["counts"]["truth/robot"] == {"a": 5, "b": 5, "differ": 1}
+
+
+@pytest.mark.parametrize("command", ["info", "recover", "diff"])
+def test_files_that_are_no_recording_are_told_in_one_line(run: Run, tmp_path: Path, command: str) -> None:
+    path = tmp_path / "x.mcap"
+    path.write_bytes(b"")
+    with pytest.raises(DynpfError, match=r"x\.mcap: the file is empty") as refused:
+        run(command, path, *([path] if command == "diff" else []))
+    assert "\n" not in str(refused.value)
+    assert refused.value.exit_code == 2
