@@ -9,10 +9,9 @@ from protocol.topics import NODES
 from services.cli.options import add_scenario_options, load_log, scenario_from
 from services.errors import BrokenOffError, RunError, UsageError
 
-__all__ = ["DEFAULT_ENDPOINT", "ENDPOINT", "add_parser", "endpoint"]
+__all__ = ["DEFAULT_ENDPOINT", "add_parser", "endpoint"]
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-ENDPOINT = "tcp/HOST:PORT"
 
 
 def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
@@ -24,7 +23,7 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
         "--connect", default=DEFAULT_ENDPOINT, type=endpoint, metavar="tcp/HOST:PORT", help="where the router listens"
     )
     parser.add_argument(
-        "--listen", default=DEFAULT_ENDPOINT, type=endpoint, metavar=ENDPOINT, help="router: where to listen"
+        "--listen", default=DEFAULT_ENDPOINT, type=endpoint, metavar="tcp/HOST:PORT", help="router: where to listen"
     )
     parser.add_argument("-o", "--output", type=Path, metavar="RUN.mcap", help="recorder: the recording to write")
     parser.add_argument("--quiet", action="store_true", help="say only what goes wrong in this very process")
