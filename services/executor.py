@@ -25,10 +25,9 @@ class Sent(NamedTuple):
 
 
 class Executed(NamedTuple):
-    """What came of one step."""
+    """What came of one step: the messages, and whether the source says that it was the last."""
 
     sent: tuple[Sent, ...]
-    entry: JournalEntry
     finished: bool
 
 
@@ -42,13 +41,19 @@ class Executor:
         self._sequences: defaultdict[str, int] = defaultdict(int)
         self.steps = 0
 
-    def step(
-        self, tick: int, stamp_ns: int, inputs: Sequence[Received], publish_ns: int, *, last: bool = False
-    ) -> Executed:
-        """Run the next step. ``last`` marks it as the node's last; the source's own word for that is ``finished``."""
+    def step(self, tick: int, stamp_ns: int, inputs: Sequence[Received], publish_ns: int) -> Executed:
+        """Run the next step; ``journal`` has to follow before the one after it."""
         result = self.node.step(Step(self.steps, tick, stamp_ns, tuple(inputs)))
         sent = tuple(self.stamp(topic, message, tick, stamp_ns, publish_ns) for topic, message in result.outputs)
-        last = last or result.finished
+        return Executed(sent, result.finished)
+
+    def journal(
+        self, tick: int, stamp_ns: int, inputs: Sequence[Received], sent: Sequence[Sent], *, last: bool
+    ) -> JournalEntry:
+        """Account for the step just run: what it consumed and produced, and at intervals the digest of the state.
+
+        Apart from ``step`` so that a host can send what others wait for first. ``last`` marks the node's last step.
+        """
         digest = last or (self.steps + 1) % self._digest_every == 0
         entry = JournalEntry(
             step=self.steps,
@@ -60,7 +65,7 @@ class Executor:
             state=state_digest(self.node.freeze()) if digest else "",
         )
         self.steps += 1
-        return Executed(sent, entry, result.finished)
+        return entry
 
     def stamp(self, topic: str, message: Message, tick: int, stamp_ns: int, publish_ns: int) -> Sent:
         """Give a message its place in this boot's sequence of its topic."""

@@ -44,7 +44,8 @@ def run_node(name: str, scenario: Scenario, endpoint: str, log: Sequence[LogReco
     nodes = build_nodes(scenario)
     graph = Graph.of(list(nodes.values()))
     with join(name, scenario, endpoint, stop) as member:
-        host = _Host(nodes[name], scenario, graph, member)
+        awaited = frozenset().union(*(node.reads for node in nodes.values()))
+        host = _Host(nodes[name], scenario, graph, awaited, member)
         host.subscribe()
         member.assemble(leads=name == graph.source)
         host.run(host.feeds(log) if name == graph.source else None)
@@ -52,8 +53,9 @@ def run_node(name: str, scenario: Scenario, endpoint: str, log: Sequence[LogReco
 
 
 class _Host:
-    def __init__(self, node: Node, scenario: Scenario, graph: Graph, member: Member) -> None:
+    def __init__(self, node: Node, scenario: Scenario, graph: Graph, awaited: frozenset[str], member: Member) -> None:
         self._node = node
+        self._awaited = awaited
         self._scenario = scenario
         self._graph = graph
         self._member = member
@@ -144,28 +146,29 @@ class _Host:
     def _step(self, ready: Ready, stamp_ns: int, fed: Sequence[Sent] = (), *, last: bool) -> bool:
         """Run one step, publish what came of it, and return whether it was the last."""
         self._stamp_ns = stamp_ns
-        for one in fed:
-            self._publish(one)
         events = notice_gaps(self._executor, self._gaps, ready, stamp_ns, time.time_ns())
         began = time.perf_counter()
-        executed = self._executor.step(ready.tick, stamp_ns, ready.inputs, time.time_ns(), last=last)
+        executed = self._executor.step(ready.tick, stamp_ns, ready.inputs, time.time_ns())
         self._step_time_s += time.perf_counter() - began
-        for one in (*events, *executed.sent):
-            self._publish(one)
-        self._end_step(executed.entry.step, executed.entry.last, ready.tick, (*fed, *events, *executed.sent))
-        envelope = Envelope(
-            self._node.name, self._member.boot, executed.entry.step, ready.tick, stamp_ns, time.time_ns()
-        )
-        self._bus.put(JOURNAL + self._node.name, encode_entry(executed.entry), encode_envelope(envelope))
-        if not executed.entry.last:
-            self._report()
-        return executed.entry.last
-
-    def _end_step(self, step: int, last: bool, tick: int, sent: Sequence[Sent]) -> None:
+        last = last or executed.finished
+        sent = (*fed, *events, *executed.sent)
+        # What other nodes wait for goes first; what is only recorded or looked at, and the journal, follow.
+        for one in sent:
+            if one.topic in self._awaited:
+                self._publish(one)
         counts = dict(Counter(one.topic for one in sent))
-        done = TickDone(self._node.name, self._member.boot, step, tick, self._stamp_ns, counts, last)
+        done = TickDone(self._node.name, self._member.boot, self._executor.steps, ready.tick, stamp_ns, counts, last)
         self._bus.put(TICK + self._node.name, encode_control(done))
-        self._member.ticks = tick + 1
+        for one in sent:
+            if one.topic not in self._awaited:
+                self._publish(one)
+        entry = self._executor.journal(ready.tick, stamp_ns, ready.inputs, executed.sent, last=last)
+        envelope = Envelope(self._node.name, self._member.boot, entry.step, ready.tick, stamp_ns, time.time_ns())
+        self._bus.put(JOURNAL + self._node.name, encode_entry(entry), encode_envelope(envelope))
+        self._member.ticks = ready.tick + 1
+        if not last:
+            self._report()
+        return last
 
     def _publish(self, one: Sent) -> None:
         may_drop = self._realtime and TOPICS[one.topic].delivery is Delivery.FRESH

@@ -12,7 +12,7 @@ from dynpf.filters.start import around
 from dynpf.maps.landmarks import LandmarkMap
 from dynpf.measurement.range_bearing import RangeBearing, RangeBearingReading
 from dynpf.motion.arcs import Arcs
-from dynpf.motion.calibration import CalibratedMotion
+from dynpf.motion.calibration import CalibratedArcs
 from dynpf.motion.model import MotionModel, Twist
 from dynpf.rng import stream
 from dynpf.se2 import arc_displacement, compose
@@ -113,7 +113,7 @@ class LocalizationNode:
             "log_weights": self._cloud.log_weights,
             "reckoned": self._reckoned,
             "stamp_ns": self._stamp_ns,
-            "twist": [float(self._twist.v), float(self._twist.w)],
+            "twist": list(self._twist),
             "coming": [list(twist) for twist in self._coming],
             "newest_odometry_ns": self._newest_odometry_ns,
             "shown_ns": self._shown_ns,
@@ -226,12 +226,15 @@ class LocalizationNode:
 
 
 def _compose_filter(config: LocalizationConfig, landmarks: LandmarkMap) -> Sir:
-    motion: MotionModel = Arcs(config.motion)
-    if config.calibration is not None:
-        motion = CalibratedMotion(motion, config.calibration)
     (range_bearing,) = config.measurement
     return Sir(
-        motion,
+        _motion_model(config),
         {RangeBearingReading: RangeBearing(range_bearing, landmarks)},
         SystematicResampling(config.resampling),
     )
+
+
+def _motion_model(config: LocalizationConfig) -> MotionModel:
+    if config.calibration is None:
+        return Arcs(config.motion)
+    return CalibratedArcs(config.motion, config.calibration)

@@ -107,9 +107,10 @@ class _Seat:
         self, ready: Ready, stamp_ns: int, fed: Sequence[Sent], *, last: bool
     ) -> tuple[TickDone, tuple[Sent, ...], bytes]:
         events = notice_gaps(self._executor, self._gaps, ready, stamp_ns, 0)
-        executed = self._executor.step(ready.tick, stamp_ns, ready.inputs, 0, last=last)
+        executed = self._executor.step(ready.tick, stamp_ns, ready.inputs, 0)
+        last = last or executed.finished
+        entry = self._executor.journal(ready.tick, stamp_ns, ready.inputs, executed.sent, last=last)
         sent = (*fed, *events, *executed.sent)
-        entry = executed.entry
         counts = dict(Counter(one.topic for one in sent))
         done = TickDone(self._node.name, BOOT, entry.step, ready.tick, stamp_ns, counts, entry.last)
         return done, sent, encode_entry(entry)
