@@ -32,7 +32,8 @@ is encoded. Unknown fields, and values outside a type or range, are refused when
 the width of the map and z upwards; everything in the plane is in the frame `map`.
 
 *Wakes* are the nodes that step when the topic arrives in a realtime run; in lockstep every node steps every tick.
-A *fresh* topic may lose all but its newest message in a realtime run. What is *compared* makes two runs the same.
+Of a *fresh* topic a node takes only the newest message that has arrived, in a realtime run. What is *compared* makes
+two runs the same.
 """
 
 SCENARIOS_HEAD = """\

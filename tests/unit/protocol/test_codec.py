@@ -105,6 +105,12 @@ def test_the_word_null_in_a_text_is_no_bad_number() -> None:
     assert decode("log", encode("log", log)) == log
 
 
+def test_text_that_is_none_is_refused_at_encoding() -> None:
+    log = Log(timestamp=timestamp(0), level=LogLevel.INFO, message="half a pair: \ud800", name="vision")
+    with pytest.raises(BadMessageError, match=r"^log: .*surrogates not allowed"):
+        encode("log", log)
+
+
 def test_a_message_of_another_topic_is_refused() -> None:
     with pytest.raises(BadMessageError, match="sensors/odometry: got RobotState, expected Odometry"):
         encode("sensors/odometry", RobotState(x=0.0, y=0.0, theta=0.0))

@@ -59,7 +59,7 @@ def test_every_node_hears_of_its_missing_inputs_and_everything_is_recorded() -> 
     assert all(row.recorded for row in TOPICS.values())
 
 
-def test_only_large_and_frequent_topics_may_lose_old_messages() -> None:
+def test_only_of_large_and_frequent_topics_may_a_node_pass_over_old_messages() -> None:
     assert {name for name, row in TOPICS.items() if row.delivery is Delivery.FRESH} == {"camera/image", "sensors/scan"}
 
 
