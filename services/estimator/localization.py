@@ -19,6 +19,7 @@ from dynpf.se2 import arc_displacement, compose
 from protocol import frames
 from protocol.messages import (
     Estimate,
+    HostEvent,
     LandmarkReadings,
     Log,
     LogLevel,
@@ -29,6 +30,7 @@ from protocol.messages import (
     timestamp,
 )
 from services.estimator.config import LocalizationConfig
+from services.estimator.gaps import GAPS, gap_warning
 from services.estimator.picture import draw_scene, robot_transform
 from services.node import Output, Received, Result, State, Step
 from services.task import Landmark
@@ -58,7 +60,7 @@ class LocalizationNode:
     """
 
     name = "estimator"
-    reads = frozenset({"sensors/odometry", "sensors/landmarks"})
+    reads = frozenset({"sensors/odometry", "sensors/landmarks", GAPS})
     writes = frozenset(
         {
             "estimator/state",
@@ -103,6 +105,8 @@ class LocalizationNode:
                     self._take_odometry(received, received.message, motion)
                 case LandmarkReadings():
                     logs += self._take_readings(received, received.message, choice)
+                case HostEvent():
+                    logs.append(gap_warning(received.message, step.stamp_ns))
         self._advance(step.stamp_ns, motion)
         return Result((*self._report(), *logs))
 
