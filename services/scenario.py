@@ -51,7 +51,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     seed: Annotated[int, Meta(ge=0, le=2**62)] = 1
     clock: Literal["lockstep", "realtime"] = "lockstep"
     tick_s: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.05  # the source's period
-    max_ticks: Annotated[int, Meta(ge=1)] = 1_000_000
+    max_ticks: Annotated[int, Meta(ge=1)] = 1_000_000  # the run ends here though nobody has finished it
     needs_log: bool = False  # the sensors process plays an imported log
     log_digest: str = ""  # content digest of that log, filled in when it is given
     state_digest_ticks: Annotated[int, Meta(ge=1)] = 10  # a digest of each node's state every so many steps

@@ -78,7 +78,7 @@ class RoomSimulator:
         if step.stamp_ns - self._scene_ns >= SCENE_PERIOD_NS:
             self._scene_ns = step.stamp_ns
             outputs.append(Output("truth/scene", self._scene(timestamp(step.stamp_ns))))
-        return Result(tuple(outputs), finished=self._finished or self._ticks >= self.config.max_ticks)
+        return Result(tuple(outputs), finished=self._finished)
 
     def _move(self) -> None:
         v, w, spin = self._twist
