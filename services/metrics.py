@@ -14,7 +14,7 @@ from services.recording.digest import content_digest
 from services.recording.reader import Recording
 from services.scenario import Scenario, override_resolved
 
-__all__ = ["HOME_TOLERANCE_M", "LOST_M", "measure", "summary"]
+__all__ = ["HOME_TOLERANCE_M", "LOST_M", "differing", "measure", "summary"]
 
 FloatArray = NDArray[np.float64]
 
@@ -30,6 +30,17 @@ _TRUTHS = ("truth/robot", "log/truth")
 
 def measure(recording: Recording) -> dict[str, Any]:
     """Return the measures of a run; those that it holds no data for are left out."""
+    return {**_figures(recording), "content_digest": content_digest(recording)}
+
+
+def differing(a: Recording, b: Recording) -> dict[str, tuple[Any, Any]]:
+    """Return the measures, without the digest, in which two runs differ: both values, None where a run lacks one."""
+    left, right = _figures(a), _figures(b)
+    names = [*left, *(name for name in right if name not in left)]
+    return {name: (left.get(name), right.get(name)) for name in names if left.get(name) != right.get(name)}
+
+
+def _figures(recording: Recording) -> dict[str, Any]:
     end = recording.end
     measures: dict[str, Any] = {}
     measures |= _localization(recording)
@@ -37,7 +48,6 @@ def measure(recording: Recording) -> dict[str, Any]:
     measures["messages"] = sum(1 for _ in recording.messages())
     measures["gaps"] = end.missing if end is not None else None
     measures["complete"] = end is not None and end.complete and not recording.truncated
-    measures["content_digest"] = content_digest(recording)
     return measures
 
 
@@ -125,8 +135,10 @@ def _dead_reckoning(recording: Recording, reference: Trajectory) -> dict[str, fl
 def _rearrangement(recording: Recording) -> dict[str, Any]:
     _, states = _read(recording, "truth/parts", PartsState)
     _, robots = _read(recording, "truth/robot", RobotState)
+    if not states or len(states) != len(robots):
+        return {}
     task = _scenario(recording).task
-    if not states or task is None or len(states) != len(robots):
+    if task is None:
         return {}
     parts = np.array([[(part.x, part.y) for part in state.parts] for state in states])
     goals = np.array([part.goal for part in task.parts])

@@ -215,7 +215,8 @@ def _child(table: Any, name: str, path: str, override: str) -> Any:
 
 def _index(table: list[Any], name: str, path: str, override: str) -> int:
     if not name.isdecimal() or int(name) >= len(table):
-        raise ScenarioError(f"--set {override}: {path}: expected an index from 0 to {len(table) - 1}, got {name!r}")
+        expected = f"expected an index from 0 to {len(table) - 1}, got {name!r}" if table else "the list is empty"
+        raise ScenarioError(f"--set {override}: {path}: {expected}")
     return int(name)
 
 
@@ -271,7 +272,10 @@ def _contradictions(scenario: Scenario) -> Iterator[str]:
         yield "simulator: a run that plays a log (needs_log) has no simulator"
     if isinstance(scenario.sensors, LogSensorsConfig) != scenario.needs_log:
         yield "sensors.kind: 'log' and needs_log = true go together"
+    first: dict[tuple[str, str], int] = {}
     for place, fault in enumerate(scenario.faults):
+        if first.setdefault((fault.topic, fault.to), place) != place:
+            yield f"faults.{place}: {fault.topic} to {fault.to} stands in faults.{first[fault.topic, fault.to]} already"
         if fault.topic not in TOPICS:
             yield f"faults.{place}.topic: unknown topic {fault.topic!r}{_nearest(fault.topic, list(TOPICS))}"
         if fault.to not in nodes:
