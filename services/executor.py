@@ -3,14 +3,17 @@
 The same for the bus, inline and replay runners; it neither sends nor receives.
 """
 
+import traceback
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import NamedTuple
 
 from protocol.codec import encode
 from protocol.envelope import Envelope
 from protocol.journal import Consumed, JournalEntry, Produced
 from protocol.messages import Message
+from services.errors import StepError
 from services.node import Node, Received, Step, state_digest
 
 __all__ = ["Executed", "Executor", "Sent"]
@@ -42,9 +45,13 @@ class Executor:
         self.steps = 0
 
     def step(self, tick: int, stamp_ns: int, inputs: Sequence[Received], publish_ns: int) -> Executed:
-        """Run the next step; ``journal`` has to follow before the one after it."""
-        result = self.node.step(Step(self.steps, tick, stamp_ns, tuple(inputs)))
-        sent = tuple(self.stamp(topic, message, tick, stamp_ns, publish_ns) for topic, message in result.outputs)
+        """Run the next step; ``journal`` has to follow before the one after it.
+
+        Raises StepError where the node raises, or returns what its topics do not promise.
+        """
+        with self._blamed(tick):
+            result = self.node.step(Step(self.steps, tick, stamp_ns, tuple(inputs)))
+            sent = tuple(self.stamp(topic, message, tick, stamp_ns, publish_ns) for topic, message in result.outputs)
         return Executed(sent, result.finished)
 
     def journal(
@@ -54,7 +61,10 @@ class Executor:
 
         Apart from ``step`` so that a host can send what others wait for first. ``last`` marks the node's last step.
         """
-        digest = last or (self.steps + 1) % self._digest_every == 0
+        state = ""
+        if last or (self.steps + 1) % self._digest_every == 0:
+            with self._blamed(tick):
+                state = state_digest(self.node.freeze())
         entry = JournalEntry(
             step=self.steps,
             tick=tick,
@@ -62,7 +72,7 @@ class Executor:
             consumed=tuple(Consumed(one.node, one.boot, one.topic, one.sequence) for one in inputs),
             produced=tuple(Produced(one.topic, one.envelope.sequence) for one in sent),
             last=last,
-            state=state_digest(self.node.freeze()) if digest else "",
+            state=state,
         )
         self.steps += 1
         return entry
@@ -74,3 +84,15 @@ class Executor:
         self._sequences[topic] = sequence + 1
         envelope = Envelope(self.node.name, self.boot, sequence, tick, stamp_ns, publish_ns)
         return Sent(topic, envelope, payload)
+
+    @contextmanager
+    def _blamed(self, tick: int) -> Iterator[None]:
+        """Say of an exception which node raised it, in which step, and where."""
+        try:
+            yield
+        except Exception as error:
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            raise StepError(
+                f"{self.node.name} failed in step {self.steps}, tick {tick}: {type(error).__name__}: {error} "
+                f"({place.filename}:{place.lineno})"
+            ) from error

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 
 import cv2
 
-from protocol.control import TickDone, decode_control, encode_control
+from protocol.control import TickDone, encode_control
 from protocol.envelope import Envelope, encode_envelope
 from protocol.journal import encode_entry
 from protocol.messages import Diagnostics, Log, LogLevel, timestamp
@@ -97,22 +97,24 @@ class _Host:
         if self._realtime:
             steps = self._follow_realtime() if feeds is None else self._lead_realtime(feeds)
         else:
-            steps = self._lockstep(feeds)
+            steps = self._follow_lockstep() if feeds is None else self._lead_lockstep(feeds)
         for last in steps:
             if last:
                 return
 
-    def _lockstep(self, feeds: Iterator[Feed] | None) -> Iterator[bool]:
-        while True:
-            ready = self._lockstep_inbox.take()
-            if ready is None:
+    def _lead_lockstep(self, feeds: Iterator[Feed]) -> Iterator[bool]:
+        for feed in feeds:
+            while (ready := self._lockstep_inbox.take(feed.stamp_ns)) is None:
                 self._receive(self._member.poll())
-            elif feeds is None:
-                yield self._step(ready, ready.stamp_ns or 0, last=ready.last)
-            else:
-                while self._member.ticks - self._member.behind("recorder") > AHEAD:
-                    self._receive(self._member.poll())
-                yield self._lead(ready, next(feeds))
+            while self._member.ticks - self._member.behind("recorder") > AHEAD:
+                self._receive(self._member.poll())
+            yield self._lead(ready, feed)
+
+    def _follow_lockstep(self) -> Iterator[bool]:
+        while True:
+            while (ready := self._lockstep_inbox.take()) is None:
+                self._receive(self._member.poll())
+            yield self._step(ready, ready.stamp_ns, last=ready.last)
 
     def _lead_realtime(self, feeds: Iterator[Feed]) -> Iterator[bool]:
         began_ns = time.monotonic_ns()
@@ -135,7 +137,7 @@ class _Host:
             else:
                 ready = inbox.take(time.monotonic_ns())
             if ready is not None:
-                yield self._step(ready, ready.stamp_ns or 0, last=ready.last)
+                yield self._step(ready, ready.stamp_ns, last=ready.last)
 
     def _lead(self, ready: Ready, feed: Feed) -> bool:
         """Step as the source: the feed gives the time, and the log's records if there is a log."""
@@ -177,7 +179,11 @@ class _Host:
         if arrival is None:
             return
         if arrival.key.startswith(TICK):
-            self._inbox.done(decode_control(arrival.payload, TickDone))
+            done = self._intake.accept_tick(arrival)
+            if isinstance(done, Refusal):
+                self._tell(done)
+            else:
+                self._inbox.done(done)
             return
         accepted = self._intake.accept(arrival)
         if not isinstance(accepted, Refusal):
@@ -186,13 +192,15 @@ class _Host:
             return
         if accepted.envelope is not None:
             self._inbox.deliver_refused(accepted.envelope.node, accepted.envelope.tick)
-        if accepted.first_of_its_kind:
-            text = f"{accepted.topic}: message refused: {accepted.reason}"
-            say(self._node.name, text)
-            message = Log(
-                timestamp=timestamp(self._stamp_ns), level=LogLevel.WARNING, message=text, name=self._node.name
-            )
-            self._publish(self._stamped("log", message))
+        self._tell(accepted)
+
+    def _tell(self, refusal: Refusal) -> None:
+        if not refusal.first_of_its_kind:
+            return
+        text = f"{refusal.topic}: message refused: {refusal.reason}"
+        say(self._node.name, text)
+        message = Log(timestamp=timestamp(self._stamp_ns), level=LogLevel.WARNING, message=text, name=self._node.name)
+        self._publish(self._stamped("log", message))
 
     def _report(self) -> None:
         now = time.monotonic()

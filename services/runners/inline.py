@@ -71,12 +71,12 @@ def run_inline(
     ticks = 0
     progress = Progress()
     for feed in feeds:
-        ready = source.take()
+        ready = source.take(feed.stamp_ns)
         inputs = [*feed.inputs, *ready.inputs]
         last = run(source, ready._replace(inputs=inputs), feed.stamp_ns, feed.sent, last=feed.last or stopped())
         for name in graph.nodes[1:]:
             ready = seats[name].take()
-            run(seats[name], ready, ready.stamp_ns or 0, last=ready.last)
+            run(seats[name], ready, ready.stamp_ns, last=ready.last)
         ticks += 1
         progress.show(ticks, writer.messages)
         if last:
@@ -102,8 +102,8 @@ class _Seat:
             received = Received(one.topic, place.node, place.boot, place.sequence, place.stamp_ns, message)
             self.inbox.deliver(received, place.tick)
 
-    def take(self) -> Ready:
-        ready = self.inbox.take()
+    def take(self, stamp_ns: int = 0) -> Ready:
+        ready = self.inbox.take(stamp_ns)
         assert ready is not None, f"{self._node.name} lacks an input of tick {self.inbox.tick}"
         return ready
 

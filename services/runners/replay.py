@@ -5,7 +5,6 @@ as a closed loop from its source, with settings changed.
 """
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import cv2
@@ -123,23 +122,31 @@ def _compare(
 
 
 def write_replayed(recording: Recording, outcomes: Sequence[Replayed], writer: RecordingWriter) -> None:
-    """Write the recording anew with the output of the replayed nodes in the place of what was recorded of them."""
+    """Write the recording anew with the output of the replayed nodes in the place of what was recorded of them.
+
+    What the hosts of these nodes said stays, for the nodes consumed it; what was missing, the writer finds anew.
+    """
     replayed = {outcome.node for outcome in outcomes}
     for record in recording.records:
-        if record.node not in replayed:
-            envelope = Envelope(
-                record.node,
-                record.boot,
-                record.sequence,
-                recording.tick_of(record) or 0,
-                record.stamp_ns,
-                record.publish_ns,
-            )
-            keep = writer.journal if record.topic.startswith(JOURNAL_PREFIX) else partial(writer.message, record.topic)
-            keep(envelope, record.payload)
+        if record.topic == "recorder/gap" or (record.node in replayed and not _said_by_host(record.topic)):
+            continue
+        envelope = Envelope(
+            record.node,
+            record.boot,
+            record.sequence,
+            recording.tick_of(record) or 0,
+            record.stamp_ns,
+            record.publish_ns,
+        )
+        writer.message(record.topic, envelope, record.payload)
     for outcome in outcomes:
         for boot, sent, made in outcome.executed:
             for one in sent:
                 writer.message(*one)
             envelope = Envelope(outcome.node, boot, made.step, made.tick, made.stamp_ns, 0)
             writer.journal(envelope, encode_entry(made))
+
+
+def _said_by_host(name: str) -> bool:
+    """Return whether a topic carries what hosts say, which is no part of what their nodes do."""
+    return not name.startswith(JOURNAL_PREFIX) and not TOPICS[name].compared

@@ -64,21 +64,19 @@ class RoomSimulator:
         self._command = (0.0, 0.0)  # forward speed and turning rate
         self._twist = (0.0, 0.0, 0.0)  # true forward speed and turning rate, and rate of turning on the spot besides
         self._finished = False
-        self._ticks = 0
         self._scene_ns = -SCENE_PERIOD_NS
 
     def step(self, step: Step) -> Result:
         self._move()
         self._obey(step)
         self._twist = self._perturbed(step.number)
-        self._ticks += 1
         x, y, theta = self._pose
         v, w, _ = self._twist
         outputs = [Output("truth/robot", RobotState(x=x, y=y, theta=theta, v=v, w=w))]
         if step.stamp_ns - self._scene_ns >= SCENE_PERIOD_NS:
             self._scene_ns = step.stamp_ns
             outputs.append(Output("truth/scene", self._scene(timestamp(step.stamp_ns))))
-        return Result(tuple(outputs), finished=self._finished or self._ticks >= self.config.max_ticks)
+        return Result(tuple(outputs), finished=self._finished)
 
     def _move(self) -> None:
         v, w, spin = self._twist
@@ -154,7 +152,6 @@ class RoomSimulator:
             "command": list(self._command),
             "twist": list(self._twist),
             "finished": self._finished,
-            "ticks": self._ticks,
             "scene_ns": self._scene_ns,
         }
 
@@ -164,7 +161,6 @@ class RoomSimulator:
         true_v, true_w, spin = state["twist"]
         self._pose, self._command, self._twist = (x, y, theta), (v, w), (true_v, true_w, spin)
         self._finished = state["finished"]
-        self._ticks = state["ticks"]
         self._scene_ns = state["scene_ns"]
 
 

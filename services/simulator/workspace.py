@@ -69,8 +69,7 @@ class WorkspaceSimulator:
             outputs.append(Output("truth/scene", scene))
         if self._config.camera is not None:
             outputs.append(Output("camera/image", self._photograph(self._config.camera, step)))
-        finished = self._command.finished or self._ticks >= self._config.max_ticks
-        return Result(tuple(outputs), finished=finished)
+        return Result(tuple(outputs), finished=self._command.finished)
 
     def freeze(self) -> State:
         return {
