@@ -16,7 +16,9 @@ __all__ = ["PURE", "findings"]
 PURE = (
     "dynpf",
     "protocol",
+    "services/errors.py",
     "services/node.py",
+    "services/errors.py",
     "services/task.py",
     "services/simulator",
     "services/vision",
@@ -28,7 +30,20 @@ PURE = (
 MODULES = (
     *(root.removesuffix(".py").replace("/", ".") for root in PURE),
     *("__future__", "abc", "base64", "bisect", "collections", "copy", "dataclasses", "enum", "functools", "hashlib"),
-    *("heapq", "itertools", "json", "math", "numbers", "operator", "re", "string", "struct", "types", "typing"),
+    *(
+        "heapq",
+        "itertools",
+        "json",
+        "math",
+        "numbers",
+        "operator",
+        "re",
+        "statistics",
+        "string",
+        "struct",
+        "types",
+        "typing",
+    ),
     *("cv2", "msgspec", "numba", "numpy"),
 )
 
@@ -44,6 +59,7 @@ FORBIDDEN = {
     **dict.fromkeys(
         ("cv2.randn", "cv2.randu", "cv2.randShuffle"), "is not keyed: take a generator made by dynpf.rng.stream"
     ),
+    **dict.fromkeys(("statistics.NormalDist.samples",), "is not keyed: take a generator made by dynpf.rng.stream"),
     **dict.fromkeys(("cv2.getTickCount", "cv2.getCPUTickCount", "cv2.TickMeter"), "reads a clock"),
     **dict.fromkeys(("cv2.setNumThreads", "cv2.setUseOptimized"), "belongs to the host"),
     **dict.fromkeys(("cv2.imread", "cv2.imreadmulti", "cv2.imwrite", "cv2.imwritemulti"), "does input or output"),

@@ -1,6 +1,10 @@
 """Errors whose text is for a person: where, which value, what was expected, what to do."""
 
-__all__ = ["BrokenOffError", "DynpfError", "RunError", "ScenarioError", "UsageError"]
+__all__ = ["BROKEN_OFF", "BrokenOffError", "DynpfError", "RunError", "ScenarioError", "StepError", "UsageError"]
+
+
+BROKEN_OFF = 3
+"""Exit code by which ``dynpf run`` tells a process that followed the others from the one that failed first."""
 
 
 class DynpfError(Exception):
@@ -23,5 +27,11 @@ class RunError(DynpfError):
     exit_code = 1
 
 
+class StepError(RunError):
+    """A node has failed in its step: a bug, whose traceback ``__cause__`` carries."""
+
+
 class BrokenOffError(RunError):
     """The run broke off for another process's sake: a peer or the router is gone."""
+
+    exit_code = BROKEN_OFF

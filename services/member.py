@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 from protocol.control import Beat, Recorded, Stop, decode_control, encode_control
+from protocol.errors import ProtocolError
 from services.bus import ALIVE, BEAT, CONTROL, READY, SCENARIO, Arrival, Bus
 from services.errors import BrokenOffError, RunError, UsageError
 from services.scenario import Scenario, first_difference, resolved_json
@@ -75,16 +76,12 @@ class Member:
             self._ask_to_stop()
         if arrival is None or not arrival.key:
             return None
-        if arrival.key.startswith((ALIVE, READY)):
-            self._token(arrival)
-        elif arrival.key.startswith(BEAT):
-            beat = decode_control(arrival.payload, Beat)
-            self._beats[beat.node] = now
-            self._peer_ticks[beat.node] = beat.ticks
-        elif arrival.key.startswith(CONTROL):
-            self._control(arrival)
-        else:
+        if not arrival.key.startswith((ALIVE, READY, BEAT, CONTROL)):
             return arrival
+        try:
+            self._take(arrival, now)
+        except ProtocolError as error:
+            say(self.name, f"{arrival.key}: message refused: {error}")
         return None
 
     def assemble(self, *, leads: bool) -> None:
@@ -129,7 +126,7 @@ class Member:
 
     def _beat(self, now: float) -> None:
         self._next_beat = now + BEAT_S
-        self.bus.put(f"{BEAT}{self.name}", encode_control(Beat(self.name, self.boot, self.ticks)), may_drop=True)
+        self.bus.put(f"{BEAT}{self.name}", encode_control(Beat(self.name, self.boot, self.ticks)))
         if not self.bus.connected and not self.leaving:
             raise BrokenOffError("the router is gone; the run cannot go on")
         if os.getppid() != self._parent and not self._stop.requested:
@@ -138,6 +135,16 @@ class Member:
             for peer, seen in self._beats.items():
                 if peer in self.peers and now - seen > WEDGED_S:
                     raise BrokenOffError(f"{peer} has not answered for {WEDGED_S:g} s: it hangs; the run cannot go on")
+
+    def _take(self, arrival: Arrival, now: float) -> None:
+        if arrival.key.startswith((ALIVE, READY)):
+            self._token(arrival)
+        elif arrival.key.startswith(BEAT):
+            beat = decode_control(arrival.payload, Beat)
+            self._beats[beat.node] = now
+            self._peer_ticks[beat.node] = beat.ticks
+        else:
+            self._control(arrival)
 
     def _token(self, arrival: Arrival) -> None:
         prefix = ALIVE if arrival.key.startswith(ALIVE) else READY

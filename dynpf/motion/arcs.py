@@ -9,7 +9,7 @@ from msgspec import Meta
 from dynpf.motion.model import Twist
 from dynpf.se2 import FloatArray, arc_chord
 
-__all__ = ["Arcs", "ArcsParams", "follow_arc"]
+__all__ = ["Arcs", "ArcsParams", "follow_arc", "follow_noisy_arc"]
 
 Variance = Annotated[float, Meta(ge=0.0)]
 
@@ -35,18 +35,33 @@ class Arcs:
 
     def propagate(self, particles: FloatArray, twist: Twist, duration: float, rng: np.random.Generator) -> FloatArray:
         """Return particles (D, N) moved; rows after the third pass through. A robot at rest gets no noise."""
-        params = self.params
-        length = twist.v * duration
-        turn = twist.w * duration
-        way, turned = np.abs(length), np.abs(turn)
-        noise = rng.standard_normal((3, particles.shape[1]))
-        turn_variance = params.turn_variance_per_rad * turned + params.turn_variance_per_m * way
-        return follow_arc(
-            particles,
-            length + np.sqrt(params.along_variance_per_m * way) * noise[0],
-            turn + np.sqrt(turn_variance) * noise[1],
-            np.sqrt(params.across_variance_per_m * way) * noise[2],
-        )
+        return follow_noisy_arc(particles, twist, duration, self.params, rng)
+
+
+def follow_noisy_arc(
+    particles: FloatArray,
+    twist: Twist,
+    duration: float,
+    params: ArcsParams,
+    rng: np.random.Generator,
+    *,
+    turn_scale: float | FloatArray = 1.0,
+) -> FloatArray:
+    """Return particles (D, N) after ``duration`` seconds of ``twist`` with noise, its turn times ``turn_scale``.
+
+    The noise goes by the twist as given, the same for all particles: were it scaled too, particles of a small
+    scale would spread less, keep more weight for that alone, and draw the estimate of the scale down.
+    """
+    length, turn = twist.v * duration, twist.w * duration
+    way, turned = abs(length), abs(turn)
+    noise = rng.standard_normal((3, particles.shape[1]))
+    turn_variance = params.turn_variance_per_rad * turned + params.turn_variance_per_m * way
+    return follow_arc(
+        particles,
+        length + np.sqrt(params.along_variance_per_m * way) * noise[0],
+        turn * turn_scale + np.sqrt(turn_variance) * noise[1],
+        np.sqrt(params.across_variance_per_m * way) * noise[2],
+    )
 
 
 def follow_arc(

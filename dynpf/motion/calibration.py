@@ -10,10 +10,11 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from dynpf.motion.model import MotionModel, Twist
+from dynpf.motion.arcs import ArcsParams, follow_noisy_arc
+from dynpf.motion.model import Twist
 from dynpf.se2 import FloatArray
 
-__all__ = ["TURN_SCALE", "CalibratedMotion", "CalibrationParams"]
+__all__ = ["TURN_SCALE", "CalibratedArcs", "CalibrationParams"]
 
 TURN_SCALE = 3
 """Row of a particle: the true turning rate over the odometry's."""
@@ -28,27 +29,26 @@ class CalibrationParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     turn_scale_walk: NonNegative = 0.004  # per square root of a second
 
 
-class CalibratedMotion:
-    """A motion model whose turning rate is scaled, particle by particle, by an estimated factor."""
+class CalibratedArcs:
+    """Motion along arcs whose turn is scaled, particle by particle, by an estimated factor."""
 
-    def __init__(self, motion: MotionModel, params: CalibrationParams) -> None:
-        self.motion = motion
+    def __init__(self, params: ArcsParams, calibration: CalibrationParams) -> None:
         self.params = params
+        self.calibration = calibration
 
     def particles(self, poses: FloatArray, rng: np.random.Generator) -> FloatArray:
         """Return poses (3, N) with turn scales drawn from their prior, shape (4, N)."""
-        scale = 1.0 + self.params.turn_scale_sigma * rng.standard_normal(poses.shape[1])
-        return np.vstack((self.motion.particles(poses, rng), scale))
+        scale = 1.0 + self.calibration.turn_scale_sigma * rng.standard_normal(poses.shape[1])
+        return np.vstack((poses, scale))
 
     def propagate(self, particles: FloatArray, twist: Twist, duration: float, rng: np.random.Generator) -> FloatArray:
-        """Return particles (4, N) moved by their own scaled twist, their scales one step further on the walk.
+        """Return particles (4, N) moved, each with its own turn scale, and the scales one step further on the walk.
 
         While the robot rests the scale rests too: nothing would be seen that could correct it.
         """
-        if not (np.any(twist.v) or np.any(twist.w)):
+        if twist.v == 0.0 and twist.w == 0.0:
             return particles
-        scaled = Twist(twist.v, twist.w * particles[TURN_SCALE])
-        moved = self.motion.propagate(particles, scaled, duration, rng)
-        step = self.params.turn_scale_walk * np.sqrt(duration)
+        moved = follow_noisy_arc(particles, twist, duration, self.params, rng, turn_scale=particles[TURN_SCALE])
+        step = self.calibration.turn_scale_walk * np.sqrt(duration)
         moved[TURN_SCALE] += step * rng.standard_normal(particles.shape[1])
         return moved

@@ -10,10 +10,10 @@ __all__ = ["MotionModel", "Twist"]
 
 
 class Twist(NamedTuple):
-    """Forward speed (m/s) and turning rate (rad/s), each one number or one a particle, shape (N,)."""
+    """Forward speed (m/s) and turning rate (rad/s)."""
 
-    v: float | FloatArray
-    w: float | FloatArray
+    v: float
+    w: float
 
 
 class MotionModel(Protocol):

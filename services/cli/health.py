@@ -4,7 +4,7 @@ import argparse
 import time
 from typing import Any
 
-from services.cli.service import DEFAULT_ENDPOINT
+from services.cli.service import DEFAULT_ENDPOINT, endpoint
 
 __all__ = ["add_parser"]
 
@@ -12,7 +12,9 @@ __all__ = ["add_parser"]
 def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
     parser = commands.add_parser("health", help="whether a process of a run is alive and its main loop goes round")
     parser.add_argument("name", metavar="NAME")
-    parser.add_argument("--connect", default=DEFAULT_ENDPOINT, metavar="tcp/HOST:PORT", help="where the router listens")
+    parser.add_argument(
+        "--connect", default=DEFAULT_ENDPOINT, type=endpoint, metavar="tcp/HOST:PORT", help="where the router listens"
+    )
     parser.add_argument("--timeout", type=float, default=3.0, metavar="S", help="how long to wait for a heartbeat")
     parser.set_defaults(run=run)
 

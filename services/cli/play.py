@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from services.cli.service import DEFAULT_ENDPOINT
+from services.cli.service import DEFAULT_ENDPOINT, endpoint
 
 __all__ = ["add_parser"]
 
@@ -16,7 +16,9 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
     parser.add_argument("recording", type=Path, metavar="RUN.mcap")
     parser.add_argument("--rate", type=_rate, default=1.0, metavar="X", help="times as fast as it was (default 1)")
     parser.add_argument("--topics", nargs="+", metavar="TOPIC", help="only these topics")
-    parser.add_argument("--connect", default=DEFAULT_ENDPOINT, metavar="tcp/HOST:PORT", help="where a router listens")
+    parser.add_argument(
+        "--connect", default=DEFAULT_ENDPOINT, type=endpoint, metavar="tcp/HOST:PORT", help="where a router listens"
+    )
     parser.set_defaults(run=run)
 
 

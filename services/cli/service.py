@@ -1,14 +1,15 @@
 """``dynpf service``: one process of a run on its own."""
 
 import argparse
+import re
 from pathlib import Path
 from typing import Any
 
 from protocol.topics import NODES
 from services.cli.options import add_scenario_options, load_log, scenario_from
-from services.errors import BrokenOffError, UsageError
+from services.errors import BrokenOffError, RunError, UsageError
 
-__all__ = ["DEFAULT_ENDPOINT", "add_parser"]
+__all__ = ["DEFAULT_ENDPOINT", "add_parser", "endpoint"]
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
@@ -18,17 +19,32 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
     parser.add_argument("name", choices=["router", *NODES, "recorder"], metavar="NAME")
     add_scenario_options(parser)
     parser.add_argument("--clock", choices=["lockstep", "realtime"])
-    parser.add_argument("--connect", default=DEFAULT_ENDPOINT, metavar="tcp/HOST:PORT", help="where the router listens")
-    parser.add_argument("--listen", default=DEFAULT_ENDPOINT, metavar="tcp/HOST:PORT", help="router: where to listen")
+    parser.add_argument(
+        "--connect", default=DEFAULT_ENDPOINT, type=endpoint, metavar="tcp/HOST:PORT", help="where the router listens"
+    )
+    parser.add_argument(
+        "--listen", default=DEFAULT_ENDPOINT, type=endpoint, metavar="tcp/HOST:PORT", help="router: where to listen"
+    )
     parser.add_argument("-o", "--output", type=Path, metavar="RUN.mcap", help="recorder: the recording to write")
     parser.add_argument("--quiet", action="store_true", help="say only what goes wrong in this very process")
     parser.set_defaults(run=run)
 
 
+def endpoint(text: str) -> str:
+    """Check an endpoint of the form tcp/HOST:PORT; for argparse."""
+    if re.fullmatch(r"tcp/(\[[0-9a-fA-F:]+\]|[^/:\s]+):\d{1,5}", text) is None:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected tcp/HOST:PORT, such as {DEFAULT_ENDPOINT}")
+    return text
+
+
 def run(options: argparse.Namespace) -> int:
     try:
         return _run(options)
-    except (BrokenOffError, KeyboardInterrupt):
+    except BrokenOffError as error:
+        if options.quiet:  # whoever started us knows what happened
+            return error.exit_code
+        raise RunError(str(error)) from error
+    except KeyboardInterrupt:
         if options.quiet:
             return 1
         raise

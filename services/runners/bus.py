@@ -9,11 +9,11 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from services.errors import RunError
+from services.errors import BROKEN_OFF, RunError
 from services.member import StopSignal, say
 from services.scenario import Scenario, resolved_json
 
-__all__ = ["run_on_bus"]
+__all__ = ["free_port", "run_on_bus"]
 
 GRACE_S = 2.5
 """How long the others may take to stop by themselves after one process has failed."""
@@ -29,7 +29,7 @@ def run_on_bus(scenario: Scenario, path: Path, log: Path | None, stop: StopSigna
     with tempfile.TemporaryDirectory(prefix="dynpf-") as folder:
         resolved = Path(folder) / "scenario.json"
         resolved.write_text(resolved_json(scenario), encoding="utf-8")
-        endpoint = f"tcp/127.0.0.1:{_free_port()}"
+        endpoint = f"tcp/127.0.0.1:{free_port()}"
         with _processes(scenario, resolved, endpoint, path, log) as processes:
             _watch(processes, stop)
 
@@ -92,17 +92,16 @@ def _failure(processes: dict[str, subprocess.Popen[bytes]]) -> str:
 
     A killed process is the cause, whatever the others, which follow it, say of themselves.
     """
-    codes = {name: process.poll() for name, process in processes.items()}
+    codes = {name: process.poll() or 0 for name, process in processes.items()}
     for name, code in codes.items():
-        if code is not None and code < 0:
+        if code < 0:
             return f"{name} was killed by signal {-code}"
-    for name, code in codes.items():
-        if code:
-            return f"{name} ended with exit code {code}"
-    return ""
+    failed = sorted((code == BROKEN_OFF, name, code) for name, code in codes.items() if code > 0)
+    return f"{failed[0][1]} ended with exit code {failed[0][2]}" if failed else ""
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """Return a TCP port on loopback that nobody listens at."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

@@ -14,6 +14,7 @@ pytestmark = [pytest.mark.container, pytest.mark.timeout(1500)]
 
 ROOT = Path(__file__).parents[2]
 DYNPF = Path(sys.executable).with_name("dynpf")
+SCENARIO, SEED = "parts-3-easy", "3"
 SERVICES = {"router", "simulator", "vision", "sensors", "estimator", "controller", "recorder"}
 
 
@@ -45,7 +46,7 @@ class Compose:
         v2 = subprocess.run(["docker", "compose", "version"], capture_output=True, check=False).returncode == 0
         self._command = [*(["docker", "compose"] if v2 else ["docker-compose"]), "--project-name", name]
         self._folder = folder
-        self._environment = {**os.environ, "DYNPF_IMAGE": name, "SEED": "3"}
+        self._environment = {**os.environ, "DYNPF_IMAGE": name, "SCENARIO": SCENARIO, "SEED": SEED}
         self.image = name
 
     def __call__(self, *arguments: str, seconds: float = 120.0) -> str:
@@ -94,3 +95,6 @@ def test_the_recording_is_whole_and_replays_exactly_outside(finished: Compose, t
     (recording,) = tmp_path.glob("*.mcap")
     run([DYNPF, "doctor", recording])
     assert json.loads(run([DYNPF, "replay", recording, "--json"], seconds=300))["same"] is True
+    outside = tmp_path / "outside.mcap"
+    run([DYNPF, "run", SCENARIO, "--seed", SEED, "--runner", "inline", "-o", outside], seconds=300)
+    run([DYNPF, "diff", recording, outside])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dynpf.motion import Arcs, ArcsParams, CalibratedMotion, CalibrationParams, Twist
+from dynpf.motion import Arcs, ArcsParams, CalibratedArcs, CalibrationParams, Twist
 from dynpf.motion.calibration import TURN_SCALE
 from dynpf.rng import stream
 
@@ -65,7 +65,7 @@ def test_input_particles_are_left_alone() -> None:
 
 def test_each_particle_turns_by_its_own_scale() -> None:
     still = CalibrationParams(turn_scale_walk=0.0)
-    model = CalibratedMotion(Arcs(NOISELESS), still)
+    model = CalibratedArcs(NOISELESS, still)
     particles = model.particles(np.zeros((3, 3)), stream(6, "test", 0))
     particles[TURN_SCALE] = 0.5, 1.0, 2.0
     moved = model.propagate(particles, Twist(0.0, 0.4), 0.5, stream(6, "test", 1))
@@ -73,9 +73,19 @@ def test_each_particle_turns_by_its_own_scale() -> None:
     assert np.array_equal(moved[TURN_SCALE], particles[TURN_SCALE])
 
 
+def test_a_small_turn_scale_does_not_mean_less_noise() -> None:
+    model = CalibratedArcs(ArcsParams(), CalibrationParams())
+    particles = np.zeros((4, 100_000))
+    particles[TURN_SCALE, ::2] = 0.5
+    particles[TURN_SCALE, 1::2] = 1.5
+    moved = model.propagate(particles, Twist(0.0, 0.5), 0.2, stream(8, "test", 0))
+    assert moved[2, ::2].var() == pytest.approx(moved[2, 1::2].var(), rel=0.03)
+    assert moved[2, ::2].var() == pytest.approx(ArcsParams().turn_variance_per_rad * 0.1, rel=0.03)
+
+
 def test_calibration_walks_only_while_the_robot_moves() -> None:
     params = CalibrationParams(turn_scale_sigma=0.0, turn_scale_walk=0.1)
-    model = CalibratedMotion(Arcs(ArcsParams()), params)
+    model = CalibratedArcs(ArcsParams(), params)
     particles = model.particles(np.zeros((3, 50_000)), stream(7, "test", 0))
     assert np.array_equal(model.propagate(particles, Twist(0.0, 0.0), 4.0, stream(7, "test", 1)), particles)
     moved = model.propagate(particles, Twist(0.1, 0.0), 4.0, stream(7, "test", 1))
