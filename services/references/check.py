@@ -137,10 +137,10 @@ def _said(recording: Recording) -> dict[Key, Said]:
 def _replayed(recording: Recording, replayed: Replayed) -> dict[Key, Said]:
     starts = {boot: start for start, boot in enumerate(recording.boots(replayed.node))}
     return {
-        Key(replayed.node, sent.topic, starts[boot], sent.envelope.sequence): Said(
-            sent.envelope.tick, sent.envelope.stamp_ns, sent.payload
+        Key(replayed.node, one.topic, starts[boot], one.envelope.sequence): Said(
+            one.envelope.tick, one.envelope.stamp_ns, one.payload
         )
-        for boot, executed in replayed.executed
-        for sent in executed.sent
-        if TOPICS[sent.topic].compared
+        for boot, sent, _ in replayed.executed
+        for one in sent
+        if TOPICS[one.topic].compared
     }
