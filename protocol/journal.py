@@ -56,5 +56,5 @@ def decode_entry(payload: bytes) -> JournalEntry:
     """Return the entry in ``payload``; raises msgspec.DecodeError."""
     try:
         return _DECODER.decode(payload)
-    except UnicodeDecodeError as error:
+    except (UnicodeDecodeError, RecursionError) as error:
         raise msgspec.DecodeError(str(error)) from error

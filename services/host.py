@@ -13,7 +13,7 @@ from protocol.control import TickDone, encode_control
 from protocol.envelope import Envelope, encode_envelope
 from protocol.journal import encode_entry
 from protocol.messages import Diagnostics, Log, LogLevel, timestamp
-from protocol.topics import TOPICS, Delivery
+from protocol.topics import TOPICS
 from services.bus import DATA, JOURNAL, TICK, Arrival
 from services.executor import Executor, Sent
 from services.faults import FaultyLink
@@ -173,8 +173,7 @@ class _Host:
         return last
 
     def _publish(self, one: Sent) -> None:
-        may_drop = self._realtime and TOPICS[one.topic].delivery is Delivery.FRESH
-        self._bus.put(DATA + one.topic, one.payload, encode_envelope(one.envelope), may_drop=may_drop)
+        self._bus.put(DATA + one.topic, one.payload, encode_envelope(one.envelope))
 
     def _receive(self, arrival: Arrival | None) -> None:
         if arrival is None:

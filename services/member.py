@@ -126,7 +126,7 @@ class Member:
 
     def _beat(self, now: float) -> None:
         self._next_beat = now + BEAT_S
-        self.bus.put(f"{BEAT}{self.name}", encode_control(Beat(self.name, self.boot, self.ticks)), may_drop=True)
+        self.bus.put(f"{BEAT}{self.name}", encode_control(Beat(self.name, self.boot, self.ticks)))
         if not self.bus.connected and not self.leaving:
             raise BrokenOffError("the router is gone; the run cannot go on")
         if os.getppid() != self._parent and not self._stop.requested:

@@ -35,7 +35,7 @@ def run_router(scenario: Scenario, endpoint: str, stop: StopSignal, *, quiet: bo
             now = time.monotonic()
             if now >= next_beat:
                 next_beat = now + BEAT_S
-                bus.put(f"{BEAT}router", encode_control(Beat("router", boot, 0)), may_drop=True)
+                bus.put(f"{BEAT}router", encode_control(Beat("router", boot, 0)))
                 if os.getppid() != parent and not stop.requested:
                     stop.request("the process that started this one is gone")
             arrival = bus.receive(max(next_beat - now, 0.0))

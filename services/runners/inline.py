@@ -16,6 +16,7 @@ from services.graph import Graph
 from services.inbox import LockstepInbox, Ready
 from services.node import Node, Received
 from services.nodes import build_nodes
+from services.progress import Progress
 from services.recording.writer import RecordingWriter
 from services.scenario import Scenario
 from services.source import LogRecord, feed_log, feed_ticks
@@ -68,6 +69,7 @@ def run_inline(
         return done.last
 
     ticks = 0
+    progress = Progress()
     for feed in feeds:
         ready = source.take(feed.stamp_ns)
         inputs = [*feed.inputs, *ready.inputs]
@@ -76,8 +78,10 @@ def run_inline(
             ready = seats[name].take()
             run(seats[name], ready, ready.stamp_ns, last=ready.last)
         ticks += 1
+        progress.show(ticks, writer.messages)
         if last:
             break
+    progress.clear()
     return ticks
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from dynpf.rng import stream
 from dynpf.se2 import arc_displacement, compose
+from protocol import frames
 from protocol.messages import (
     ArrowPrimitive,
     Color,
@@ -31,7 +32,6 @@ from services.task import Landmark
 
 __all__ = ["RoomSimulator"]
 
-FRAME = "map"
 SCENE_PERIOD_NS = 200_000_000
 WALL_COLOR = Color(r=0.35, g=0.35, b=0.35)
 LANDMARK_COLOR = Color(r=0.85, g=0.55, b=0.1)
@@ -115,7 +115,7 @@ class RoomSimulator:
         loop = LinePrimitive(
             type=1, pose=_at(0.0, 0.0, 0.0), thickness=0.03, scale_invariant=False, points=corners, color=WALL_COLOR
         )
-        return SceneEntity(timestamp=now, frame_id=FRAME, id="room", lines=(loop,))
+        return SceneEntity(timestamp=now, frame_id=frames.MAP, id="room", lines=(loop,))
 
     def _landmark_shapes(self, now: Timestamp) -> SceneEntity:
         posts = tuple(_cylinder(mark.x, mark.y, 0.05, 0.5, LANDMARK_COLOR) for mark in self.landmarks)
@@ -130,7 +130,7 @@ class RoomSimulator:
             )
             for mark in self.landmarks
         )
-        return SceneEntity(timestamp=now, frame_id=FRAME, id="landmarks", cylinders=posts, texts=labels)
+        return SceneEntity(timestamp=now, frame_id=frames.MAP, id="landmarks", cylinders=posts, texts=labels)
 
     def _robot_shape(self, now: Timestamp) -> SceneEntity:
         x, y, theta = self._pose
@@ -144,7 +144,7 @@ class RoomSimulator:
             color=ROBOT_COLOR,
         )
         body = _cylinder(x, y, radius, 0.1, ROBOT_COLOR)
-        return SceneEntity(timestamp=now, frame_id=FRAME, id="robot", cylinders=(body,), arrows=(nose,))
+        return SceneEntity(timestamp=now, frame_id=frames.MAP, id="robot", cylinders=(body,), arrows=(nose,))
 
     def freeze(self) -> State:
         return {
