@@ -11,10 +11,27 @@ from services.recording.reader import read_recording
 CASES = {"parts-3-easy": 25, "landmark-room": 60, "landmark-mrclam": 150}
 SEEDS = (1, 2, 3)
 
-METRICS = (
-    "completed collisions npl nrl pi rpee_m ppee_m position_rmse_m position_median_m position_p95_m heading_rmse_rad "
-    "nees_mean nees_low nees_high lost_fraction messages gaps complete content_digest"
-).split()
+METRICS = [
+    "completed",
+    "collisions",
+    "npl",
+    "nrl",
+    "pi",
+    "rpee_m",
+    "ppee_m",
+    "position_rmse_m",
+    "position_median_m",
+    "position_p95_m",
+    "heading_rmse_rad",
+    "nees_mean",
+    "nees_low",
+    "nees_high",
+    "lost_fraction",
+    "messages",
+    "gaps",
+    "complete",
+    "content_digest",
+]
 
 
 def digest(path: Path) -> str:
