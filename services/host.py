@@ -11,9 +11,10 @@ import cv2
 
 from protocol.control import TickDone, decode_control, encode_control
 from protocol.envelope import Envelope, encode_envelope
+from protocol.errors import ProtocolError
 from protocol.journal import encode_entry
 from protocol.messages import Diagnostics, Log, LogLevel, timestamp
-from protocol.topics import TOPICS, Delivery
+from protocol.topics import TOPICS
 from services.bus import DATA, JOURNAL, TICK, Arrival
 from services.executor import Executor, Sent
 from services.faults import FaultyLink
@@ -152,13 +153,12 @@ class _Host:
         self._step_time_s += time.perf_counter() - began
         for one in (*events, *executed.sent):
             self._publish(one)
+        self._report(at_once=executed.entry.last)
         self._end_step(executed.entry.step, executed.entry.last, ready.tick, (*fed, *events, *executed.sent))
         envelope = Envelope(
             self._node.name, self._member.boot, executed.entry.step, ready.tick, stamp_ns, time.time_ns()
         )
         self._bus.put(JOURNAL + self._node.name, encode_entry(executed.entry), encode_envelope(envelope))
-        if not executed.entry.last:
-            self._report()
         return executed.entry.last
 
     def _end_step(self, step: int, last: bool, tick: int, sent: Sequence[Sent]) -> None:
@@ -168,14 +168,17 @@ class _Host:
         self._member.ticks = tick + 1
 
     def _publish(self, one: Sent) -> None:
-        may_drop = self._realtime and TOPICS[one.topic].delivery is Delivery.FRESH
-        self._bus.put(DATA + one.topic, one.payload, encode_envelope(one.envelope), may_drop=may_drop)
+        # Never dropped on the way, even where only the newest matters: the recorder needs them all.
+        self._bus.put(DATA + one.topic, one.payload, encode_envelope(one.envelope))
 
     def _receive(self, arrival: Arrival | None) -> None:
         if arrival is None:
             return
         if arrival.key.startswith(TICK):
-            self._inbox.done(decode_control(arrival.payload, TickDone))
+            try:
+                self._inbox.done(decode_control(arrival.payload, TickDone))
+            except ProtocolError as error:
+                self._member.refuse(arrival, error)
             return
         accepted = self._intake.accept(arrival)
         if not isinstance(accepted, Refusal):
@@ -192,9 +195,9 @@ class _Host:
             )
             self._publish(self._stamped("log", message))
 
-    def _report(self) -> None:
+    def _report(self, *, at_once: bool) -> None:
         now = time.monotonic()
-        if now >= self._report_at:
+        if at_once or now >= self._report_at:
             self._report_at = now + REPORT_S
             message = Diagnostics(
                 node=self._node.name,

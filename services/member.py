@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 from protocol.control import Beat, Recorded, Stop, decode_control, encode_control
+from protocol.errors import ProtocolError
 from services.bus import ALIVE, BEAT, CONTROL, READY, SCENARIO, Arrival, Bus
 from services.errors import BrokenOffError, RunError, UsageError
 from services.scenario import Scenario, first_difference, resolved_json
@@ -58,7 +59,7 @@ class Member:
         self._beats: dict[str, float] = {}
         self._peer_ticks: dict[str, int] = {}
         self._next_beat = 0.0
-        self._parent = os.getppid()
+        self._refused: set[str] = set()
 
     def poll(self, timeout_s: float = BEAT_S) -> Arrival | None:
         """Beat if it is time, and return the next arrival that is not about membership, or None.
@@ -75,17 +76,19 @@ class Member:
             self._ask_to_stop()
         if arrival is None or not arrival.key:
             return None
-        if arrival.key.startswith((ALIVE, READY)):
-            self._token(arrival)
-        elif arrival.key.startswith(BEAT):
-            beat = decode_control(arrival.payload, Beat)
-            self._beats[beat.node] = now
-            self._peer_ticks[beat.node] = beat.ticks
-        elif arrival.key.startswith(CONTROL):
-            self._control(arrival)
-        else:
+        if not arrival.key.startswith((ALIVE, READY, BEAT, CONTROL)):
             return arrival
+        try:
+            self._membership(arrival, now)
+        except ProtocolError as error:
+            self.refuse(arrival, error)
         return None
+
+    def refuse(self, arrival: Arrival, error: ProtocolError) -> None:
+        """Say, once for each key, that something unreadable came which is not of the topic table."""
+        if arrival.key not in self._refused:
+            self._refused.add(arrival.key)
+            say(self.name, f"{arrival.key}: refused: {error}")
 
     def assemble(self, *, leads: bool) -> None:
         """Wait until every peer is alive, and say so by being ready; who ``leads`` the run waits for that of all.
@@ -132,12 +135,20 @@ class Member:
         self.bus.put(f"{BEAT}{self.name}", encode_control(Beat(self.name, self.boot, self.ticks)), may_drop=True)
         if not self.bus.connected and not self.leaving:
             raise BrokenOffError("the router is gone; the run cannot go on")
-        if os.getppid() != self._parent and not self._stop.requested:
-            self._stop.request("the process that started this one is gone")
         if not self.leaving:
             for peer, seen in self._beats.items():
                 if peer in self.peers and now - seen > WEDGED_S:
                     raise BrokenOffError(f"{peer} has not answered for {WEDGED_S:g} s: it hangs; the run cannot go on")
+
+    def _membership(self, arrival: Arrival, now: float) -> None:
+        if arrival.key.startswith((ALIVE, READY)):
+            self._token(arrival)
+        elif arrival.key.startswith(BEAT):
+            beat = decode_control(arrival.payload, Beat)
+            self._beats[beat.node] = now
+            self._peer_ticks[beat.node] = beat.ticks
+        else:
+            self._control(arrival)
 
     def _token(self, arrival: Arrival) -> None:
         prefix = ALIVE if arrival.key.startswith(ALIVE) else READY
@@ -183,17 +194,27 @@ class Member:
 
 
 class StopSignal:
-    """Ctrl-C or a termination signal: the first asks the run to end cleanly, the second ends this process at once."""
+    """Ctrl-C or a termination signal: the first asks the run to end cleanly, the second ends this process at once.
 
-    def __init__(self) -> None:
-        self.requested = False
+    So does the end of ``parent``, the process that started this one and would otherwise have stopped it.
+    """
+
+    def __init__(self, parent: int | None = None) -> None:
+        self._parent = parent
+        self._requested = False
         self.at_once = False
         self.reason = ""
         self._wake: Callable[[], None] | None = None
 
+    @property
+    def requested(self) -> bool:
+        if self._parent is not None and not self._requested and os.getppid() != self._parent:
+            self.request("the process that started this one is gone")
+        return self._requested
+
     def request(self, reason: str) -> None:
-        self.at_once = self.requested
-        self.requested = True
+        self.at_once = self._requested
+        self._requested = True
         self.reason = self.reason or reason
         if self._wake is not None:
             self._wake()
@@ -203,9 +224,9 @@ class StopSignal:
 
     @classmethod
     @contextmanager
-    def installed(cls) -> Iterator["StopSignal"]:
+    def installed(cls, parent: int | None = None) -> Iterator["StopSignal"]:
         """Catch SIGINT and SIGTERM while the block runs."""
-        stop = cls()
+        stop = cls(parent)
 
         def handle(_number: int, _frame: FrameType | None) -> None:
             stop.request("stopped by the user")

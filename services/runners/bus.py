@@ -1,6 +1,7 @@
 """The bus runner: one process a node, over Zenoh; starts them, watches them, and leaves none behind."""
 
 import contextlib
+import os
 import socket
 import subprocess
 import sys
@@ -42,7 +43,13 @@ def _processes(
     try:
         for name in ("router", "recorder", *scenario.nodes):
             command = [sys.executable, "-P", "-m", "services.cli.main", "service", name, str(resolved)]
-            command += ["--listen" if name == "router" else "--connect", endpoint, "--quiet"]
+            command += [
+                "--listen" if name == "router" else "--connect",
+                endpoint,
+                "--quiet",
+                "--parent",
+                str(os.getpid()),
+            ]
             if log is not None and name != "router":
                 command += ["--log", str(log)]
             if name == "recorder":
@@ -62,9 +69,9 @@ def _watch(processes: dict[str, subprocess.Popen[bytes]], stop: StopSignal) -> N
     deadline: float | None = None
     asked = False
     while running := [name for name, process in processes.items() if process.poll() is None]:
-        if not failed and not stop.requested:
-            failed = _failure(processes)
-            if failed:
+        if not stop.requested:
+            failed = failed or _failure(processes)
+            if deadline is None and any(process.poll() for process in processes.values()):
                 deadline = time.monotonic() + GRACE_S
         if stop.requested and not asked:
             asked = True
@@ -72,11 +79,11 @@ def _watch(processes: dict[str, subprocess.Popen[bytes]], stop: StopSignal) -> N
             for name in running:
                 processes[name].terminate()
             deadline = deadline or time.monotonic() + 10.0
-        if (failed or stop.requested) and running == ["router"]:
+        if (deadline is not None or stop.requested) and running == ["router"]:
             processes["router"].terminate()  # it waits for a run that will not come
         if stop.at_once or (deadline is not None and time.monotonic() > deadline):
-            hung = ", ".join(running)
-            raise RunError(f"{failed or 'stopped at once'}; killed what was left: {hung}")
+            left = ", ".join(running)
+            raise RunError(f"{failed or stop.reason or f'{left} hangs'}; killed what was left: {left}")
         time.sleep(POLL_S)
     if stop.requested:
         if processes["recorder"].returncode != 0:
@@ -85,19 +92,23 @@ def _watch(processes: dict[str, subprocess.Popen[bytes]], stop: StopSignal) -> N
     failed = failed or _failure(processes)
     if failed:
         raise RunError(failed)
+    if broken := [name for name, process in processes.items() if process.returncode]:
+        raise RunError(f"{', '.join(broken)} broke off")
 
 
 def _failure(processes: dict[str, subprocess.Popen[bytes]]) -> str:
-    """Return what is to be said of the process that failed, or nothing.
+    """Return what is to be said of the process that failed, or nothing while there are only others that followed it.
 
-    A killed process is the cause, whatever the others, which follow it, say of themselves.
+    A killed process is the cause, whatever the others say of themselves.
     """
     codes = {name: process.poll() or 0 for name, process in processes.items()}
     for name, code in codes.items():
         if code < 0:
             return f"{name} was killed by signal {-code}"
-    failed = sorted((code == BROKEN_OFF, name, code) for name, code in codes.items() if code > 0)
-    return f"{failed[0][1]} ended with exit code {failed[0][2]}" if failed else ""
+    for name, code in codes.items():
+        if code not in (0, BROKEN_OFF):
+            return f"{name} ended with exit code {code}"
+    return ""
 
 
 def free_port() -> int:
