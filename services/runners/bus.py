@@ -19,6 +19,9 @@ __all__ = ["free_port", "run_on_bus"]
 GRACE_S = 2.5
 """How long the others may take to stop by themselves after one process has failed."""
 
+CLOSE_S = 1.0
+"""How long the recorder may take to close its file when everybody else has been killed."""
+
 POLL_S = 0.02
 
 
@@ -58,10 +61,21 @@ def _processes(
             processes[name] = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
         yield processes
     finally:
-        for process in processes.values():
-            if process.poll() is None:
-                process.kill()
-            process.wait()
+        _end(processes)
+
+
+def _end(processes: dict[str, subprocess.Popen[bytes]]) -> None:
+    """Kill what still runs, the recorder and its router last: it is asked to close its file."""
+    for name, process in processes.items():
+        if name not in {"router", "recorder"}:
+            process.kill()
+    if "recorder" in processes:
+        processes["recorder"].terminate()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            processes["recorder"].wait(CLOSE_S)
+    for process in processes.values():
+        process.kill()  # does nothing to those that have ended
+        process.wait()
 
 
 def _watch(processes: dict[str, subprocess.Popen[bytes]], stop: StopSignal) -> None:

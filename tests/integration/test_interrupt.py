@@ -1,5 +1,6 @@
 """Ctrl-C at several moments: a valid recording or none, and no process left."""
 
+import json
 import time
 
 import pytest
@@ -9,7 +10,9 @@ from tests.integration.processes import processes_of, service_of, until, watch_r
 
 def assert_valid_or_absent(path, here):
     if path.exists():
-        assert here("info", path).code == 0
+        info = here("info", path, "--json")
+        assert info.code == 0
+        assert json.loads(info.out)["truncated"] is False
         assert "byte" not in here("doctor", path).out
 
 
