@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 SCENARIO ?= parts-3-easy
 
 .DELETE_ON_ERROR:
-.PHONY: run test test-container check format lock hooks clean
+.PHONY: run test test-container check format docs lock hooks clean
 
 run: .venv/.project
 	$(BIN)/dynpf run $(SCENARIO)
@@ -33,6 +33,11 @@ format: .venv/.dev
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
+# The references of topics and scenarios, and the picture of two runs in the README.
+docs: .venv/.dev
+	$(BIN)/python -m docs.reference
+	$(BIN)/python -m docs.figures
+
 # Keeps the versions that are locked, as far as pyproject.toml lets it; `make lock UPGRADE=1` takes the newest.
 COMPILE = $(BIN)/uv pip compile pyproject.toml --quiet --universal --python-version 3.11 --generate-hashes --fork-strategy fewest \
 	--no-emit-index-url --no-emit-find-links --custom-compile-command 'make lock' $(if $(UPGRADE),--upgrade)
@@ -49,7 +54,7 @@ hooks:
 
 clean:
 	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
-	find dynpf protocol services checks tests -name __pycache__ -prune -exec rm -rf {} +
+	find checks docs dynpf protocol services tests -name __pycache__ -prune -exec rm -rf {} +
 
 .venv/.runtime: requirements.lock
 	@$(PYTHON) -c '$(USABLE)' 2>/dev/null || { echo "dynpf needs Python 3.11 or newer with its venv module (Debian: apt" \

@@ -3,7 +3,8 @@
 python benchmarks/lockstep_tick.py [--scenario NAME] [--ticks N] [--runs N]
 
 Each run starts every process. A tick is the time between two of the source's messages, from their publish times; the
-nodes' own time is what they report of themselves. The first tenth of a run is left out.
+nodes' own time is what they report of themselves. The first tenth of a run is left out. The floor is measured beside
+each run: the same message of 100 bytes handed round five bare Zenoh clients through one router.
 """
 
 import argparse
@@ -11,13 +12,18 @@ import json
 import subprocess
 import sys
 import tempfile
+import time
+from multiprocessing import get_context
+from multiprocessing.synchronize import Event
 from pathlib import Path
 
 import numpy as np
 
 from protocol.codec import decode
 from protocol.messages import Diagnostics
+from services.bus import Bus, open_router
 from services.recording.reader import Recording, read_recording
+from services.runners.bus import free_port
 
 
 def main() -> None:
@@ -42,14 +48,53 @@ def measure(scenario: str, ticks: int) -> dict[str, float]:
         recording = read_recording(path)
         published = np.array([record.publish_ns for record in recording.messages("truth/robot")]) * 1e-6
         spans = np.diff(published)[len(published) // 10 :]
-        own = own_time_ms(recording)
+        own, floor = own_time_ms(recording), floor_ms()
         return {
             "tick_median_ms": float(np.median(spans)),
             "tick_p95_ms": float(np.quantile(spans, 0.95)),
             "nodes_own_ms": own,
             "beyond_nodes_ms": float(np.median(spans)) - own,
             "ticks_per_s": float(1000.0 / np.mean(spans)),
+            "floor_ms": floor,
+            "ratio_to_floor": (float(np.median(spans)) - own) / floor,
         }
+
+
+def floor_ms(laps: int = 500) -> float:
+    """Return the median time of one lap round five bare processes and the router, in milliseconds."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    context = get_context("spawn")
+    ready = [context.Event() for _ in range(5)]
+    with open_router(endpoint):
+        others = [context.Process(target=hand_on, args=(endpoint, place, ready[place])) for place in range(1, 5)]
+        for process in others:
+            process.start()
+        with Bus.connect(endpoint, print, lambda: False) as bus:
+            bus.subscribe("ring/0")
+            for event in ready[1:]:
+                event.wait()
+            spans = []
+            for _ in range(laps):
+                began = time.perf_counter()
+                bus.put("ring/1", bytes(100))
+                bus.receive(5.0)
+                spans.append(time.perf_counter() - began)
+        for process in others:
+            process.terminate()
+            process.join()
+    return 1000.0 * float(np.median(spans[laps // 10 :]))
+
+
+def hand_on(endpoint: str, place: int, ready: Event) -> None:
+    """Send whatever comes to ``place`` of the ring to the next."""
+    with Bus.connect(endpoint, print, lambda: False) as bus:
+        bus.subscribe(f"ring/{place}")
+        ready.set()
+        while True:
+            arrival = bus.receive(60.0)
+            if arrival is None:
+                return
+            bus.put(f"ring/{(place + 1) % 5}", arrival.payload)
 
 
 def own_time_ms(recording: Recording) -> float:

@@ -17,12 +17,16 @@ _DECODERS: dict[str, msgspec.json.Decoder[Message]] = {
 def encode(name: str, message: Message) -> bytes:
     """Return the payload of ``message`` for topic ``name``.
 
-    Raises BadMessageError for another type than the topic's, and for NaN or infinite numbers, which JSON lacks.
+    Raises BadMessageError for another type than the topic's, for NaN or infinite numbers, which JSON lacks, and
+    for text that UTF-8 cannot hold.
     """
     expected = topic(name).type
     if type(message) is not expected:
         raise BadMessageError(f"{name}: got {type(message).__name__}, expected {expected.__name__}")
-    payload = _ENCODER.encode(message)
+    try:
+        payload = _ENCODER.encode(message)
+    except UnicodeEncodeError as error:
+        raise BadMessageError(f"{name}: {error}") from error
     # JSON writes NaN and infinities as null, and no message has an optional field: a null is a bad number,
     # unless it stands inside a text, which decoding tells.
     if b"null" in payload:

@@ -60,5 +60,5 @@ def decode_control(data: bytes, kind: type[Control]) -> Control:
     """Return the control message in ``data``; raises BadMessageError."""
     try:
         return msgspec.msgpack.decode(data, type=kind)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise BadMessageError(f"{kind.__name__}: {error}") from error

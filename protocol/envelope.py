@@ -38,5 +38,5 @@ def decode_envelope(data: bytes) -> Envelope:
     """Return the envelope in ``data``; raises BadEnvelopeError."""
     try:
         return _DECODER.decode(data)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise BadEnvelopeError(f"unreadable envelope: {error}") from error

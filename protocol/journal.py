@@ -54,4 +54,7 @@ def encode_entry(entry: JournalEntry) -> bytes:
 
 def decode_entry(payload: bytes) -> JournalEntry:
     """Return the entry in ``payload``; raises msgspec.DecodeError."""
-    return _DECODER.decode(payload)
+    try:
+        return _DECODER.decode(payload)
+    except (UnicodeDecodeError, RecursionError) as error:
+        raise msgspec.DecodeError(str(error)) from error

@@ -20,6 +20,8 @@ __all__ = [
     "Diagnostics",
     "Duration",
     "Estimate",
+    "FrameTransform",
+    "FrameTransforms",
     "Gap",
     "Gripper",
     "HostEvent",
@@ -69,23 +71,23 @@ class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class Timestamp(Part, frozen=True, kw_only=True):
-    sec: Annotated[int, Meta(ge=0, lt=2**32)]
-    nsec: Annotated[int, Meta(ge=0, lt=10**9)]
+    sec: Annotated[int, Meta(ge=0, lt=2**32)]  # s
+    nsec: Annotated[int, Meta(ge=0, lt=10**9)]  # ns
 
 
 class Duration(Part, frozen=True, kw_only=True):
-    sec: Annotated[int, Meta(ge=-(2**31), lt=2**31)] = 0
-    nsec: Annotated[int, Meta(ge=0, lt=10**9)] = 0
+    sec: Annotated[int, Meta(ge=-(2**31), lt=2**31)] = 0  # s
+    nsec: Annotated[int, Meta(ge=0, lt=10**9)] = 0  # ns
 
 
 class Vector3(Part, frozen=True, kw_only=True):
-    x: float = 0.0
+    x: float = 0.0  # m
     y: float = 0.0
     z: float = 0.0
 
 
 class Point3(Part, frozen=True, kw_only=True):
-    x: float = 0.0
+    x: float = 0.0  # m
     y: float = 0.0
     z: float = 0.0
 
@@ -103,7 +105,7 @@ class Pose(Part, frozen=True, kw_only=True):
 
 
 class Color(Part, frozen=True, kw_only=True):
-    r: float
+    r: float  # 0 to 1, as are the others
     g: float
     b: float
     a: float = 1.0
@@ -135,6 +137,21 @@ class PosesInFrame(Message, frozen=True, kw_only=True):
     poses: Annotated[tuple[Pose, ...], Meta(max_length=200)]
 
 
+class FrameTransform(Part, frozen=True, kw_only=True):
+    """Where the child frame lies in the parent frame."""
+
+    timestamp: Timestamp
+    parent_frame_id: str
+    child_frame_id: str
+    translation: Vector3
+    rotation: Quaternion
+
+
+class FrameTransforms(Message, frozen=True, kw_only=True):
+    schema_name = "foxglove.FrameTransforms"
+    transforms: Annotated[tuple[FrameTransform, ...], Meta(max_length=16)]
+
+
 class LaserScan(Message, frozen=True, kw_only=True):
     """Ranges in metres over [start_angle, end_angle]; a beam without return carries the sensor's maximum range."""
 
@@ -142,9 +159,9 @@ class LaserScan(Message, frozen=True, kw_only=True):
     timestamp: Timestamp
     frame_id: str
     pose: Pose
-    start_angle: float
-    end_angle: float
-    ranges: Annotated[tuple[NonNegative, ...], Meta(max_length=100_000)]
+    start_angle: float  # rad
+    end_angle: float  # rad
+    ranges: Annotated[tuple[NonNegative, ...], Meta(max_length=100_000)]  # m
     intensities: Annotated[tuple[float, ...], Meta(max_length=100_000)] = ()
 
 
@@ -277,20 +294,20 @@ class RobotState(Message, frozen=True, kw_only=True):
     """The robot's true or reference pose; ``heading_valid`` is false where the reference's heading is known to lie."""
 
     schema_name = "dynpf.RobotState"
-    x: float
-    y: float
-    theta: float
-    v: float = 0.0
-    w: float = 0.0
+    x: float  # m
+    y: float  # m
+    theta: float  # rad
+    v: float = 0.0  # m/s
+    w: float = 0.0  # rad/s
     heading_valid: bool = True
 
 
 class PartState(Part, frozen=True, kw_only=True):
-    x: float
-    y: float
-    radius: Positive
-    goal_x: float
-    goal_y: float
+    x: float  # m
+    y: float  # m
+    radius: Positive  # m
+    goal_x: float  # m
+    goal_y: float  # m
 
 
 class PartsState(Message, frozen=True, kw_only=True):
@@ -309,11 +326,11 @@ class PartsState(Message, frozen=True, kw_only=True):
 class Detection(Part, frozen=True, kw_only=True):
     """A disc in workspace coordinates; ``grey`` is its median grey level less the background's."""
 
-    x: float
-    y: float
-    radius: Positive
-    grey: float
-    residual: NonNegative = 0.0  # RMS distance of the edge points from the fitted circle
+    x: float  # m
+    y: float  # m
+    radius: Positive  # m
+    grey: float  # grey levels, 0 to 255, less the background's
+    residual: NonNegative = 0.0  # m, RMS distance of the edge points from the fitted circle
 
 
 class Detections(Message, frozen=True, kw_only=True):
@@ -325,14 +342,14 @@ class Odometry(Message, frozen=True, kw_only=True):
     """Forward speed (m/s) and turning rate (rad/s), held until the next message."""
 
     schema_name = "dynpf.Odometry"
-    v: float
-    w: float
+    v: float  # m/s
+    w: float  # rad/s
 
 
 class LandmarkReading(Part, frozen=True, kw_only=True):
-    landmark: Annotated[int, Meta(ge=0)]
-    range: NonNegative
-    bearing: Angle
+    landmark: Annotated[int, Meta(ge=0)]  # its number
+    range: NonNegative  # m
+    bearing: Angle  # rad, from the robot's heading, left is positive
 
 
 class LandmarkReadings(Message, frozen=True, kw_only=True):
@@ -347,15 +364,15 @@ class Gripper(Message, frozen=True, kw_only=True):
 
     schema_name = "dynpf.Gripper"
     contact: bool
-    theta: Angle
+    theta: Angle  # rad
 
 
 # --- what is estimated and commanded -------------------------------------------------------------------------------
 
 
 class PartEstimate(Part, frozen=True, kw_only=True):
-    x: float
-    y: float
+    x: float  # m
+    y: float  # m
     variance: NonNegative  # of each coordinate, m^2
     seen: bool  # a detection was associated in this step
 
@@ -364,13 +381,13 @@ class Estimate(Message, frozen=True, kw_only=True):
     """The pose estimate: weighted mean with circular heading, covariance of (x, y, theta) row by row, and health."""
 
     schema_name = "dynpf.Estimate"
-    x: float
-    y: float
-    theta: Angle
-    covariance: Annotated[tuple[float, ...], Meta(min_length=9, max_length=9)]
-    n_eff: NonNegative
+    x: float  # m
+    y: float  # m
+    theta: Angle  # rad
+    covariance: Annotated[tuple[float, ...], Meta(min_length=9, max_length=9)]  # m^2, m rad, rad^2
+    n_eff: NonNegative  # effective sample size
     parts: Annotated[tuple[PartEstimate, ...], Meta(max_length=64)] = ()
-    held: Annotated[int, Meta(ge=-1, lt=64)] = -1
+    held: Annotated[int, Meta(ge=-1, lt=64)] = -1  # index of the part in the gripper, or -1
 
 
 class Command(Message, frozen=True, kw_only=True):
@@ -378,10 +395,10 @@ class Command(Message, frozen=True, kw_only=True):
 
     schema_name = "dynpf.Command"
     mode: Literal["idle", "mate", "move", "leave", "drive"]
-    target: Annotated[int, Meta(ge=-1, lt=64)] = -1
-    vx: float = 0.0
-    vy: float = 0.0
-    w: float = 0.0
+    target: Annotated[int, Meta(ge=-1, lt=64)] = -1  # index of the part it is about, or -1
+    vx: float = 0.0  # m/s
+    vy: float = 0.0  # m/s
+    w: float = 0.0  # rad/s
     grip: bool = False
     finished: bool = False
 
@@ -395,9 +412,9 @@ class HostEvent(Message, frozen=True, kw_only=True):
     schema_name = "dynpf.HostEvent"
     kind: Literal["gap"]
     topic: str
-    node: str
-    first: Count
-    last: Count
+    node: str  # the sender
+    first: Count  # sequence number
+    last: Count  # sequence number
 
 
 class Gap(Message, frozen=True, kw_only=True):
@@ -405,10 +422,10 @@ class Gap(Message, frozen=True, kw_only=True):
 
     schema_name = "dynpf.Gap"
     topic: str
-    node: str
+    node: str  # the sender
     boot: str
-    first: Count
-    last: Count
+    first: Count  # sequence number
+    last: Count  # sequence number
 
 
 class Diagnostics(Message, frozen=True, kw_only=True):
@@ -416,8 +433,8 @@ class Diagnostics(Message, frozen=True, kw_only=True):
 
     schema_name = "dynpf.Diagnostics"
     node: str
-    steps: Count
-    step_time_s: NonNegative  # spent in the node's own step since the last report
+    steps: Count  # so far
+    step_time_s: NonNegative  # s, spent in the node's own step since the last report
     refused: dict[str, Count]  # topic -> messages refused so far
     queue: Count  # messages waiting
 

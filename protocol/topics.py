@@ -24,10 +24,10 @@ HOST_NODES = (*NODES, LOG_NODE)
 
 
 class Delivery(StrEnum):
-    """How a topic is delivered."""
+    """What of a topic a node takes. The bus itself drops nothing: the recorder has to get every message."""
 
-    RELIABLE = "reliable"  # must arrive: the publisher waits for room
-    FRESH = "fresh"  # in realtime runs only the newest matters; in lockstep as reliable
+    RELIABLE = "reliable"  # every message counts
+    FRESH = "fresh"  # in realtime runs a node takes only the newest that has arrived; in lockstep as reliable
 
 
 class Topic(msgspec.Struct, frozen=True, kw_only=True):
@@ -164,6 +164,18 @@ _ROWS = (
         type=messages.PosesInFrame,
         publishers=("estimator",),
         description="At most 200 of the particles, at most five times a second of logical time",
+    ),
+    Topic(
+        name="estimator/transforms",
+        type=messages.FrameTransforms,
+        publishers=("estimator",),
+        description="Where the estimated robot is in the map, for looking at; sent with the particles",
+    ),
+    Topic(
+        name="estimator/scene",
+        type=messages.SceneUpdate,
+        publishers=("estimator",),
+        description="The landmarks and the estimated robot as shapes, for looking at: at most once a second",
     ),
     Topic(
         name="controller/command",

@@ -100,12 +100,11 @@ class Bus:
         with session:
             yield cls(session)
 
-    def put(self, key: str, payload: bytes, attachment: bytes = b"", *, may_drop: bool = False) -> None:
-        """Publish; waits for room unless ``may_drop``."""
+    def put(self, key: str, payload: bytes, attachment: bytes = b"") -> None:
+        """Publish, waiting for room."""
         publisher = self._publishers.get(key)
         if publisher is None:
-            control = zenoh.CongestionControl.DROP if may_drop else zenoh.CongestionControl.BLOCK
-            publisher = self._session.declare_publisher(key, congestion_control=control)
+            publisher = self._session.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
             self._publishers[key] = publisher
         publisher.put(payload, attachment=attachment)
 

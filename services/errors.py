@@ -1,6 +1,6 @@
 """Errors whose text is for a person: where, which value, what was expected, what to do."""
 
-__all__ = ["BROKEN_OFF", "BrokenOffError", "DynpfError", "RunError", "ScenarioError", "UsageError"]
+__all__ = ["BROKEN_OFF", "BrokenOffError", "DynpfError", "RunError", "ScenarioError", "StepError", "UsageError"]
 
 
 BROKEN_OFF = 3
@@ -25,6 +25,10 @@ class RunError(DynpfError):
     """A run could not be carried through."""
 
     exit_code = 1
+
+
+class StepError(RunError):
+    """A node has failed in its step: a bug, whose traceback ``__cause__`` carries."""
 
 
 class BrokenOffError(RunError):

@@ -3,14 +3,17 @@
 The same for the bus, inline and replay runners; it neither sends nor receives.
 """
 
+import traceback
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import NamedTuple
 
 from protocol.codec import encode
 from protocol.envelope import Envelope
 from protocol.journal import Consumed, JournalEntry, Produced
 from protocol.messages import Message
+from services.errors import StepError
 from services.node import Node, Received, Step, state_digest
 
 __all__ = ["Executed", "Executor", "Sent"]
@@ -25,10 +28,9 @@ class Sent(NamedTuple):
 
 
 class Executed(NamedTuple):
-    """What came of one step."""
+    """What came of one step: the messages, and whether the source says that it was the last."""
 
     sent: tuple[Sent, ...]
-    entry: JournalEntry
     finished: bool
 
 
@@ -42,14 +44,27 @@ class Executor:
         self._sequences: defaultdict[str, int] = defaultdict(int)
         self.steps = 0
 
-    def step(
-        self, tick: int, stamp_ns: int, inputs: Sequence[Received], publish_ns: int, *, last: bool = False
-    ) -> Executed:
-        """Run the next step. ``last`` marks it as the node's last; the source's own word for that is ``finished``."""
-        result = self.node.step(Step(self.steps, tick, stamp_ns, tuple(inputs)))
-        sent = tuple(self.stamp(topic, message, tick, stamp_ns, publish_ns) for topic, message in result.outputs)
-        last = last or result.finished
-        digest = last or (self.steps + 1) % self._digest_every == 0
+    def step(self, tick: int, stamp_ns: int, inputs: Sequence[Received], publish_ns: int) -> Executed:
+        """Run the next step; ``journal`` has to follow before the one after it.
+
+        Raises StepError where the node raises, or returns what its topics do not promise.
+        """
+        with self._blamed(tick):
+            result = self.node.step(Step(self.steps, tick, stamp_ns, tuple(inputs)))
+            sent = tuple(self.stamp(topic, message, tick, stamp_ns, publish_ns) for topic, message in result.outputs)
+        return Executed(sent, result.finished)
+
+    def journal(
+        self, tick: int, stamp_ns: int, inputs: Sequence[Received], sent: Sequence[Sent], *, last: bool
+    ) -> JournalEntry:
+        """Account for the step just run: what it consumed and produced, and at intervals the digest of the state.
+
+        Apart from ``step`` so that a host can send what others wait for first. ``last`` marks the node's last step.
+        """
+        state = ""
+        if last or (self.steps + 1) % self._digest_every == 0:
+            with self._blamed(tick):
+                state = state_digest(self.node.freeze())
         entry = JournalEntry(
             step=self.steps,
             tick=tick,
@@ -57,10 +72,10 @@ class Executor:
             consumed=tuple(Consumed(one.node, one.boot, one.topic, one.sequence) for one in inputs),
             produced=tuple(Produced(one.topic, one.envelope.sequence) for one in sent),
             last=last,
-            state=state_digest(self.node.freeze()) if digest else "",
+            state=state,
         )
         self.steps += 1
-        return Executed(sent, entry, result.finished)
+        return entry
 
     def stamp(self, topic: str, message: Message, tick: int, stamp_ns: int, publish_ns: int) -> Sent:
         """Give a message its place in this boot's sequence of its topic."""
@@ -69,3 +84,15 @@ class Executor:
         self._sequences[topic] = sequence + 1
         envelope = Envelope(self.node.name, self.boot, sequence, tick, stamp_ns, publish_ns)
         return Sent(topic, envelope, payload)
+
+    @contextmanager
+    def _blamed(self, tick: int) -> Iterator[None]:
+        """Say of an exception which node raised it, in which step, and where."""
+        try:
+            yield
+        except Exception as error:
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            raise StepError(
+                f"{self.node.name} failed in step {self.steps}, tick {tick}: {type(error).__name__}: {error} "
+                f"({place.filename}:{place.lineno})"
+            ) from error

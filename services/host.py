@@ -9,9 +9,8 @@ from collections.abc import Iterator, Sequence
 
 import cv2
 
-from protocol.control import TickDone, decode_control, encode_control
+from protocol.control import TickDone, encode_control
 from protocol.envelope import Envelope, encode_envelope
-from protocol.errors import ProtocolError
 from protocol.journal import encode_entry
 from protocol.messages import Diagnostics, Log, LogLevel, timestamp
 from protocol.topics import TOPICS
@@ -45,7 +44,8 @@ def run_node(name: str, scenario: Scenario, endpoint: str, log: Sequence[LogReco
     nodes = build_nodes(scenario)
     graph = Graph.of(list(nodes.values()))
     with join(name, scenario, endpoint, stop) as member:
-        host = _Host(nodes[name], scenario, graph, member)
+        awaited = frozenset().union(*(node.reads for node in nodes.values()))
+        host = _Host(nodes[name], scenario, graph, awaited, member)
         host.subscribe()
         member.assemble(leads=name == graph.source)
         host.run(host.feeds(log) if name == graph.source else None)
@@ -53,8 +53,9 @@ def run_node(name: str, scenario: Scenario, endpoint: str, log: Sequence[LogReco
 
 
 class _Host:
-    def __init__(self, node: Node, scenario: Scenario, graph: Graph, member: Member) -> None:
+    def __init__(self, node: Node, scenario: Scenario, graph: Graph, awaited: frozenset[str], member: Member) -> None:
         self._node = node
+        self._awaited = awaited
         self._scenario = scenario
         self._graph = graph
         self._member = member
@@ -96,22 +97,24 @@ class _Host:
         if self._realtime:
             steps = self._follow_realtime() if feeds is None else self._lead_realtime(feeds)
         else:
-            steps = self._lockstep(feeds)
+            steps = self._follow_lockstep() if feeds is None else self._lead_lockstep(feeds)
         for last in steps:
             if last:
                 return
 
-    def _lockstep(self, feeds: Iterator[Feed] | None) -> Iterator[bool]:
-        while True:
-            ready = self._lockstep_inbox.take()
-            if ready is None:
+    def _lead_lockstep(self, feeds: Iterator[Feed]) -> Iterator[bool]:
+        for feed in feeds:
+            while (ready := self._lockstep_inbox.take(feed.stamp_ns)) is None:
                 self._receive(self._member.poll())
-            elif feeds is None:
-                yield self._step(ready, ready.stamp_ns or 0, last=ready.last)
-            else:
-                while self._member.ticks - self._member.behind("recorder") > AHEAD:
-                    self._receive(self._member.poll())
-                yield self._lead(ready, next(feeds))
+            while self._member.ticks - self._member.behind("recorder") > AHEAD:
+                self._receive(self._member.poll())
+            yield self._lead(ready, feed)
+
+    def _follow_lockstep(self) -> Iterator[bool]:
+        while True:
+            while (ready := self._lockstep_inbox.take()) is None:
+                self._receive(self._member.poll())
+            yield self._step(ready, ready.stamp_ns, last=ready.last)
 
     def _lead_realtime(self, feeds: Iterator[Feed]) -> Iterator[bool]:
         began_ns = time.monotonic_ns()
@@ -134,7 +137,7 @@ class _Host:
             else:
                 ready = inbox.take(time.monotonic_ns())
             if ready is not None:
-                yield self._step(ready, ready.stamp_ns or 0, last=ready.last)
+                yield self._step(ready, ready.stamp_ns, last=ready.last)
 
     def _lead(self, ready: Ready, feed: Feed) -> bool:
         """Step as the source: the feed gives the time, and the log's records if there is a log."""
@@ -145,40 +148,41 @@ class _Host:
     def _step(self, ready: Ready, stamp_ns: int, fed: Sequence[Sent] = (), *, last: bool) -> bool:
         """Run one step, publish what came of it, and return whether it was the last."""
         self._stamp_ns = stamp_ns
-        for one in fed:
-            self._publish(one)
         events = notice_gaps(self._executor, self._gaps, ready, stamp_ns, time.time_ns())
         began = time.perf_counter()
-        executed = self._executor.step(ready.tick, stamp_ns, ready.inputs, time.time_ns(), last=last)
+        executed = self._executor.step(ready.tick, stamp_ns, ready.inputs, time.time_ns())
         self._step_time_s += time.perf_counter() - began
-        for one in (*events, *executed.sent):
-            self._publish(one)
-        self._report(at_once=executed.entry.last)
-        self._end_step(executed.entry.step, executed.entry.last, ready.tick, (*fed, *events, *executed.sent))
-        envelope = Envelope(
-            self._node.name, self._member.boot, executed.entry.step, ready.tick, stamp_ns, time.time_ns()
-        )
-        self._bus.put(JOURNAL + self._node.name, encode_entry(executed.entry), encode_envelope(envelope))
-        return executed.entry.last
-
-    def _end_step(self, step: int, last: bool, tick: int, sent: Sequence[Sent]) -> None:
+        last = last or executed.finished
+        sent = (*fed, *events, *executed.sent)
+        # What other nodes wait for goes first; what is only recorded or looked at, and the journal, follow.
+        for one in sent:
+            if one.topic in self._awaited:
+                self._publish(one)
         counts = dict(Counter(one.topic for one in sent))
-        done = TickDone(self._node.name, self._member.boot, step, tick, self._stamp_ns, counts, last)
+        self._report(at_once=last)  # the last before the recorder hears that this was all
+        done = TickDone(self._node.name, self._member.boot, self._executor.steps, ready.tick, stamp_ns, counts, last)
         self._bus.put(TICK + self._node.name, encode_control(done))
-        self._member.ticks = tick + 1
+        for one in sent:
+            if one.topic not in self._awaited:
+                self._publish(one)
+        entry = self._executor.journal(ready.tick, stamp_ns, ready.inputs, executed.sent, last=last)
+        envelope = Envelope(self._node.name, self._member.boot, entry.step, ready.tick, stamp_ns, time.time_ns())
+        self._bus.put(JOURNAL + self._node.name, encode_entry(entry), encode_envelope(envelope))
+        self._member.ticks = ready.tick + 1
+        return last
 
     def _publish(self, one: Sent) -> None:
-        # Never dropped on the way, even where only the newest matters: the recorder needs them all.
         self._bus.put(DATA + one.topic, one.payload, encode_envelope(one.envelope))
 
     def _receive(self, arrival: Arrival | None) -> None:
         if arrival is None:
             return
         if arrival.key.startswith(TICK):
-            try:
-                self._inbox.done(decode_control(arrival.payload, TickDone))
-            except ProtocolError as error:
-                self._member.refuse(arrival, error)
+            done = self._intake.accept_tick(arrival)
+            if isinstance(done, Refusal):
+                self._tell(done)
+            else:
+                self._inbox.done(done)
             return
         accepted = self._intake.accept(arrival)
         if not isinstance(accepted, Refusal):
@@ -187,13 +191,15 @@ class _Host:
             return
         if accepted.envelope is not None:
             self._inbox.deliver_refused(accepted.envelope.node, accepted.envelope.tick)
-        if accepted.first_of_its_kind:
-            text = f"{accepted.topic}: message refused: {accepted.reason}"
-            say(self._node.name, text)
-            message = Log(
-                timestamp=timestamp(self._stamp_ns), level=LogLevel.WARNING, message=text, name=self._node.name
-            )
-            self._publish(self._stamped("log", message))
+        self._tell(accepted)
+
+    def _tell(self, refusal: Refusal) -> None:
+        if not refusal.first_of_its_kind:
+            return
+        text = f"{refusal.topic}: message refused: {refusal.reason}"
+        say(self._node.name, text)
+        message = Log(timestamp=timestamp(self._stamp_ns), level=LogLevel.WARNING, message=text, name=self._node.name)
+        self._publish(self._stamped("log", message))
 
     def _report(self, *, at_once: bool) -> None:
         now = time.monotonic()

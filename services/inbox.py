@@ -18,10 +18,10 @@ __all__ = ["LockstepInbox", "Ready", "RealtimeInbox"]
 
 
 class Ready(NamedTuple):
-    """The inputs of a step. ``stamp_ns`` is None where the node itself is the source and sets the time."""
+    """The inputs of a step, and its logical time."""
 
     tick: int
-    stamp_ns: int | None
+    stamp_ns: int
     inputs: list[Received]
     last: bool
 
@@ -50,15 +50,19 @@ class LockstepInbox:
         if done.node in self._lags:
             self._done[done.node, done.tick] = done
 
-    def take(self) -> Ready | None:
-        """Return the next step's inputs and go on to the next tick, or None while something is missing."""
+    def take(self, stamp_ns: int = 0) -> Ready | None:
+        """Return the next step's inputs and go on to the next tick, or None while something is missing.
+
+        The source of the run sets the time by ``stamp_ns``; the others have it from the nodes before them.
+        """
         needed = [(node, self.tick - lag) for node, lag in self._lags.items() if self.tick >= lag]
         if not all(self._complete(key) for key in needed):
             return None
         arrived: list[Received] = []
-        stamp_ns, last = None, False
+        last = False
         for key in needed:
             arrived += self._messages.pop(key, [])
+            self._refused.pop(key, None)
             done = self._done.pop(key)
             if done.tick == self.tick:
                 stamp_ns, last = done.stamp_ns, last or done.last
@@ -73,13 +77,13 @@ class LockstepInbox:
         expected = sum(count for topic, count in done.counts.items() if topic in self._reads)
         return len(self._messages.get(key, ())) + self._refused[key] >= expected
 
-    def _through_link(self, arrived: list[Received], stamp_ns: int | None) -> list[Received]:
+    def _through_link(self, arrived: list[Received], stamp_ns: int) -> list[Received]:
         for one in arrived:
             delay_ns = self._link.delay_ns(one.topic, one.sequence)
             if delay_ns is not None:
                 self._late.append((one.stamp_ns + delay_ns if delay_ns else 0, one))
-        on_time = [one for due_ns, one in self._late if stamp_ns is None or due_ns <= stamp_ns]
-        self._late = [(due_ns, one) for due_ns, one in self._late if stamp_ns is not None and due_ns > stamp_ns]
+        on_time = [one for due_ns, one in self._late if due_ns <= stamp_ns]
+        self._late = [(due_ns, one) for due_ns, one in self._late if due_ns > stamp_ns]
         return sorted(on_time, key=lambda one: input_order(one.topic, one.node, one.sequence))
 
 

@@ -8,10 +8,11 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from protocol.codec import decode
+from protocol.control import TickDone, decode_control
 from protocol.envelope import Envelope, decode_envelope
 from protocol.errors import ProtocolError
 from protocol.topics import LOG_NODE, topic
-from services.bus import DATA, Arrival
+from services.bus import DATA, TICK, Arrival
 from services.node import Received
 
 __all__ = ["Intake", "Refusal", "check_sender"]
@@ -68,6 +69,17 @@ class Intake:
         except ProtocolError as error:
             return self._refuse(name, str(error), envelope)
         return Received(name, known.node, known.boot, known.sequence, known.stamp_ns, message), known
+
+    def accept_tick(self, arrival: Arrival) -> TickDone | Refusal:
+        """Return a peer's word that it has ended a tick, or refuse it."""
+        node = arrival.key[len(TICK) :]
+        try:
+            done = decode_control(arrival.payload, TickDone)
+            if done.node != node or self._boots.get(node) != done.boot:
+                raise ProtocolError(f"unknown sender {done.node!r} with boot {done.boot!r}")
+        except ProtocolError as error:
+            return self._refuse(f"tick/{node}", str(error), None)
+        return done
 
     def _refuse(self, name: str, reason: str, envelope: Envelope | None) -> Refusal:
         self.refused[name] += 1

@@ -59,7 +59,6 @@ class Member:
         self._beats: dict[str, float] = {}
         self._peer_ticks: dict[str, int] = {}
         self._next_beat = 0.0
-        self._refused: set[str] = set()
 
     def poll(self, timeout_s: float = BEAT_S) -> Arrival | None:
         """Beat if it is time, and return the next arrival that is not about membership, or None.
@@ -79,16 +78,10 @@ class Member:
         if not arrival.key.startswith((ALIVE, READY, BEAT, CONTROL)):
             return arrival
         try:
-            self._membership(arrival, now)
+            self._take(arrival, now)
         except ProtocolError as error:
-            self.refuse(arrival, error)
+            say(self.name, f"{arrival.key}: message refused: {error}")
         return None
-
-    def refuse(self, arrival: Arrival, error: ProtocolError) -> None:
-        """Say, once for each key, that something unreadable came which is not of the topic table."""
-        if arrival.key not in self._refused:
-            self._refused.add(arrival.key)
-            say(self.name, f"{arrival.key}: refused: {error}")
 
     def assemble(self, *, leads: bool) -> None:
         """Wait until every peer is alive, and say so by being ready; who ``leads`` the run waits for that of all.
@@ -132,7 +125,7 @@ class Member:
 
     def _beat(self, now: float) -> None:
         self._next_beat = now + BEAT_S
-        self.bus.put(f"{BEAT}{self.name}", encode_control(Beat(self.name, self.boot, self.ticks)), may_drop=True)
+        self.bus.put(f"{BEAT}{self.name}", encode_control(Beat(self.name, self.boot, self.ticks)))
         if not self.bus.connected and not self.leaving:
             raise BrokenOffError("the router is gone; the run cannot go on")
         if not self.leaving:
@@ -140,7 +133,7 @@ class Member:
                 if peer in self.peers and now - seen > WEDGED_S:
                     raise BrokenOffError(f"{peer} has not answered for {WEDGED_S:g} s: it hangs; the run cannot go on")
 
-    def _membership(self, arrival: Arrival, now: float) -> None:
+    def _take(self, arrival: Arrival, now: float) -> None:
         if arrival.key.startswith((ALIVE, READY)):
             self._token(arrival)
         elif arrival.key.startswith(BEAT):

@@ -1,5 +1,6 @@
 """Measures of one recorded run against the truth in it, under the names that scripts hold on to."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,7 +15,7 @@ from services.recording.digest import content_digest
 from services.recording.reader import Recording
 from services.scenario import Scenario, override_resolved
 
-__all__ = ["HOME_TOLERANCE_M", "LOST_M", "measure", "summary"]
+__all__ = ["HOME_TOLERANCE_M", "LOST_M", "differing", "measure", "summary"]
 
 FloatArray = NDArray[np.float64]
 
@@ -30,6 +31,17 @@ _TRUTHS = ("truth/robot", "log/truth")
 
 def measure(recording: Recording) -> dict[str, Any]:
     """Return the measures of a run; those that it holds no data for are left out."""
+    return {**_figures(recording), "content_digest": content_digest(recording)}
+
+
+def differing(a: Recording, b: Recording) -> dict[str, tuple[Any, Any]]:
+    """Return the measures, without the digest, in which two runs differ: both values, None where a run lacks one."""
+    left, right = _figures(a), _figures(b)
+    names = [*left, *(name for name in right if name not in left)]
+    return {name: (left.get(name), right.get(name)) for name in names if left.get(name) != right.get(name)}
+
+
+def _figures(recording: Recording) -> dict[str, Any]:
     end = recording.end
     measures: dict[str, Any] = {}
     measures |= _localization(recording)
@@ -37,7 +49,6 @@ def measure(recording: Recording) -> dict[str, Any]:
     measures["messages"] = sum(1 for _ in recording.messages())
     measures["gaps"] = end.missing if end is not None else None
     measures["complete"] = end is not None and end.complete and not recording.truncated
-    measures["content_digest"] = content_digest(recording)
     return measures
 
 
@@ -53,9 +64,8 @@ def summary(recording: Recording, measures: Mapping[str, Any]) -> str:
     lines.append(f"messages    {measures['messages']}, {measures['gaps']} missing")
     if "completed" in measures:
         home = "all parts home" if measures["completed"] else "NOT all parts home"
-        lines.append(
-            f"task        {home}, {measures['collisions']} collisions, final error {measures['pi_m'] * 100:.2f} cm"
-        )
+        error_cm = 100.0 * _final_error_m(recording)
+        lines.append(f"task        {home}, {measures['collisions']} collisions, final error {error_cm:.2f} cm")
         lines.append(f"paths       npl {measures['npl']:.3f}, nrl {measures['nrl']:.3f} (1 = straight lines)")
     if "position_rmse_m" in measures:
         text = f"position    RMSE {measures['position_rmse_m']:.4f} m, median {measures['position_median_m']:.4f} m"
@@ -125,8 +135,10 @@ def _dead_reckoning(recording: Recording, reference: Trajectory) -> dict[str, fl
 def _rearrangement(recording: Recording) -> dict[str, Any]:
     _, states = _read(recording, "truth/parts", PartsState)
     _, robots = _read(recording, "truth/robot", RobotState)
+    if not states or len(states) != len(robots):
+        return {}
     task = _scenario(recording).task
-    if not states or task is None or len(states) != len(robots):
+    if task is None:
         return {}
     parts = np.array([[(part.x, part.y) for part in state.parts] for state in states])
     goals = np.array([part.goal for part in task.parts])
@@ -138,7 +150,6 @@ def _rearrangement(recording: Recording) -> dict[str, Any]:
         "npl": rearrangement.normalized_part_length(parts, goals),
         "nrl": rearrangement.normalized_robot_length(robot, parts, goals, radii, task.robot_radius),
         "pi": rearrangement.positional_inaccuracy(parts[-1], goals, radii),
-        "pi_m": float(np.max(np.hypot(*(parts[-1] - goals).T))),
     }
     _, estimates = _read(recording, "estimator/state", Estimate)
     if len(estimates) == len(robots) and all(len(one.parts) == len(task.parts) for one in estimates):
@@ -147,6 +158,12 @@ def _rearrangement(recording: Recording) -> dict[str, Any]:
         measures["rpee_m"] = rearrangement.robot_position_error(robot, estimated)
         measures["ppee_m"] = rearrangement.part_position_error(parts, placed)
     return measures
+
+
+def _final_error_m(recording: Recording) -> float:
+    """Return how far from its goal the part ended that ended farthest."""
+    _, states = _read(recording, "truth/parts", PartsState)
+    return max(math.hypot(part.x - part.goal_x, part.y - part.goal_y) for part in states[-1].parts)
 
 
 def _read(recording: Recording, topic: str, kind: type[Any]) -> tuple[FloatArray, list[Any]]:

@@ -99,6 +99,8 @@ def _encode_array(value: object) -> msgspec.msgpack.Ext:
     if not isinstance(value, np.ndarray | np.generic):
         raise TypeError(f"a node's state holds a {type(value).__name__}; expected plain values and NumPy arrays")
     array = np.ascontiguousarray(value)
+    if array.dtype.kind in "OV":  # addresses and fields, which no bytes can carry
+        raise TypeError(f"a node's state holds an array of {array.dtype}; expected numbers, truth values or text")
     header = msgspec.msgpack.encode((array.dtype.str, np.shape(value)))
     return msgspec.msgpack.Ext(_ARRAY, bytes([len(header)]) + header + array.tobytes())
 

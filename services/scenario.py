@@ -51,7 +51,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     seed: Annotated[int, Meta(ge=0, le=2**62)] = 1
     clock: Literal["lockstep", "realtime"] = "lockstep"
     tick_s: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.05  # the source's period
-    max_ticks: Annotated[int, Meta(ge=1)] = 1_000_000
+    max_ticks: Annotated[int, Meta(ge=1)] = 1_000_000  # the run ends here though nobody has finished it
     needs_log: bool = False  # the sensors process plays an imported log
     log_digest: str = ""  # content digest of that log, filled in when it is given
     state_digest_ticks: Annotated[int, Meta(ge=1)] = 10  # a digest of each node's state every so many steps
@@ -215,7 +215,8 @@ def _child(table: Any, name: str, path: str, override: str) -> Any:
 
 def _index(table: list[Any], name: str, path: str, override: str) -> int:
     if not name.isdecimal() or int(name) >= len(table):
-        raise ScenarioError(f"--set {override}: {path}: expected an index from 0 to {len(table) - 1}, got {name!r}")
+        expected = f"expected an index from 0 to {len(table) - 1}, got {name!r}" if table else "the list is empty"
+        raise ScenarioError(f"--set {override}: {path}: {expected}")
     return int(name)
 
 
@@ -271,7 +272,10 @@ def _contradictions(scenario: Scenario) -> Iterator[str]:
         yield "simulator: a run that plays a log (needs_log) has no simulator"
     if isinstance(scenario.sensors, LogSensorsConfig) != scenario.needs_log:
         yield "sensors.kind: 'log' and needs_log = true go together"
+    first: dict[tuple[str, str], int] = {}
     for place, fault in enumerate(scenario.faults):
+        if first.setdefault((fault.topic, fault.to), place) != place:
+            yield f"faults.{place}: {fault.topic} to {fault.to} stands in faults.{first[fault.topic, fault.to]} already"
         if fault.topic not in TOPICS:
             yield f"faults.{place}.topic: unknown topic {fault.topic!r}{_nearest(fault.topic, list(TOPICS))}"
         if fault.to not in nodes:

@@ -1,10 +1,11 @@
-"""dynpf diff: the first difference between two recordings."""
+"""dynpf diff: the first difference between two recordings, and what it comes to in their measures."""
 
 import argparse
+import json
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from services.recording.diff import Difference
+    from services.recording.reader import Recording
 
 __all__ = ["add_parser", "print_difference"]
 
@@ -18,19 +19,22 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def run(args: argparse.Namespace) -> int:
-    from services.recording.diff import diff
     from services.recording.reader import read_recording
 
-    difference = diff(read_recording(args.a, allow_truncated=True), read_recording(args.b, allow_truncated=True))
-    return print_difference(difference, args.a, args.b, as_json=args.json)
+    a, b = (read_recording(path, allow_truncated=True) for path in (args.a, args.b))
+    return print_difference(a, b, args.a, args.b, as_json=args.json)
 
 
-def print_difference(difference: "Difference", a: str, b: str, *, as_json: bool) -> int:
-    """Print where recordings ``a`` and ``b`` first differ, and return the command's exit code."""
+def print_difference(a: "Recording", b: "Recording", a_name: str, b_name: str, *, as_json: bool) -> int:
+    """Print where two recordings first differ and which of their measures do; return the command's exit code."""
     import msgspec
 
+    from services.metrics import differing
+    from services.recording.diff import diff
+
+    difference, metrics = diff(a, b), differing(a, b)
     if as_json:
-        print(msgspec.json.encode(difference).decode())
+        print(json.dumps({**msgspec.to_builtins(difference), "metrics": metrics}))
         return 0 if difference.same else 1
     first = difference.first
     if first is None:
@@ -38,8 +42,10 @@ def print_difference(difference: "Difference", a: str, b: str, *, as_json: bool)
         return 0
     tick = "no tick" if first.tick is None else f"tick {first.tick}"
     print(f"first difference: {tick}, node {first.node}, {first.topic} {first.sequence}, field {first.field}")
-    print(f"  {a}: {first.a}")
-    print(f"  {b}: {first.b}")
+    print(f"  {a_name}: {first.a}")
+    print(f"  {b_name}: {first.b}")
     for topic, count in difference.counts.items():
         print(f"  {topic}: {count.a} and {count.b} messages, {count.differ} differ")
+    for name, (left, right) in metrics.items():
+        print(f"  {name}: {left} and {right}")
     return 1

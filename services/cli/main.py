@@ -4,10 +4,11 @@ import argparse
 import difflib
 import os
 import sys
+import traceback
 from collections.abc import Sequence
 from importlib import import_module
 
-from services.errors import DynpfError
+from services.errors import DynpfError, StepError
 
 __all__ = ["main"]
 
@@ -49,6 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         label = options.name if command == "service" else command
         return int(options.run(options))
     except DynpfError as error:
+        if isinstance(error, StepError):
+            traceback.print_exception(error.__cause__)
         print(f"dynpf {label}: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:

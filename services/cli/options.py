@@ -23,6 +23,7 @@ class Log:
     def __init__(self, path: Path) -> None:
         from protocol.codec import decode
         from protocol.messages import RobotState
+        from protocol.topics import topic
         from services.recording.digest import content_digest
         from services.recording.reader import read_recording
         from services.runners.replay import log_records
@@ -30,8 +31,8 @@ class Log:
         recording = read_recording(path)
         self.path = path
         self.records: list[LogRecord] = log_records(recording)
-        if not self.records:
-            raise UsageError(f"{path}: holds no records of an imported log; dynpf import makes such a recording")
+        if not any(topic(one.topic).triggers for one in self.records):
+            raise UsageError(f"{path}: holds no sensor records of an imported log; dynpf import makes such a recording")
         self.attachments: tuple[Attachment, ...] = recording.attachments
         found = [one.data for one in recording.attachments if one.name == LANDMARKS]
         reference = next((decode("log/truth", one.payload) for one in self.records if one.topic == "log/truth"), None)

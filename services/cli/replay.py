@@ -94,7 +94,6 @@ def _print_outcomes(outcomes: Sequence["Replayed"], *, as_json: bool) -> None:
 def _closed_loop(options: argparse.Namespace, recording: "Recording", scenario: "Scenario") -> int:
     from services.cli.diff import print_difference
     from services.recorder.host import run_header
-    from services.recording.diff import diff
     from services.recording.reader import read_recording
     from services.recording.writer import RecordingWriter
     from services.runners.inline import run_inline
@@ -109,5 +108,5 @@ def _closed_loop(options: argparse.Namespace, recording: "Recording", scenario: 
         with RecordingWriter(path, run_header(scenario), recording.attachments) as writer:
             run_inline(scenario, log_records(recording), writer)
             writer.close(complete=True, reason=f"run anew from {options.recording.name}")
-        difference = diff(recording, read_recording(path))
-        return print_difference(difference, str(options.recording), "run anew", as_json=options.json)
+        again = read_recording(path)
+        return print_difference(recording, again, str(options.recording), "run anew", as_json=options.json)

@@ -16,8 +16,10 @@ from dynpf.motion.calibration import CalibratedArcs
 from dynpf.motion.model import MotionModel, Twist
 from dynpf.rng import stream
 from dynpf.se2 import arc_displacement, compose
+from protocol import frames
 from protocol.messages import (
     Estimate,
+    HostEvent,
     LandmarkReadings,
     Log,
     LogLevel,
@@ -28,15 +30,17 @@ from protocol.messages import (
     timestamp,
 )
 from services.estimator.config import LocalizationConfig
+from services.estimator.gaps import GAPS, gap_warning
+from services.estimator.picture import draw_scene, robot_transform
 from services.node import Output, Received, Result, State, Step
 from services.task import Landmark
 
 __all__ = ["LocalizationNode"]
 
-FRAME = "map"
 NANOSECONDS = 10**9
 SHOWN_PARTICLES = 200
 SHOWN_PERIOD_NS = NANOSECONDS // 5
+SCENE_PERIOD_NS = NANOSECONDS
 
 
 class _TimedTwist(NamedTuple):
@@ -56,12 +60,23 @@ class LocalizationNode:
     """
 
     name = "estimator"
-    reads = frozenset({"sensors/odometry", "sensors/landmarks"})
-    writes = frozenset({"estimator/state", "estimator/pose", "estimator/dead_reckoning", "estimator/particles", "log"})
+    reads = frozenset({"sensors/odometry", "sensors/landmarks", GAPS})
+    writes = frozenset(
+        {
+            "estimator/state",
+            "estimator/pose",
+            "estimator/dead_reckoning",
+            "estimator/particles",
+            "estimator/transforms",
+            "estimator/scene",
+            "log",
+        }
+    )
 
     def __init__(self, *, config: LocalizationConfig, seed: int, landmarks: Sequence[Landmark]) -> None:
         self._seed = seed
         self._delay_ns = round(config.odometry_delay * NANOSECONDS)
+        self._marks = tuple(landmarks)
         self._landmarks = LandmarkMap((mark.id, mark.x, mark.y) for mark in landmarks)
         self._filter = _compose_filter(config, self._landmarks)
         rng = stream(seed, self.name, 0, "start")
@@ -72,6 +87,7 @@ class LocalizationNode:
         self._coming: list[_TimedTwist] = []
         self._newest_odometry_ns = -1
         self._shown_ns: int | None = None
+        self._scene_ns: int | None = None
         self._readings = {outcome.value: 0 for outcome in Outcome}
         self._unknown: list[int] = []
 
@@ -89,6 +105,8 @@ class LocalizationNode:
                     self._take_odometry(received, received.message, motion)
                 case LandmarkReadings():
                     logs += self._take_readings(received, received.message, choice)
+                case HostEvent():
+                    logs.append(gap_warning(received.message, step.stamp_ns))
         self._advance(step.stamp_ns, motion)
         return Result((*self._report(), *logs))
 
@@ -103,6 +121,7 @@ class LocalizationNode:
             "coming": [list(twist) for twist in self._coming],
             "newest_odometry_ns": self._newest_odometry_ns,
             "shown_ns": self._shown_ns,
+            "scene_ns": self._scene_ns,
             "readings": dict(self._readings),
             "unknown": list(self._unknown),
         }
@@ -116,6 +135,7 @@ class LocalizationNode:
         self._coming = [_TimedTwist(*twist) for twist in state["coming"]]
         self._newest_odometry_ns = state["newest_odometry_ns"]
         self._shown_ns = state["shown_ns"]
+        self._scene_ns = state["scene_ns"]
         self._readings = dict(state["readings"])
         self._unknown = list(state["unknown"])
 
@@ -177,15 +197,19 @@ class LocalizationNode:
                     n_eff=effective_sample_size(weights),
                 ),
             ),
-            Output("estimator/pose", PoseInFrame(timestamp=when, frame_id=FRAME, pose=planar_pose(x, y, theta))),
+            Output("estimator/pose", PoseInFrame(timestamp=when, frame_id=frames.MAP, pose=planar_pose(x, y, theta))),
             Output(
                 "estimator/dead_reckoning",
-                PoseInFrame(timestamp=when, frame_id=FRAME, pose=planar_pose(*self._reckoned.tolist())),
+                PoseInFrame(timestamp=when, frame_id=frames.MAP, pose=planar_pose(*self._reckoned.tolist())),
             ),
         ]
         if self._shown_ns is None or self._stamp_ns - self._shown_ns >= SHOWN_PERIOD_NS:
             self._shown_ns = self._stamp_ns
             outputs.append(Output("estimator/particles", self._shown_particles(weights)))
+            outputs.append(Output("estimator/transforms", robot_transform(x, y, theta, when)))
+        if self._scene_ns is None or self._stamp_ns - self._scene_ns >= SCENE_PERIOD_NS:
+            self._scene_ns = self._stamp_ns
+            outputs.append(Output("estimator/scene", draw_scene(x, y, theta, self._marks, when)))
         return outputs
 
     def _shown_particles(self, weights: np.ndarray[Any, np.dtype[np.float64]]) -> PosesInFrame:
@@ -195,7 +219,7 @@ class LocalizationNode:
         poses = self._cloud.particles[:3, chosen].T.tolist()
         return PosesInFrame(
             timestamp=timestamp(self._stamp_ns),
-            frame_id=FRAME,
+            frame_id=frames.MAP,
             poses=tuple(planar_pose(x, y, theta) for x, y, theta in poses),
         )
 

@@ -24,11 +24,13 @@ from dynpf.filters.optimal import (
 )
 from dynpf.filters.resampling import effective_sample_size
 from dynpf.rng import stream
+from protocol import frames
 from protocol.messages import (
     Command,
     Detections,
     Estimate,
     Gripper,
+    HostEvent,
     PartEstimate,
     PoseInFrame,
     PosesInFrame,
@@ -36,6 +38,8 @@ from protocol.messages import (
     timestamp,
 )
 from services.estimator.config_rearrangement import RearrangementConfig
+from services.estimator.gaps import GAPS, gap_warning
+from services.estimator.picture import robot_transform
 from services.node import Output, Result, State, Step
 from services.task import RearrangementTask, layout_of
 
@@ -44,15 +48,14 @@ __all__ = ["RearrangementEstimator"]
 FloatArray = NDArray[np.float64]
 
 ROBOT = 0  # row of the robot among the objects to be matched; part i is row i + 1
-FRAME = "world"
 
 
 class RearrangementEstimator:
     """Reads detections, the gripper and the last command; writes the estimate of robot and parts."""
 
     name = "estimator"
-    reads = frozenset({"vision/detections", "sensors/overhead", "sensors/gripper", "controller/command"})
-    writes = frozenset({"estimator/state", "estimator/pose", "estimator/particles"})
+    reads = frozenset({"vision/detections", "sensors/overhead", "sensors/gripper", "controller/command", GAPS})
+    writes = frozenset({"estimator/state", "estimator/pose", "estimator/particles", "estimator/transforms", "log"})
 
     def __init__(self, *, config: RearrangementConfig, seed: int, tick_s: float, task: RearrangementTask) -> None:
         self._layout = layout_of(task)
@@ -73,28 +76,31 @@ class RearrangementEstimator:
         self._stamp_ns = -1
         self._n_eff = 0.0
         self._theta = 0.0
+        self._contact = False
         self._held = -1
         self._cloud_ns = -1
 
     def step(self, step: Step) -> Result:
         detections: Detections | None = None
-        contact = False
+        logs: list[Output] = []
         for item in step.inputs:
             match item.message:
                 case Command():
                     self._command = item.message
                 case Gripper():
                     self._theta = math.remainder(item.message.theta, math.tau)
-                    contact = item.message.contact
+                    self._contact = item.message.contact
                 case Detections():
                     detections = item.message
-        self._held = self._command.target if contact and self._command.grip else -1
+                case HostEvent():
+                    logs.append(gap_warning(item.message, step.stamp_ns))
+        self._held = self._command.target if self._contact and self._command.grip else -1
         elapsed_s = 0.0 if self._stamp_ns < 0 else max(step.stamp_ns - self._stamp_ns, 0) / 1e9
         self._stamp_ns = step.stamp_ns
         self._filter(detections, elapsed_s, step.number)
         if self._particles is None or not self._located.all():
-            return Result()
-        return Result(self._outputs(self._particles, step))
+            return Result(tuple(logs))
+        return Result((*self._outputs(self._particles, step), *logs))
 
     def freeze(self) -> State:
         particles = self._particles
@@ -111,6 +117,7 @@ class RearrangementEstimator:
             "n_eff": self._n_eff,
             "command": msgspec.to_builtins(self._command),
             "theta": self._theta,
+            "contact": self._contact,
             "held": self._held,
             "cloud_ns": self._cloud_ns,
         }
@@ -123,7 +130,8 @@ class RearrangementEstimator:
         self._seen, self._located = state["seen"].copy(), state["located"].copy()
         self._stamp_ns, self._n_eff = state["stamp_ns"], state["n_eff"]
         self._command = msgspec.convert(state["command"], Command)
-        self._theta, self._held, self._cloud_ns = state["theta"], state["held"], state["cloud_ns"]
+        self._theta, self._contact = state["theta"], state["contact"]
+        self._held, self._cloud_ns = state["held"], state["cloud_ns"]
 
     def _filter(self, detections: Detections | None, elapsed_s: float, number: int) -> None:
         """Predict, match the detections, and take them in: first the robot's, then the parts'."""
@@ -261,13 +269,15 @@ class RearrangementEstimator:
             held=self._held,
         )
         stamp = timestamp(step.stamp_ns)
-        pose = PoseInFrame(timestamp=stamp, frame_id=FRAME, pose=planar_pose(x, y, self._theta))
+        pose = PoseInFrame(timestamp=stamp, frame_id=frames.MAP, pose=planar_pose(x, y, self._theta))
         outputs = [Output("estimator/state", estimate), Output("estimator/pose", pose)]
         if self._cloud_ns < 0 or step.stamp_ns - self._cloud_ns >= round(self._config.particle_period_s * 1e9):
             self._cloud_ns = step.stamp_ns
             shown = particles.states[:: math.ceil(len(particles.states) / 200)].tolist()
             poses = tuple(planar_pose(px, py, self._theta) for px, py in shown)
-            outputs.append(Output("estimator/particles", PosesInFrame(timestamp=stamp, frame_id=FRAME, poses=poses)))
+            cloud = PosesInFrame(timestamp=stamp, frame_id=frames.MAP, poses=poses)
+            outputs.append(Output("estimator/particles", cloud))
+            outputs.append(Output("estimator/transforms", robot_transform(x, y, self._theta, stamp)))
         return tuple(outputs)
 
 

@@ -1,9 +1,7 @@
 """The recorder process: a member of the run that takes everything and writes it down, outside the lockstep loop."""
 
-import sys
 import time
 from collections import Counter
-from contextlib import suppress
 from pathlib import Path
 
 from protocol.codec import encode
@@ -15,6 +13,7 @@ from services.bus import ALIVE, CONTROL, DATA, JOURNAL, TICK, Arrival
 from services.errors import RunError
 from services.intake import check_sender
 from services.member import Member, StopSignal, join, say
+from services.progress import Progress
 from services.recording.header import Attachment, RunEnd, RunHeader
 from services.recording.provenance import collect
 from services.recording.writer import RecordingWriter
@@ -74,7 +73,7 @@ class _Recorder:
         self._last: set[str] = set()
         self._refused: Counter[str] = Counter()
         self._stamp_ns = 0
-        self._shown = 0.0
+        self._progress = Progress()
         self._path = Path()
 
     def record(self, writer: RecordingWriter) -> RunEnd:
@@ -89,7 +88,7 @@ class _Recorder:
                 return writer.close(complete=False, reason=self._lacking())
             self._take(self._member.poll(FLUSH_POLL_S), writer)
             writer.flush_if_due(time.monotonic_ns())
-            self._show_progress()
+            self._progress.show(self._member.ticks, self._received.total())
         self._member.leaving = True
         return writer.close(complete=True, reason=self._member.stop_reason or "finished")
 
@@ -100,6 +99,7 @@ class _Recorder:
 
     def confirm(self, end: RunEnd) -> None:
         """Tell everybody that the file is closed."""
+        self._progress.clear()
         self._member.leaving = True
         message = Recorded(end.complete, end.reason, str(self._path))
         self._member.bus.put(f"{CONTROL}recorded", encode_control(message))
@@ -162,10 +162,3 @@ class _Recorder:
 
     def _lacking(self) -> str:
         return "never arrived: " + ", ".join(f"{count} on {topic}" for topic, count in sorted(self._missing().items()))
-
-    def _show_progress(self) -> None:
-        now = time.monotonic()
-        if sys.stderr.isatty() and now - self._shown > 0.5:
-            self._shown = now
-            with suppress(OSError):
-                print(f"\rtick {self._member.ticks}, {self._received.total()} messages ", end="", file=sys.stderr)

@@ -45,7 +45,7 @@ class TopicCounts(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Difference(msgspec.Struct, frozen=True, kw_only=True):
-    """The result of a comparison, in the form in which ``dynpf diff --json`` prints it."""
+    """The result of a comparison, in the form in which ``dynpf diff --json`` prints it, the measures aside."""
 
     same: bool
     first: FirstDifference | None

@@ -35,7 +35,7 @@ def run_router(scenario: Scenario, endpoint: str, stop: StopSignal, *, quiet: bo
             now = time.monotonic()
             if now >= next_beat:
                 next_beat = now + BEAT_S
-                bus.put(f"{BEAT}router", encode_control(Beat("router", boot, 0)), may_drop=True)
+                bus.put(f"{BEAT}router", encode_control(Beat("router", boot, 0)))
             arrival = bus.receive(max(next_beat - now, 0.0))
             if stop.requested and (stop.at_once or not began):
                 raise KeyboardInterrupt
@@ -52,7 +52,7 @@ def run_router(scenario: Scenario, endpoint: str, stop: StopSignal, *, quiet: bo
                 try:
                     recorded = decode_control(arrival.payload, Recorded)
                 except ProtocolError as error:
-                    say("router", f"{arrival.key}: refused: {error}")
+                    say("router", f"{arrival.key}: message refused: {error}")
         if recorded is None:
             raise BrokenOffError("everybody has left before the run was recorded")
         if not recorded.complete:

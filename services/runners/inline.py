@@ -16,6 +16,7 @@ from services.graph import Graph
 from services.inbox import LockstepInbox, Ready
 from services.node import Node, Received
 from services.nodes import build_nodes
+from services.progress import Progress
 from services.recording.writer import RecordingWriter
 from services.scenario import Scenario
 from services.source import LogRecord, feed_log, feed_ticks
@@ -68,16 +69,19 @@ def run_inline(
         return done.last
 
     ticks = 0
+    progress = Progress()
     for feed in feeds:
-        ready = source.take()
+        ready = source.take(feed.stamp_ns)
         inputs = [*feed.inputs, *ready.inputs]
         last = run(source, ready._replace(inputs=inputs), feed.stamp_ns, feed.sent, last=feed.last or stopped())
         for name in graph.nodes[1:]:
             ready = seats[name].take()
-            run(seats[name], ready, ready.stamp_ns or 0, last=ready.last)
+            run(seats[name], ready, ready.stamp_ns, last=ready.last)
         ticks += 1
+        progress.show(ticks, writer.messages)
         if last:
             break
+    progress.clear()
     return ticks
 
 
@@ -98,8 +102,8 @@ class _Seat:
             received = Received(one.topic, place.node, place.boot, place.sequence, place.stamp_ns, message)
             self.inbox.deliver(received, place.tick)
 
-    def take(self) -> Ready:
-        ready = self.inbox.take()
+    def take(self, stamp_ns: int = 0) -> Ready:
+        ready = self.inbox.take(stamp_ns)
         assert ready is not None, f"{self._node.name} lacks an input of tick {self.inbox.tick}"
         return ready
 
@@ -107,9 +111,10 @@ class _Seat:
         self, ready: Ready, stamp_ns: int, fed: Sequence[Sent], *, last: bool
     ) -> tuple[TickDone, tuple[Sent, ...], bytes]:
         events = notice_gaps(self._executor, self._gaps, ready, stamp_ns, 0)
-        executed = self._executor.step(ready.tick, stamp_ns, ready.inputs, 0, last=last)
+        executed = self._executor.step(ready.tick, stamp_ns, ready.inputs, 0)
+        last = last or executed.finished
+        entry = self._executor.journal(ready.tick, stamp_ns, ready.inputs, executed.sent, last=last)
         sent = (*fed, *events, *executed.sent)
-        entry = executed.entry
         counts = dict(Counter(one.topic for one in sent))
         done = TickDone(self._node.name, BOOT, entry.step, ready.tick, stamp_ns, counts, entry.last)
         return done, sent, encode_entry(entry)

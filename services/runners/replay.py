@@ -5,7 +5,6 @@ as a closed loop from its source, with settings changed.
 """
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import cv2
@@ -16,7 +15,7 @@ from protocol.envelope import Envelope
 from protocol.journal import JOURNAL_PREFIX, JournalEntry, encode_entry
 from protocol.topics import LOG_NODE, TOPICS
 from services.errors import UsageError
-from services.executor import Executed, Executor
+from services.executor import Executor, Sent
 from services.node import Node, Received
 from services.recording.diff import first_field
 from services.recording.reader import Recording
@@ -39,14 +38,15 @@ class Mismatch(NamedTuple):
 
 
 class Replayed(NamedTuple):
-    """What came of replaying one node. ``executed`` is kept only on request: each step with its boot."""
+    """What came of replaying one node. ``executed`` is kept only on request: boot, messages and journal
+    entry of each step."""
 
     node: str
     steps: int
     messages: int
     digests: int
     mismatch: Mismatch | None
-    executed: tuple[tuple[str, Executed], ...]
+    executed: tuple[tuple[str, tuple[Sent, ...], JournalEntry], ...]
 
 
 def log_records(recording: Recording) -> list[LogRecord]:
@@ -66,18 +66,19 @@ def replay_node(recording: Recording, node: Node, digest_every: int, *, keep: bo
         raise UsageError(f"{recording.path}: holds no journal of {node.name}; journals: {known}")
     steps = messages = digests = 0
     first: Mismatch | None = None
-    kept: list[tuple[str, Executed]] = []
+    kept: list[tuple[str, tuple[Sent, ...], JournalEntry]] = []
     for boot in boots:
         executor = Executor(node, boot, digest_every)
         for entry in recording.journal(node.name, boot):
             inputs = list(_inputs(recording, node.name, entry))
-            executed = executor.step(entry.tick, entry.stamp_ns, inputs, 0, last=entry.last)
-            first = first or _compare(recording, node.name, boot, entry, executed)
+            sent = executor.step(entry.tick, entry.stamp_ns, inputs, 0).sent
+            anew = executor.journal(entry.tick, entry.stamp_ns, inputs, sent, last=entry.last)
+            first = first or _compare(recording, node.name, boot, (entry, anew), sent)
             steps += 1
-            messages += len(executed.sent)
+            messages += len(sent)
             digests += bool(entry.state)
             if keep:
-                kept.append((boot, executed))
+                kept.append((boot, sent, anew))
     return Replayed(node.name, steps, messages, digests, first, tuple(kept))
 
 
@@ -92,12 +93,16 @@ def _inputs(recording: Recording, node: str, entry: JournalEntry) -> Iterator[Re
         yield Received(topic, sender, boot, sequence, one.stamp_ns, decode(topic, one.payload))
 
 
-def _compare(recording: Recording, node: str, boot: str, entry: JournalEntry, executed: Executed) -> Mismatch | None:
+def _compare(
+    recording: Recording, node: str, boot: str, entries: tuple[JournalEntry, JournalEntry], sent: Sequence[Sent]
+) -> Mismatch | None:
+    entry, anew = entries
+
     def mismatch(topic: str, sequence: int, field: str, recorded: Any, replayed: Any) -> Mismatch:
         return Mismatch(node, topic, entry.tick, sequence, field, recorded, replayed)
 
     old = {(one.topic, one.sequence): None for one in entry.produced if TOPICS[one.topic].compared}
-    new = {(one.topic, one.envelope.sequence): one for one in executed.sent if TOPICS[one.topic].compared}
+    new = {(one.topic, one.envelope.sequence): one for one in sent if TOPICS[one.topic].compared}
     for topic, sequence in [*old, *(key for key in new if key not in old)]:
         before = recording.find(node, boot, topic, sequence) if (topic, sequence) in old else None
         after = new.get((topic, sequence))
@@ -111,30 +116,37 @@ def _compare(recording: Recording, node: str, boot: str, entry: JournalEntry, ex
             return mismatch(topic, sequence, *field)
     if list(old) != list(new):
         return mismatch("", 0, "order of messages", [key[0] for key in old], [key[0] for key in new])
-    if entry.state and entry.state != executed.entry.state:
-        return mismatch(f"journal/{node}", entry.step, "state", entry.state, executed.entry.state)
+    if entry.state and entry.state != anew.state:
+        return mismatch(f"journal/{node}", entry.step, "state", entry.state, anew.state)
     return None
 
 
 def write_replayed(recording: Recording, outcomes: Sequence[Replayed], writer: RecordingWriter) -> None:
-    """Write the recording anew with the output of the replayed nodes in the place of what was recorded of them."""
+    """Write the recording anew with the output of the replayed nodes in the place of what was recorded of them.
+
+    What the hosts of these nodes said stays, for the nodes consumed it; what was missing, the writer finds anew.
+    """
     replayed = {outcome.node for outcome in outcomes}
     for record in recording.records:
-        if record.node not in replayed:
-            envelope = Envelope(
-                record.node,
-                record.boot,
-                record.sequence,
-                recording.tick_of(record) or 0,
-                record.stamp_ns,
-                record.publish_ns,
-            )
-            keep = writer.journal if record.topic.startswith(JOURNAL_PREFIX) else partial(writer.message, record.topic)
-            keep(envelope, record.payload)
+        if record.topic == "recorder/gap" or (record.node in replayed and not _said_by_host(record.topic)):
+            continue
+        envelope = Envelope(
+            record.node,
+            record.boot,
+            record.sequence,
+            recording.tick_of(record) or 0,
+            record.stamp_ns,
+            record.publish_ns,
+        )
+        writer.message(record.topic, envelope, record.payload)
     for outcome in outcomes:
-        for boot, executed in outcome.executed:
-            for sent in executed.sent:
-                writer.message(*sent)
-            made = executed.entry
+        for boot, sent, made in outcome.executed:
+            for one in sent:
+                writer.message(*one)
             envelope = Envelope(outcome.node, boot, made.step, made.tick, made.stamp_ns, 0)
             writer.journal(envelope, encode_entry(made))
+
+
+def _said_by_host(name: str) -> bool:
+    """Return whether a topic carries what hosts say, which is no part of what their nodes do."""
+    return not name.startswith(JOURNAL_PREFIX) and not TOPICS[name].compared

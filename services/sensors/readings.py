@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.measurement.ray import ray_discs, ray_segments
+from protocol import frames
 from protocol.messages import (
     Detection,
     Detections,
@@ -90,7 +91,7 @@ def read_scan(
     ranges = np.where(returned, np.clip(ranges + noise, 0.0, sensor.range_max), sensor.range_max)
     return LaserScan(
         timestamp=timestamp(stamp_ns),
-        frame_id="robot",
+        frame_id=frames.ROBOT,
         pose=planar_pose(0.0, 0.0, 0.0),
         start_angle=-half,
         end_angle=half,

@@ -19,7 +19,6 @@ class WorkspaceConfig(
     """A disc robot with a gripper among disc parts."""
 
     process_variance: NonNegative = 0.06e-4  # m^2 a tick and coordinate, of the robot's motion (PARTS: 0.06 cm^2)
-    max_ticks: Annotated[int, Meta(ge=1)] = 6000  # the run ends here though the controller has not finished
     grip_tolerance: NonNegative = 0.01  # gap beyond the reach at which the jaws still catch a part
     grip_angle: Positive = 0.2  # the same for the direction
     start_gap: NonNegative = 0.26  # between drawn starts: the robot fits between any two parts

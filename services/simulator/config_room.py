@@ -33,4 +33,3 @@ class RoomConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         0.0,
         0.0,
     )
-    max_ticks: Annotated[int, Meta(ge=1)] = 10_000

@@ -6,6 +6,7 @@ import numpy as np
 
 from dynpf.rng import stream
 from dynpf.se2 import arc_displacement, compose
+from protocol import frames
 from protocol.messages import (
     ArrowPrimitive,
     Color,
@@ -31,7 +32,6 @@ from services.task import Landmark
 
 __all__ = ["RoomSimulator"]
 
-FRAME = "map"
 SCENE_PERIOD_NS = 200_000_000
 WALL_COLOR = Color(r=0.35, g=0.35, b=0.35)
 LANDMARK_COLOR = Color(r=0.85, g=0.55, b=0.1)
@@ -64,21 +64,19 @@ class RoomSimulator:
         self._command = (0.0, 0.0)  # forward speed and turning rate
         self._twist = (0.0, 0.0, 0.0)  # true forward speed and turning rate, and rate of turning on the spot besides
         self._finished = False
-        self._ticks = 0
         self._scene_ns = -SCENE_PERIOD_NS
 
     def step(self, step: Step) -> Result:
         self._move()
         self._obey(step)
         self._twist = self._perturbed(step.number)
-        self._ticks += 1
         x, y, theta = self._pose
         v, w, _ = self._twist
         outputs = [Output("truth/robot", RobotState(x=x, y=y, theta=theta, v=v, w=w))]
         if step.stamp_ns - self._scene_ns >= SCENE_PERIOD_NS:
             self._scene_ns = step.stamp_ns
             outputs.append(Output("truth/scene", self._scene(timestamp(step.stamp_ns))))
-        return Result(tuple(outputs), finished=self._finished or self._ticks >= self.config.max_ticks)
+        return Result(tuple(outputs), finished=self._finished)
 
     def _move(self) -> None:
         v, w, spin = self._twist
@@ -117,7 +115,7 @@ class RoomSimulator:
         loop = LinePrimitive(
             type=1, pose=_at(0.0, 0.0, 0.0), thickness=0.03, scale_invariant=False, points=corners, color=WALL_COLOR
         )
-        return SceneEntity(timestamp=now, frame_id=FRAME, id="room", lines=(loop,))
+        return SceneEntity(timestamp=now, frame_id=frames.MAP, id="room", lines=(loop,))
 
     def _landmark_shapes(self, now: Timestamp) -> SceneEntity:
         posts = tuple(_cylinder(mark.x, mark.y, 0.05, 0.5, LANDMARK_COLOR) for mark in self.landmarks)
@@ -132,7 +130,7 @@ class RoomSimulator:
             )
             for mark in self.landmarks
         )
-        return SceneEntity(timestamp=now, frame_id=FRAME, id="landmarks", cylinders=posts, texts=labels)
+        return SceneEntity(timestamp=now, frame_id=frames.MAP, id="landmarks", cylinders=posts, texts=labels)
 
     def _robot_shape(self, now: Timestamp) -> SceneEntity:
         x, y, theta = self._pose
@@ -146,7 +144,7 @@ class RoomSimulator:
             color=ROBOT_COLOR,
         )
         body = _cylinder(x, y, radius, 0.1, ROBOT_COLOR)
-        return SceneEntity(timestamp=now, frame_id=FRAME, id="robot", cylinders=(body,), arrows=(nose,))
+        return SceneEntity(timestamp=now, frame_id=frames.MAP, id="robot", cylinders=(body,), arrows=(nose,))
 
     def freeze(self) -> State:
         return {
@@ -154,7 +152,6 @@ class RoomSimulator:
             "command": list(self._command),
             "twist": list(self._twist),
             "finished": self._finished,
-            "ticks": self._ticks,
             "scene_ns": self._scene_ns,
         }
 
@@ -164,7 +161,6 @@ class RoomSimulator:
         true_v, true_w, spin = state["twist"]
         self._pose, self._command, self._twist = (x, y, theta), (v, w), (true_v, true_w, spin)
         self._finished = state["finished"]
-        self._ticks = state["ticks"]
         self._scene_ns = state["scene_ns"]
 
 

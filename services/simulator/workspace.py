@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dynpf.fields.clearance import disc_clearances, wall_clearances
 from dynpf.fields.layout import Layout
 from dynpf.rng import stream
+from protocol import frames
 from protocol.messages import Command, CompressedImage, PartsState, PartState, RobotState, timestamp
 from services.node import Output, Result, State, Step
 from services.simulator.camera import CameraParams, DrawnDisc, encode, render
@@ -68,8 +69,7 @@ class WorkspaceSimulator:
             outputs.append(Output("truth/scene", scene))
         if self._config.camera is not None:
             outputs.append(Output("camera/image", self._photograph(self._config.camera, step)))
-        finished = self._command.finished or self._ticks >= self._config.max_ticks
-        return Result(tuple(outputs), finished=finished)
+        return Result(tuple(outputs), finished=self._command.finished)
 
     def freeze(self) -> State:
         return {
@@ -122,7 +122,7 @@ class WorkspaceSimulator:
         discs.append(DrawnDisc(x, y, self._task.robot_radius, camera.robot_colour, theta))
         frame = render(discs, camera, self._seed, step.tick)
         return CompressedImage(
-            timestamp=timestamp(step.stamp_ns), frame_id="camera", data=encode(frame, camera), format="jpeg"
+            timestamp=timestamp(step.stamp_ns), frame_id=frames.CAMERA, data=encode(frame, camera), format="jpeg"
         )
 
     def _robot_state(self) -> RobotState:

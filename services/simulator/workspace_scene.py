@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.fields.layout import Layout
+from protocol import frames
 from protocol.messages import (
     ArrowPrimitive,
     Color,
@@ -19,7 +20,6 @@ from protocol.messages import (
 
 __all__ = ["draw_scene"]
 
-FRAME = "world"
 WALL = Color(r=0.35, g=0.35, b=0.35)
 GOAL = Color(r=0.3, g=0.7, b=0.3, a=0.4)
 PART = Color(r=0.85, g=0.55, b=0.1)
@@ -45,12 +45,12 @@ def draw_scene(pose: NDArray[np.float64], parts: NDArray[np.float64], layout: La
         bodies.append(_cylinder(part[0], part[1], size, 0.05, PART))
     return SceneUpdate(
         entities=(
-            SceneEntity(timestamp=now, frame_id=FRAME, id="walls", lines=(_walls(layout),)),
-            SceneEntity(timestamp=now, frame_id=FRAME, id="goals", cylinders=tuple(goals)),
-            SceneEntity(timestamp=now, frame_id=FRAME, id="parts", cylinders=tuple(bodies)),
+            SceneEntity(timestamp=now, frame_id=frames.MAP, id="walls", lines=(_walls(layout),)),
+            SceneEntity(timestamp=now, frame_id=frames.MAP, id="goals", cylinders=tuple(goals)),
+            SceneEntity(timestamp=now, frame_id=frames.MAP, id="parts", cylinders=tuple(bodies)),
             SceneEntity(
                 timestamp=now,
-                frame_id=FRAME,
+                frame_id=frames.MAP,
                 id="robot",
                 cylinders=(_cylinder(x, y, radius, 0.08, ROBOT),),
                 arrows=(gripper,),

@@ -46,7 +46,7 @@ def test_what_a_stranger_publishes_is_refused_and_changes_nothing(tmp_path, dynp
 
     diagnostics = [json.loads(one.payload) for one in recording.messages("diagnostics", "estimator")]
     assert diagnostics[0]["refused"] == {}
-    assert diagnostics[-1]["refused"] == {TOPIC: 6}
+    assert diagnostics[-1]["refused"] == {TOPIC: 6, "tick/sensors": 1}
     told = "\n".join(json.loads(one.payload)["message"] for one in recording.messages("log"))
     for reason in (
         f"{TOPIC}: message refused: unreadable envelope",
@@ -58,8 +58,9 @@ def test_what_a_stranger_publishes_is_refused_and_changes_nothing(tmp_path, dynp
         assert reason in told
         assert reason in run.stderr
     for name, key in (
-        ("estimator", f"{TICK}sensors"),
+        ("estimator", "tick/sensors"),
         ("estimator", f"{BEAT}sensors"),
+        ("simulator", f"{CONTROL}stop"),
         ("router", f"{CONTROL}recorded"),
     ):
-        assert f"dynpf {name}: {key}: refused" in run.stderr
+        assert f"dynpf {name}: {key}: message refused" in run.stderr

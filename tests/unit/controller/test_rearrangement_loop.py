@@ -31,7 +31,7 @@ def run(seed, starts=(None, None, None)):
         )
     )
     given = {"seed": seed, "tick_s": TICK_S, "task": task}
-    simulator = WorkspaceSimulator(config=WorkspaceConfig(max_ticks=2000), **given)
+    simulator = WorkspaceSimulator(config=WorkspaceConfig(), **given)
     estimator = RearrangementEstimator(config=RearrangementConfig(measurement_variance=VARIANCE), **given)
     controller = RearrangementController(config=RearrangementControllerConfig(), **given)
     command = ()

@@ -65,7 +65,7 @@ def test_commands_beyond_the_limits_are_cut() -> None:
 
 def test_motion_noise_has_the_variances_of_its_parameters() -> None:
     # Turning as fast as driving, within a room so large that no wall is met.
-    node = room(width=1000.0, height=1000.0, alpha=(0.01, 0.02, 0.03, 0.04, 0.05, 0.06), max_ticks=10**6)
+    node = room(width=1000.0, height=1000.0, alpha=(0.01, 0.02, 0.03, 0.04, 0.05, 0.06))
     v, w, count = 0.5, 0.4, 4000
     advance(node, 0, DRIVE)
     states = [state(advance(node, tick)) for tick in range(1, count + 1)]
@@ -92,9 +92,7 @@ def test_a_start_outside_the_room_is_refused() -> None:
         room(start=(2.9, 0.0, 0.0))
 
 
-def test_it_ends_with_the_command_or_with_the_last_tick() -> None:
-    node = room(max_ticks=3)
-    assert [advance(node, tick).finished for tick in range(3)] == [False, False, True]
+def test_it_ends_with_the_command() -> None:
     node = room()
     assert not advance(node, 0, DRIVE).finished
     assert advance(node, 1, Command(mode="idle", finished=True)).finished

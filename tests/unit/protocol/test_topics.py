@@ -1,0 +1,69 @@
+"""The topic table is whole: every row names known nodes, says what it is for, and has a type with a schema."""
+
+import pytest
+
+from protocol.journal import JOURNAL_PREFIX
+from protocol.messages import Message
+from protocol.topics import HOST_NODES, LOG_NODE, NODES, TOPICS, Delivery, Topic, topic
+from tests.unit.protocol.built_messages import plainest
+
+rows = pytest.mark.parametrize("row", TOPICS.values(), ids=TOPICS)
+
+
+@rows
+def test_a_row_is_whole(row: Topic) -> None:
+    assert topic(row.name) is row
+    assert row.publishers
+    assert set(row.publishers) <= {*HOST_NODES, "recorder"}
+    assert set(row.triggers) <= set(NODES)
+    assert not set(row.triggers) & set(row.publishers)
+    assert row.description[:1].isupper()
+    assert not row.description.endswith(".")
+    assert isinstance(row.delivery, Delivery)
+
+
+@rows
+def test_a_name_stands_for_one_topic_everywhere_it_is_used(row: Topic) -> None:
+    assert all(part.replace("_", "").isalnum() and part.islower() for part in row.name.split("/"))
+    assert not row.name.startswith(JOURNAL_PREFIX)
+    # Its publisher's name comes first, so that one cannot take another's topics; hosts and pictures stand apart.
+    first = row.name.partition("/")[0]
+    assert first in {*row.publishers, "event", "log", "diagnostics"} or row.publishers == ("simulator",)
+
+
+@rows
+def test_a_type_has_a_schema_of_ours_or_of_foxglove(row: Topic) -> None:
+    assert issubclass(row.type, Message)
+    maker, _, name = row.type.schema_name.partition(".")
+    assert maker in {"dynpf", "foxglove"}
+    assert name == row.type.__name__
+    assert type(plainest(row.type)) is row.type
+
+
+def test_two_types_never_share_a_schema_name() -> None:
+    kinds = {row.type for row in TOPICS.values()}
+    assert len({kind.schema_name for kind in kinds}) == len(kinds)
+
+
+def test_what_is_told_by_the_wall_clock_or_by_a_host_is_never_compared() -> None:
+    assert {name for name, row in TOPICS.items() if not row.compared} == {
+        "diagnostics",
+        "log",
+        "recorder/gap",
+        *(f"event/{node}" for node in NODES),
+    }
+
+
+def test_every_node_hears_of_its_missing_inputs_and_everything_is_recorded() -> None:
+    assert all(TOPICS[f"event/{node}"].publishers == (node,) for node in NODES)
+    assert all(row.recorded for row in TOPICS.values())
+
+
+def test_only_of_large_and_frequent_topics_may_a_node_pass_over_old_messages() -> None:
+    assert {name for name, row in TOPICS.items() if row.delivery is Delivery.FRESH} == {"camera/image", "sensors/scan"}
+
+
+def test_an_imported_log_reaches_the_sensors_alone() -> None:
+    log = [row for row in TOPICS.values() if row.publishers == (LOG_NODE,)]
+    assert log
+    assert all(set(row.triggers) <= {"sensors"} for row in log)

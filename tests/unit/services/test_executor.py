@@ -1,0 +1,123 @@
+import math
+
+import pytest
+
+from protocol.codec import decode
+from protocol.errors import BadMessageError
+from protocol.journal import Consumed, JournalEntry, Produced
+from protocol.messages import Command, Odometry
+from services.errors import StepError
+from services.executor import Executor, Sent
+from services.node import Output, Result, Step, state_digest
+from tests.unit.services.toy_nodes import IDLE, ToyNode, received, says
+
+
+def advance(executor: Executor, tick: int, *, last: bool = False) -> tuple[tuple[Sent, ...], JournalEntry]:
+    inputs = [received("sensors/odometry", "sensors", sequence) for sequence in (2 * tick, 2 * tick + 1)]
+    sent = executor.step(tick, tick * 100, inputs, 5).sent
+    return sent, executor.journal(tick, tick * 100, inputs, sent, last=last)
+
+
+def test_each_topic_is_numbered_by_itself_and_the_journal_tells_all() -> None:
+    node = ToyNode(
+        "estimator",
+        act=lambda step: Result(
+            (
+                Output("controller/command", IDLE),
+                Output("sensors/odometry", Odometry(v=step.tick * 1.0, w=0.0)),
+                Output("controller/command", IDLE),
+            )
+        ),
+    )
+    executor = Executor(node, "boot", digest_every=10)
+    executor.stamp("sensors/odometry", Odometry(v=0.0, w=0.0), 0, 0, 0)  # the host's own message takes a number too
+    advance(executor, 4)
+    sent, entry = advance(executor, 6)
+    assert [(one.topic, one.envelope.sequence) for one in sent] == [
+        ("controller/command", 2),
+        ("sensors/odometry", 2),
+        ("controller/command", 3),
+    ]
+    envelope = sent[1].envelope
+    assert (envelope.node, envelope.boot, envelope.tick, envelope.stamp_ns, envelope.publish_ns) == (
+        "estimator",
+        "boot",
+        6,
+        600,
+        5,
+    )
+    assert decode("sensors/odometry", sent[1].payload) == Odometry(v=6.0, w=0.0)
+    assert entry == JournalEntry(
+        step=1,
+        tick=6,
+        stamp_ns=600,
+        consumed=(Consumed("sensors", "b", "sensors/odometry", 12), Consumed("sensors", "b", "sensors/odometry", 13)),
+        produced=(
+            Produced("controller/command", 2),
+            Produced("sensors/odometry", 2),
+            Produced("controller/command", 3),
+        ),
+    )
+    assert [(step.number, step.tick) for step in node.steps] == [(0, 4), (1, 6)]
+
+
+def test_digests_are_taken_at_intervals_and_at_the_last_step() -> None:
+    executor = Executor(ToyNode("estimator"), "boot", digest_every=3)
+    entries = [advance(executor, tick, last=tick == 7)[1] for tick in range(8)]
+    assert [entry.step for entry in entries if entry.state] == [2, 5, 7]
+    assert [entry.state for entry in entries if entry.state] == [state_digest({"steps": steps}) for steps in (3, 6, 8)]
+    assert [entry.last for entry in entries] == [False] * 7 + [True]
+
+
+def test_the_source_says_itself_when_it_has_finished() -> None:
+    node = ToyNode("simulator", act=lambda step: Result(finished=step.tick == 1))
+    executor = Executor(node, "boot", digest_every=3)
+    assert [executor.step(tick, 0, [], 0).finished for tick in range(2)] == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("topic", "message", "told"),
+    [
+        ("estimator/state", IDLE, "BadMessageError: estimator/state: got Command, expected Estimate"),
+        ("controller/command", Command(mode="idle", vx=math.nan), "BadMessageError: controller/command: Expected `fl"),
+        ("no/topic", IDLE, "UnknownTopicError: topic 'no/topic' is not in the topic table"),
+    ],
+)
+def test_what_a_topic_does_not_promise_is_refused(topic: str, message: Command, told: str) -> None:
+    executor = Executor(ToyNode("controller", act=lambda _: says(topic, message)), "boot", 1)
+    with pytest.raises(StepError, match=f"^controller failed in step 0, tick 3: {told}"):
+        executor.step(3, 0, [], 0)
+
+
+def test_a_message_that_a_host_may_not_send_takes_no_number() -> None:
+    executor = Executor(ToyNode("controller"), "boot", 1)
+    with pytest.raises(BadMessageError):
+        executor.stamp("estimator/state", IDLE, 0, 0, 0)
+    executor.stamp("controller/command", IDLE, 0, 0, 0)
+    with pytest.raises(BadMessageError):
+        executor.stamp("controller/command", Odometry(v=0.0, w=0.0), 0, 0, 0)
+    assert executor.stamp("controller/command", IDLE, 0, 0, 0).envelope.sequence == 1
+
+
+def test_a_node_that_raises_is_named_with_its_step_and_the_place() -> None:
+    def act(step: Step) -> Result:
+        if step.number == 2:
+            raise ZeroDivisionError("by nothing")
+        return Result()
+
+    executor = Executor(ToyNode("estimator", act=act), "boot", 10)
+    advance(executor, 5)
+    advance(executor, 6)
+    with pytest.raises(StepError) as told:
+        advance(executor, 7)
+    line = act.__code__.co_firstlineno + 2
+    assert str(told.value) == (f"estimator failed in step 2, tick 7: ZeroDivisionError: by nothing ({__file__}:{line})")
+    assert told.value.exit_code == 1
+    assert isinstance(told.value.__cause__, ZeroDivisionError)  # its traceback is for whoever mends the node
+
+
+def test_a_state_that_cannot_be_taken_out_is_the_nodes_fault() -> None:
+    node = ToyNode("estimator")
+    node.freeze = lambda: {"handle": object()}  # type: ignore[method-assign]
+    with pytest.raises(StepError, match="estimator failed in step 0, tick 0: TypeError: a node's state holds a object"):
+        advance(Executor(node, "boot", 1), 0)
