@@ -159,6 +159,7 @@ class _Host:
             if one.topic in self._awaited:
                 self._publish(one)
         counts = dict(Counter(one.topic for one in sent))
+        self._report(at_once=last)  # the last before the recorder hears that this was all
         done = TickDone(self._node.name, self._member.boot, self._executor.steps, ready.tick, stamp_ns, counts, last)
         self._bus.put(TICK + self._node.name, encode_control(done))
         for one in sent:
@@ -168,8 +169,6 @@ class _Host:
         envelope = Envelope(self._node.name, self._member.boot, entry.step, ready.tick, stamp_ns, time.time_ns())
         self._bus.put(JOURNAL + self._node.name, encode_entry(entry), encode_envelope(envelope))
         self._member.ticks = ready.tick + 1
-        if not last:
-            self._report()
         return last
 
     def _publish(self, one: Sent) -> None:
@@ -202,9 +201,9 @@ class _Host:
         message = Log(timestamp=timestamp(self._stamp_ns), level=LogLevel.WARNING, message=text, name=self._node.name)
         self._publish(self._stamped("log", message))
 
-    def _report(self) -> None:
+    def _report(self, *, at_once: bool) -> None:
         now = time.monotonic()
-        if now >= self._report_at:
+        if at_once or now >= self._report_at:
             self._report_at = now + REPORT_S
             message = Diagnostics(
                 node=self._node.name,

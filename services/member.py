@@ -59,7 +59,6 @@ class Member:
         self._beats: dict[str, float] = {}
         self._peer_ticks: dict[str, int] = {}
         self._next_beat = 0.0
-        self._parent = os.getppid()
 
     def poll(self, timeout_s: float = BEAT_S) -> Arrival | None:
         """Beat if it is time, and return the next arrival that is not about membership, or None.
@@ -129,8 +128,6 @@ class Member:
         self.bus.put(f"{BEAT}{self.name}", encode_control(Beat(self.name, self.boot, self.ticks)))
         if not self.bus.connected and not self.leaving:
             raise BrokenOffError("the router is gone; the run cannot go on")
-        if os.getppid() != self._parent and not self._stop.requested:
-            self._stop.request("the process that started this one is gone")
         if not self.leaving:
             for peer, seen in self._beats.items():
                 if peer in self.peers and now - seen > WEDGED_S:
@@ -190,17 +187,27 @@ class Member:
 
 
 class StopSignal:
-    """Ctrl-C or a termination signal: the first asks the run to end cleanly, the second ends this process at once."""
+    """Ctrl-C or a termination signal: the first asks the run to end cleanly, the second ends this process at once.
 
-    def __init__(self) -> None:
-        self.requested = False
+    So does the end of ``parent``, the process that started this one and would otherwise have stopped it.
+    """
+
+    def __init__(self, parent: int | None = None) -> None:
+        self._parent = parent
+        self._requested = False
         self.at_once = False
         self.reason = ""
         self._wake: Callable[[], None] | None = None
 
+    @property
+    def requested(self) -> bool:
+        if self._parent is not None and not self._requested and os.getppid() != self._parent:
+            self.request("the process that started this one is gone")
+        return self._requested
+
     def request(self, reason: str) -> None:
-        self.at_once = self.requested
-        self.requested = True
+        self.at_once = self._requested
+        self._requested = True
         self.reason = self.reason or reason
         if self._wake is not None:
             self._wake()
@@ -210,9 +217,9 @@ class StopSignal:
 
     @classmethod
     @contextmanager
-    def installed(cls) -> Iterator["StopSignal"]:
+    def installed(cls, parent: int | None = None) -> Iterator["StopSignal"]:
         """Catch SIGINT and SIGTERM while the block runs."""
-        stop = cls()
+        stop = cls(parent)
 
         def handle(_number: int, _frame: FrameType | None) -> None:
             stop.request("stopped by the user")

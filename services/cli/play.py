@@ -31,14 +31,13 @@ def _rate(text: str) -> float:
 
 def run(options: argparse.Namespace) -> int:
     from protocol.envelope import Envelope, encode_envelope
-    from protocol.topics import topic
     from services.bus import DATA, Bus
     from services.errors import UsageError
     from services.member import StopSignal, say
     from services.recording.reader import read_recording
 
     recording = read_recording(options.recording)
-    wanted = {topic(name).name for name in options.topics or ()}
+    wanted = set(options.topics or ())
     present = {record.topic for record in recording.messages()}
     if lacking := sorted(wanted - present):
         raise UsageError(

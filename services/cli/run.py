@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import sys
 from datetime import datetime
 from pathlib import Path
@@ -25,9 +26,14 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
 
 
 def default_output(scenario: str, seed: int) -> Path:
-    """Return a name under ``runs/`` that nothing has yet."""
+    """Return a name under ``runs/`` that nothing has yet; raises UsageError if that folder cannot be made."""
     folder = Path("runs")
-    folder.mkdir(exist_ok=True)
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise UsageError(
+            f"{folder.absolute()}: cannot be made: {error.strerror}; say with -o where to record"
+        ) from error
     return folder / f"{scenario}-{seed}-{datetime.now():%Y%m%d-%H%M%S}.mcap"
 
 
@@ -57,6 +63,8 @@ def _check_output(path: Path) -> None:
         raise UsageError(f"{path}: the file exists; choose another name")
     if not path.parent.is_dir():
         raise UsageError(f"{path}: the folder {path.parent} does not exist")
+    if not os.access(path.parent, os.W_OK):
+        raise UsageError(f"{path}: the folder {path.parent} cannot be written to")
 
 
 def _run_inline(scenario: Scenario, path: Path, log: Log | None) -> None:

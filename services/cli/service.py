@@ -27,6 +27,7 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
     )
     parser.add_argument("-o", "--output", type=Path, metavar="RUN.mcap", help="recorder: the recording to write")
     parser.add_argument("--quiet", action="store_true", help="say only what goes wrong in this very process")
+    parser.add_argument("--parent", type=int, help=argparse.SUPPRESS)  # end when this process is gone
     parser.set_defaults(run=run)
 
 
@@ -61,7 +62,7 @@ def _run(options: argparse.Namespace) -> int:
         )
     if options.name == scenario.nodes[0] and scenario.needs_log and log is None:
         raise UsageError("this scenario plays an imported log: give it with --log IN.mcap (dynpf import makes one)")
-    with StopSignal.installed() as stop:
+    with StopSignal.installed(options.parent) as stop:
         if options.name == "router":
             from services.router.host import run_router
 

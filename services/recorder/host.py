@@ -4,9 +4,11 @@ import time
 from collections import Counter
 from pathlib import Path
 
+from protocol.codec import encode
 from protocol.control import Recorded, TickDone, decode_control, encode_control
-from protocol.envelope import decode_envelope
+from protocol.envelope import Envelope, decode_envelope
 from protocol.errors import ProtocolError
+from protocol.messages import Log, LogLevel, timestamp
 from services.bus import ALIVE, CONTROL, DATA, JOURNAL, TICK, Arrival
 from services.errors import RunError
 from services.intake import check_sender
@@ -70,6 +72,7 @@ class _Recorder:
         self._ticks: dict[str, int] = {}
         self._last: set[str] = set()
         self._refused: Counter[str] = Counter()
+        self._stamp_ns = 0
         self._progress = Progress()
         self._path = Path()
 
@@ -126,14 +129,25 @@ class _Recorder:
             elif arrival.key.startswith(TICK):
                 self._tick(decode_control(arrival.payload, TickDone))
         except ProtocolError as error:
-            self._refused[arrival.key] += 1
-            if self._refused[arrival.key] == 1:
-                say("recorder", f"{arrival.key}: message refused: {error}")
+            self._refuse(arrival.key, str(error), writer)
+
+    def _refuse(self, key: str, reason: str, writer: RecordingWriter) -> None:
+        self._refused[key] += 1
+        if self._refused[key] > 1:
+            return
+        text = f"{key}: message refused: {reason}"
+        say("recorder", text)
+        place = Envelope(
+            "recorder", self._member.boot, len(self._refused) - 1, self._member.ticks, self._stamp_ns, time.time_ns()
+        )
+        message = Log(timestamp=timestamp(self._stamp_ns), level=LogLevel.WARNING, message=text, name="recorder")
+        writer.message("log", place, encode("log", message))
 
     def _tick(self, done: TickDone) -> None:
         self._promised.update(done.counts)
         self._steps[done.node] = done.step + 1
         self._ticks[done.node] = done.tick + 1
+        self._stamp_ns = max(self._stamp_ns, done.stamp_ns)
         if done.last:
             self._last.add(done.node)
         self._member.ticks = min(self._ticks.get(node, 0) for node in self._nodes)

@@ -1,9 +1,9 @@
 """The router process: a Zenoh session in router mode that knows which scenario is run through it."""
 
-import os
 import time
 
 from protocol.control import Beat, Recorded, Stop, decode_control, encode_control
+from protocol.errors import ProtocolError
 from services.bus import ALIVE, BEAT, CONTROL, READY, SCENARIO, open_router
 from services.errors import BrokenOffError
 from services.member import BEAT_S, StopSignal, new_boot, say
@@ -17,7 +17,7 @@ def run_router(scenario: Scenario, endpoint: str, stop: StopSignal, *, quiet: bo
 
     Raises UsageError if it cannot listen there, BrokenOffError if everybody left before the run was recorded.
     """
-    boot, parent = new_boot(), os.getppid()
+    boot = new_boot()
     with open_router(endpoint) as bus:
         stop.wakes(bus)
         bus.answer(SCENARIO, resolved_json(scenario).encode())
@@ -36,8 +36,6 @@ def run_router(scenario: Scenario, endpoint: str, stop: StopSignal, *, quiet: bo
             if now >= next_beat:
                 next_beat = now + BEAT_S
                 bus.put(f"{BEAT}router", encode_control(Beat("router", boot, 0)))
-                if os.getppid() != parent and not stop.requested:
-                    stop.request("the process that started this one is gone")
             arrival = bus.receive(max(next_beat - now, 0.0))
             if stop.requested and (stop.at_once or not began):
                 raise KeyboardInterrupt
@@ -51,7 +49,10 @@ def run_router(scenario: Scenario, endpoint: str, stop: StopSignal, *, quiet: bo
             elif arrival.key.startswith(READY):
                 began = True
             elif arrival.key == f"{CONTROL}recorded":
-                recorded = decode_control(arrival.payload, Recorded)
+                try:
+                    recorded = decode_control(arrival.payload, Recorded)
+                except ProtocolError as error:
+                    say("router", f"{arrival.key}: message refused: {error}")
         if recorded is None:
             raise BrokenOffError("everybody has left before the run was recorded")
         if not recorded.complete:

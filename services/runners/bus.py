@@ -1,6 +1,7 @@
 """The bus runner: one process a node, over Zenoh; starts them, watches them, and leaves none behind."""
 
 import contextlib
+import os
 import socket
 import subprocess
 import sys
@@ -17,6 +18,9 @@ __all__ = ["free_port", "run_on_bus"]
 
 GRACE_S = 2.5
 """How long the others may take to stop by themselves after one process has failed."""
+
+CLOSE_S = 1.0
+"""How long the recorder may take to close its file when everybody else has been killed."""
 
 POLL_S = 0.02
 
@@ -42,7 +46,13 @@ def _processes(
     try:
         for name in ("router", "recorder", *scenario.nodes):
             command = [sys.executable, "-P", "-m", "services.cli.main", "service", name, str(resolved)]
-            command += ["--listen" if name == "router" else "--connect", endpoint, "--quiet"]
+            command += [
+                "--listen" if name == "router" else "--connect",
+                endpoint,
+                "--quiet",
+                "--parent",
+                str(os.getpid()),
+            ]
             if log is not None and name != "router":
                 command += ["--log", str(log)]
             if name == "recorder":
@@ -51,10 +61,21 @@ def _processes(
             processes[name] = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
         yield processes
     finally:
-        for process in processes.values():
-            if process.poll() is None:
-                process.kill()
-            process.wait()
+        _end(processes)
+
+
+def _end(processes: dict[str, subprocess.Popen[bytes]]) -> None:
+    """Kill what still runs, the recorder and its router last: it is asked to close its file."""
+    for name, process in processes.items():
+        if name not in {"router", "recorder"}:
+            process.kill()
+    if "recorder" in processes:
+        processes["recorder"].terminate()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            processes["recorder"].wait(CLOSE_S)
+    for process in processes.values():
+        process.kill()  # does nothing to those that have ended
+        process.wait()
 
 
 def _watch(processes: dict[str, subprocess.Popen[bytes]], stop: StopSignal) -> None:
@@ -62,9 +83,9 @@ def _watch(processes: dict[str, subprocess.Popen[bytes]], stop: StopSignal) -> N
     deadline: float | None = None
     asked = False
     while running := [name for name, process in processes.items() if process.poll() is None]:
-        if not failed and not stop.requested:
-            failed = _failure(processes)
-            if failed:
+        if not stop.requested:
+            failed = failed or _failure(processes)
+            if deadline is None and any(process.poll() for process in processes.values()):
                 deadline = time.monotonic() + GRACE_S
         if stop.requested and not asked:
             asked = True
@@ -72,11 +93,11 @@ def _watch(processes: dict[str, subprocess.Popen[bytes]], stop: StopSignal) -> N
             for name in running:
                 processes[name].terminate()
             deadline = deadline or time.monotonic() + 10.0
-        if (failed or stop.requested) and running == ["router"]:
+        if (deadline is not None or stop.requested) and running == ["router"]:
             processes["router"].terminate()  # it waits for a run that will not come
         if stop.at_once or (deadline is not None and time.monotonic() > deadline):
-            hung = ", ".join(running)
-            raise RunError(f"{failed or 'stopped at once'}; killed what was left: {hung}")
+            left = ", ".join(running)
+            raise RunError(f"{failed or stop.reason or f'{left} hangs'}; killed what was left: {left}")
         time.sleep(POLL_S)
     if stop.requested:
         if processes["recorder"].returncode != 0:
@@ -85,19 +106,23 @@ def _watch(processes: dict[str, subprocess.Popen[bytes]], stop: StopSignal) -> N
     failed = failed or _failure(processes)
     if failed:
         raise RunError(failed)
+    if broken := [name for name, process in processes.items() if process.returncode]:
+        raise RunError(f"{', '.join(broken)} broke off")
 
 
 def _failure(processes: dict[str, subprocess.Popen[bytes]]) -> str:
-    """Return what is to be said of the process that failed, or nothing.
+    """Return what is to be said of the process that failed, or nothing while there are only others that followed it.
 
-    A killed process is the cause, whatever the others, which follow it, say of themselves.
+    A killed process is the cause, whatever the others say of themselves.
     """
     codes = {name: process.poll() or 0 for name, process in processes.items()}
     for name, code in codes.items():
         if code < 0:
             return f"{name} was killed by signal {-code}"
-    failed = sorted((code == BROKEN_OFF, name, code) for name, code in codes.items() if code > 0)
-    return f"{failed[0][1]} ended with exit code {failed[0][2]}" if failed else ""
+    for name, code in codes.items():
+        if code not in (0, BROKEN_OFF):
+            return f"{name} ended with exit code {code}"
+    return ""
 
 
 def free_port() -> int:

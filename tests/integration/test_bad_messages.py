@@ -1,0 +1,66 @@
+"""A stranger on the bus: what it sends is refused, counted and told, and the run goes on as if it were not there."""
+
+import json
+
+from protocol.codec import encode
+from protocol.envelope import Envelope, encode_envelope
+from protocol.messages import Detections
+from services.bus import BEAT, CONTROL, DATA, TICK
+from services.recording.digest import content_digest
+from services.recording.reader import read_recording
+from tests.integration.processes import watch_run
+
+TOPIC = "sensors/overhead"
+
+
+def test_what_a_stranger_publishes_is_refused_and_changes_nothing(tmp_path, dynpf, here):
+    path, undisturbed = tmp_path / "run.mcap", tmp_path / "undisturbed.mcap"
+    words = ["parts-3-tracked", "--set", "max_ticks=400"]
+    run = dynpf("run", *words, "-o", path)
+    with watch_run(tmp_path, run) as watched:
+        watched.await_ticks(30)
+        boot = watched.boot("sensors")
+        good = encode(TOPIC, Detections(discs=()))
+
+        def put(topic, payload, node="", boot="", sequence=0):
+            place = Envelope(node, boot, sequence, 1, 0, 0) if node else None
+            watched.bus.put(DATA + topic, payload, encode_envelope(place) if place else b"")
+
+        put(TOPIC, b'{"discs": [{"x": "no number"', "sensors", "deadbeef", 10**6)
+        put(TOPIC, good)
+        put(TOPIC, good, "nobody", boot, 10**6)
+        put(TOPIC, good, "sensors", "deadbeef", 10**6)
+        put(TOPIC, good, "sensors", boot, 3)
+        put(TOPIC, b"\xff\x00", "sensors", boot, 4)
+        put("no/such/topic", good, "sensors", boot, 0)
+        for key in (f"{TICK}sensors", f"{BEAT}sensors", f"{CONTROL}stop", f"{CONTROL}recorded"):
+            watched.bus.put(key, b"\xff")
+        watched.await_ticks(30)
+    assert run.wait() == 0, run.stderr
+    assert "Traceback" not in run.stderr
+
+    assert here("run", *words, "--runner", "inline", "-o", undisturbed).code == 0
+    recording = read_recording(path)
+    assert content_digest(recording) == content_digest(read_recording(undisturbed))
+    assert here("replay", path).code == 0
+
+    diagnostics = [json.loads(one.payload) for one in recording.messages("diagnostics", "estimator")]
+    assert diagnostics[0]["refused"] == {}
+    assert diagnostics[-1]["refused"] == {TOPIC: 6, "tick/sensors": 1}
+    told = "\n".join(json.loads(one.payload)["message"] for one in recording.messages("log"))
+    for reason in (
+        f"{TOPIC}: message refused: unreadable envelope",
+        f"{TOPIC}: message refused: unknown sender 'nobody'; expected sensors",
+        f"{TOPIC}: message refused: unknown sender 'sensors' with boot 'deadbeef'",
+        f"{TOPIC}: message refused: sequence 3 again; expected",
+        "no/such/topic: message refused: topic 'no/such/topic' is not in the topic table",
+    ):
+        assert reason in told
+        assert reason in run.stderr
+    for name, key in (
+        ("estimator", "tick/sensors"),
+        ("estimator", f"{BEAT}sensors"),
+        ("simulator", f"{CONTROL}stop"),
+        ("router", f"{CONTROL}recorded"),
+    ):
+        assert f"dynpf {name}: {key}: message refused" in run.stderr

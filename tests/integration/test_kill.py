@@ -1,0 +1,119 @@
+"""Processes that are killed or hang in mid-run: the run ends, says who it was, and keeps what it had."""
+
+import json
+import os
+import signal
+import time
+
+import pytest
+
+from services.recording.reader import read_recording
+from tests.integration.processes import processes_of, service_of, until, watch_run
+
+ENDS_WITHIN_S = 6.0
+"""The promise is 3 s; twice that for machines that are busy with other things."""
+
+
+def kill(folder, name, number=signal.SIGKILL):
+    process = service_of(folder, name)
+    assert process is not None
+    os.kill(process.pid, number)
+    return time.monotonic()
+
+
+def await_mid_run(folder, run, ticks=30):
+    with watch_run(folder, run) as watched:
+        watched.await_ticks(ticks)
+
+
+def assert_valid_and_incomplete(path, here):
+    doctor = here("doctor", path, "--json")
+    assert doctor.code == 1
+    findings = json.loads(doctor.out)["findings"]
+    assert any(finding["what"].startswith("the run is not complete") for finding in findings)
+    assert {finding["where"] for finding in findings if "byte" in finding["where"]} == set(), "the file is damaged"
+    info = json.loads(here("info", path, "--json").out)
+    assert info["complete"] is False
+    assert info["truncated"] is False
+    assert info["ticks"] >= 30
+
+
+@pytest.mark.parametrize(
+    ("scenario", "name"),
+    [
+        *(("parts-3-tracked", name) for name in ("simulator", "sensors", "estimator", "controller", "router")),
+        ("parts-3-easy", "vision"),
+    ],
+)
+def test_a_killed_process_ends_the_run_and_is_named(scenario, name, tmp_path, dynpf, here):
+    path = tmp_path / "run.mcap"
+    run = dynpf("run", scenario, "-o", path)
+    await_mid_run(tmp_path, run)
+    killed = kill(tmp_path, name)
+    assert run.wait() == 1
+    took = time.monotonic() - killed
+    assert took < ENDS_WITHIN_S
+    assert processes_of(tmp_path) == []
+    assert f"dynpf run: {name} was killed by signal 9" in run.stderr
+    assert "Traceback" not in run.stderr
+    assert str(path) in run.stderr
+    assert_valid_and_incomplete(path, here)
+    print(f"{name} killed: the run ended after {took:.2f} s")
+
+
+def test_what_a_killed_recorder_had_is_recovered_up_to_half_a_second_before(tmp_path, dynpf, here):
+    path, mended = tmp_path / "run.mcap", tmp_path / "mended.mcap"
+    run = dynpf("run", "parts-3-tracked", "-o", path)
+    await_mid_run(tmp_path, run, 150)
+    killed_ns = time.time_ns()
+    killed = kill(tmp_path, "recorder")
+    assert run.wait() == 1
+    took = time.monotonic() - killed
+    assert took < ENDS_WITHIN_S
+    assert "dynpf run: recorder was killed by signal 9" in run.stderr
+
+    doctor = here("doctor", path)
+    assert doctor.code == 1
+    assert "the end of the run was never written" in doctor.out
+    recovered = here("recover", path, "-o", mended)
+    assert recovered.code == 0, recovered.err
+    assert "incomplete" in recovered.out
+    recording = read_recording(mended)
+    last_ns = max(record.publish_ns for record in recording.records if record.topic != "recorder/gap")
+    assert killed_ns - last_ns < 500_000_000
+    assert here("doctor", mended).code == 1
+    assert len({node for node, _ in recording.journals()}) == 4
+    print(f"recorder killed: the run ended after {took:.2f} s")
+    print(f"recorder killed: lost {(killed_ns - last_ns) / 1e9:.3f} s")
+
+
+def test_a_process_that_hangs_ends_the_run_and_is_named(tmp_path, dynpf, here):
+    path = tmp_path / "run.mcap"
+    run = dynpf("run", "parts-3-tracked", "-o", path)
+    await_mid_run(tmp_path, run)
+    stopped = kill(tmp_path, "estimator", signal.SIGSTOP)
+    assert run.wait() == 1
+    took = time.monotonic() - stopped
+    assert "dynpf run: estimator hangs; killed what was left: estimator\n" in run.stderr
+    assert_valid_and_incomplete(path, here)
+    print(f"estimator stopped: the run ended after {took:.2f} s")
+
+
+def test_processes_end_by_themselves_when_the_run_command_is_killed(tmp_path, dynpf, here):
+    path = tmp_path / "run.mcap"
+    run = dynpf("run", "landmark-room", "-o", path)
+    await_mid_run(tmp_path, run)
+    run.popen.kill()
+    run.wait()
+    assert processes_of(tmp_path), "the run had already ended"
+    until(lambda: not processes_of(tmp_path), "the end of the processes", 20.0)
+    assert here("doctor", path).code == 0
+    assert "the process that started this one is gone" in here("metrics", path).out
+
+
+def test_no_process_waits_for_ever_when_the_run_command_is_killed_at_the_start(tmp_path, dynpf):
+    run = dynpf("run", "landmark-room", "-o", tmp_path / "run.mcap")
+    until(lambda: service_of(tmp_path, "router"), "the first process")
+    run.popen.kill()
+    run.wait()
+    until(lambda: not processes_of(tmp_path), "the end of the processes", 20.0)
