@@ -147,7 +147,10 @@ class RealtimeInbox:
 
 def _fresh(arrived: list[Received]) -> list[Received]:
     """Keep only the newest message of each topic of which only the newest matters."""
-    newest = {one.topic: place for place, one in enumerate(arrived)}
+    newest: dict[str, int] = {}
+    for place, one in enumerate(arrived):
+        if one.topic not in newest or one.stamp_ns >= arrived[newest[one.topic]].stamp_ns:
+            newest[one.topic] = place
     return [
         one
         for place, one in enumerate(arrived)

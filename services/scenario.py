@@ -228,8 +228,7 @@ def _unknown_keys(info: Any, value: Any, path: str) -> Iterator[str]:
         chosen = [one for one in structs if one.tag is None or one.tag == value.get("kind")]
         if structs and not chosen:
             tags = [str(one.tag) for one in structs]
-            given = value.get("kind")
-            yield f"{path}.kind: {given!r}; expected one of {', '.join(tags)}{_nearest(str(given), tags)}"
+            yield f"{path}.kind: {_expected(value.get('kind'), tags)}"
         elif chosen:
             yield from _unknown_keys(chosen[0], value, path)
     elif isinstance(info, msgspec.inspect.StructType) and isinstance(value, dict):
@@ -241,9 +240,17 @@ def _unknown_keys(info: Any, value: Any, path: str) -> Iterator[str]:
                 yield from _unknown_keys(fields[key], child, here)
             elif key not in known:
                 yield f"{here}: unknown key{_nearest(key, known)}"
+    elif isinstance(info, msgspec.inspect.LiteralType) and value not in info.values:
+        yield f"{path}: {_expected(value, [str(one) for one in info.values])}"
     elif isinstance(info, msgspec.inspect.VarTupleType) and isinstance(value, list):
         for place, child in enumerate(value):
             yield from _unknown_keys(info.item_type, child, f"{path}.{place}")
+
+
+def _expected(value: Any, choices: Sequence[str]) -> str:
+    given = "missing" if value is None else repr(value)
+    close = difflib.get_close_matches(str(value), choices, n=1)
+    return f"{given}; expected one of {', '.join(choices)}" + (f"; did you mean {close[0]!r}?" if close else "")
 
 
 def _nearest(name: str, known: Sequence[str]) -> str:
@@ -260,7 +267,9 @@ def _explain(error: msgspec.ValidationError, raw: Mapping[str, Any]) -> str:
             value = value[int(key)] if isinstance(value, list) else value[key]
         except (KeyError, IndexError, TypeError, ValueError):
             return f"{'.'.join(keys)}: {text}"
-    shown = "" if isinstance(value, dict | list) and len(value) > 4 else f" {json.dumps(value, default=str)}:"
+    shown = (
+        "" if not keys or (isinstance(value, dict | list) and len(value) > 4) else f" {json.dumps(value, default=str)}:"
+    )
     return f"{'.'.join(keys) or 'scenario'}:{shown} {text[:1].lower()}{text[1:]}"
 
 

@@ -45,8 +45,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     label = command
     try:
         parser = argparse.ArgumentParser(prog="dynpf", allow_abbrev=False)
-        import_module(f"services.cli.{_COMMANDS[command][0]}").add_parser(parser.add_subparsers(required=True))
-        options = parser.parse_args(words)
+        commands = parser.add_subparsers(required=True)
+        import_module(f"services.cli.{_COMMANDS[command][0]}").add_parser(commands)
+        options, unknown = parser.parse_known_args(words)
+        if unknown:
+            commands.choices[command].error(f"unrecognized arguments: {' '.join(unknown)}")
         label = options.name if command == "service" else command
         return int(options.run(options))
     except DynpfError as error:

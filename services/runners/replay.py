@@ -12,7 +12,7 @@ import msgspec
 
 from protocol.codec import decode
 from protocol.envelope import Envelope
-from protocol.journal import JOURNAL_PREFIX, JournalEntry, encode_entry
+from protocol.journal import JournalEntry, encode_entry
 from protocol.topics import LOG_NODE, TOPICS
 from services.errors import UsageError
 from services.executor import Executor, Sent
@@ -124,11 +124,13 @@ def _compare(
 def write_replayed(recording: Recording, outcomes: Sequence[Replayed], writer: RecordingWriter) -> None:
     """Write the recording anew with the output of the replayed nodes in the place of what was recorded of them.
 
-    What the hosts of these nodes said stays, for the nodes consumed it; what was missing, the writer finds anew.
+    The gaps that the hosts of these nodes told them stay, for the nodes consumed them; what the recorder missed, the
+    writer finds anew.
     """
     replayed = {outcome.node for outcome in outcomes}
     for record in recording.records:
-        if record.topic == "recorder/gap" or (record.node in replayed and not _said_by_host(record.topic)):
+        told = record.topic == f"event/{record.node}"
+        if record.topic == "recorder/gap" or (record.node in replayed and not told):
             continue
         envelope = Envelope(
             record.node,
@@ -145,8 +147,3 @@ def write_replayed(recording: Recording, outcomes: Sequence[Replayed], writer: R
                 writer.message(*one)
             envelope = Envelope(outcome.node, boot, made.step, made.tick, made.stamp_ns, 0)
             writer.journal(envelope, encode_entry(made))
-
-
-def _said_by_host(name: str) -> bool:
-    """Return whether a topic carries what hosts say, which is no part of what their nodes do."""
-    return not name.startswith(JOURNAL_PREFIX) and not TOPICS[name].compared

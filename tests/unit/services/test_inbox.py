@@ -15,7 +15,7 @@ from services.node import Received
 from tests.unit.services.toy_nodes import ToyNode, received
 
 TICK_NS = 100_000_000
-ANY_ORDER = settings(derandomize=True, deadline=None, max_examples=150)
+ANY_ORDER = settings(derandomize=True, deadline=None, max_examples=60)
 GRAPH = Graph.of(
     [
         ToyNode("simulator"),

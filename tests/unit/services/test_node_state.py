@@ -23,7 +23,7 @@ DTYPES = [
     "<U3",
 ]
 SHAPES: list[tuple[int, ...]] = [(), (0,), (3,), (0, 3), (2, 0, 1), (2, 3)]
-EXACT = settings(derandomize=True, deadline=None, max_examples=100)
+EXACT = settings(derandomize=True, deadline=None, max_examples=50)
 
 plain = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**63), 2**63 - 1) | st.floats(allow_nan=False) | st.text() | st.binary(),

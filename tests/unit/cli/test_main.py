@@ -1,0 +1,92 @@
+import sys
+
+import pytest
+
+from services.cli import list_
+from services.cli.main import main
+from services.errors import RunError, StepError, UsageError
+
+COMMANDS = ["list", "run", "service", "health", "replay", "play", "diff", "info", "doctor", "recover"]
+COMMANDS += ["metrics", "import"]
+
+
+def fail(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
+    """Let ``dynpf list`` end with ``error``."""
+
+    def run(_options: object) -> int:
+        raise error
+
+    monkeypatch.setattr(list_, "run", run)
+
+
+@pytest.mark.parametrize("words", [["--help"], ["-h"]])
+def test_help_shows_all_commands(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(words) == 0
+    told = capsys.readouterr()
+    assert told.err == ""
+    assert all(f"\n  {command} " in told.out for command in COMMANDS)
+
+
+def test_no_command_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 2
+    assert capsys.readouterr().out.startswith("usage: dynpf COMMAND")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_tells_of_itself(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([command, "--help"]) == 0
+    told = capsys.readouterr()
+    assert told.out.startswith(f"usage: dynpf {command}")
+    assert told.err == ""
+
+
+@pytest.mark.parametrize(
+    ("word", "hint"), [("rnu", "did you mean 'run'?"), ("xyzzy", "dynpf --help shows the commands")]
+)
+def test_an_unknown_command_is_told_with_the_nearest(word: str, hint: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([word]) == 2
+    assert capsys.readouterr() == ("", f"dynpf: unknown command {word!r}; {hint}\n")
+
+
+@pytest.mark.parametrize("words", [["list", "--no-such-option"], ["run"], ["service", "nobody", "parts-3-easy"]])
+def test_wrong_options_are_wrong_usage(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(words) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert f"dynpf {words[0]}: error: " in told.err
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "told"),
+    [
+        (UsageError("not so"), 2, "dynpf list: not so\n"),
+        (RunError("it broke"), 1, "dynpf list: it broke\n"),
+        (KeyboardInterrupt(), 1, "dynpf list: stopped\n"),
+    ],
+)
+def test_errors_are_told_in_one_line_and_by_the_exit_code(
+    error: BaseException, code: int, told: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fail(monkeypatch, error)
+    assert main(["list"]) == code
+    assert capsys.readouterr() == ("", told)
+
+
+def test_a_bug_in_a_node_is_told_with_its_traceback(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    error = StepError("estimator failed in step 3")
+    error.__cause__ = ZeroDivisionError("by nothing")
+    fail(monkeypatch, error)
+    assert main(["list"]) == 1
+    told = capsys.readouterr().err
+    assert "ZeroDivisionError: by nothing" in told
+    assert told.endswith("dynpf list: estimator failed in step 3\n")
+
+
+def test_done_is_0_and_the_words_are_those_of_the_command_line(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["dynpf", "list"])
+    assert main() == 0
+    assert "landmark-room" in capsys.readouterr().out
