@@ -96,7 +96,7 @@ def test_a_foreign_mcap_is_refused(here):
 
 
 def test_a_recording_that_is_no_log_is_refused_as_one(recorded, here):
-    assert_one_line(here("run", "landmark-mrclam", "--log", recorded), 2, recorded, "no records of an imported log")
+    assert_one_line(here("run", "landmark-mrclam", "--log", recorded), 2, recorded, "records of an imported log")
 
 
 def test_an_output_that_cannot_be_written_is_refused(tmp_path, recorded, here, monkeypatch):
