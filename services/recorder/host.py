@@ -144,6 +144,8 @@ class _Recorder:
         writer.message("log", place, encode("log", message))
 
     def _tick(self, done: TickDone) -> None:
+        if self._member.boots.get(done.node) != done.boot:
+            raise ProtocolError(f"unknown sender {done.node!r} with boot {done.boot!r}")
         self._promised.update(done.counts)
         self._steps[done.node] = done.step + 1
         self._ticks[done.node] = done.tick + 1

@@ -46,13 +46,8 @@ def _processes(
     try:
         for name in ("router", "recorder", *scenario.nodes):
             command = [sys.executable, "-P", "-m", "services.cli.main", "service", name, str(resolved)]
-            command += [
-                "--listen" if name == "router" else "--connect",
-                endpoint,
-                "--quiet",
-                "--parent",
-                str(os.getpid()),
-            ]
+            command += ["--listen" if name == "router" else "--connect", endpoint]
+            command += ["--quiet", "--parent", str(os.getpid())]
             if log is not None and name != "router":
                 command += ["--log", str(log)]
             if name == "recorder":
