@@ -135,13 +135,13 @@ def test_a_refused_message_stalls_nobody(early: bool) -> None:
     assert [[one.topic for one in ready.inputs] for ready in steps] == [["sensors/landmarks"]]
 
 
-def test_the_source_sets_the_time_and_waits_for_all() -> None:
+def test_the_source_sets_the_time_and_waits_for_the_end_of_the_round() -> None:
     reads = frozenset({"controller/command"})
     box = LockstepInbox(GRAPH, "simulator", reads, FaultyLink((), "simulator", 1))
     assert box.take(7) == Ready(0, 7, [], False)
     command = received("controller/command", "controller", 0, 7)
     box.deliver(command, 0)
-    for node in ("sensors", "vision", "controller", "estimator"):
+    for node in ("sensors", "vision", "estimator", "controller"):
         assert box.take(9) is None
         box.done(TickDone(node, "b", 0, 0, 7, {"controller/command": 1} if node == "controller" else {}, False))
     assert box.take(9) == Ready(1, 9, [command], False)
