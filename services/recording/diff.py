@@ -1,12 +1,13 @@
 """Compares two recordings and finds the first difference: in which message of which tick, and in which field."""
 
+from itertools import zip_longest
 from typing import Any
 
 import msgspec
 
 from protocol.journal import JOURNAL_PREFIX
 from protocol.topics import LOG_NODE, NODES, TOPICS
-from services.recording.digest import Key, Leaf, StateKey, leaves, states
+from services.recording.digest import Key, Leaf, StateKey, leaves, starts, states
 from services.recording.reader import Recording
 
 __all__ = ["Difference", "FirstDifference", "TopicCounts", "diff", "first_field"]
@@ -24,7 +25,8 @@ class FirstDifference(msgspec.Struct, frozen=True, kw_only=True):
     """The first message, or state, that differs.
 
     ``field`` is the path inside the message, such as ``parts[2].x``; or ``tick``, ``stamp_ns``, ``state``, ``message``
-    (one side lacks it) or ``payload`` (other bytes, the same values). ``tick`` is None where no journal tells it.
+    (one side lacks it), ``consumed[i]`` (the step took another input in that place) or ``payload`` (other bytes, the
+    same values). ``tick`` is None where no journal tells it.
     """
 
     node: str
@@ -56,7 +58,8 @@ def diff(a: Recording, b: Recording) -> Difference:
     """Compare what counts as the same run.
 
     The first difference is the first by tick, then in the order of the nodes in a tick, then of the topic table, then
-    by sequence. Two recordings are the same exactly if their content digests are.
+    by sequence. Two recordings are the same exactly if their content digests are and their nodes consumed the same
+    messages in the same order.
     """
     left, right = leaves(a), leaves(b)
     left_states, right_states = states(a), states(b)
@@ -71,6 +74,7 @@ def diff(a: Recording, b: Recording) -> Difference:
             first = _state_difference(key, left_states.get(key), right_states.get(key))
         else:
             first = _message_difference(key, left.get(key), right.get(key))
+    first = first or _consumed_difference(a, b)
     return Difference(same=first is None, first=first, counts=_counts(left, right, keys))
 
 
@@ -146,6 +150,40 @@ def _state_difference(key: StateKey, a: tuple[int, str] | None, b: tuple[int, st
         a=left,
         b=right,
     )
+
+
+def _consumed_difference(a: Recording, b: Recording) -> FirstDifference | None:
+    """Find the first step that took other inputs, or the same in another order, though all messages are the same."""
+    left, right = _consumed(a), _consumed(b)
+    differing = [key for key in left.keys() | right.keys() if left.get(key) != right.get(key)]
+    if not differing:
+        return None
+    key = min(differing, key=lambda key: (key[0], _NODE_ORDER.get(key[1], len(_NODE_ORDER)), key))
+    pairs = list(zip_longest(left.get(key, ()), right.get(key, ())))
+    place = next((place for place, pair in enumerate(pairs) if pair[0] != pair[1]), 0)
+    before, after = pairs[place] if pairs else (None, None)
+    tick, node, _, step = key
+    return FirstDifference(
+        node=node,
+        topic=JOURNAL_PREFIX + node,
+        tick=tick,
+        sequence=step,
+        field=f"consumed[{place}]",
+        a=before,
+        b=after,
+    )
+
+
+def _consumed(recording: Recording) -> dict[tuple[int, str, int, int], tuple[str, ...]]:
+    """Return, by (tick, node, start, step), the inputs of every step in order, in words and without boots."""
+    numbers = starts(recording)
+    return {
+        (entry.tick, node, numbers[node, boot], entry.step): tuple(
+            f"{one.topic} {one.sequence} of {one.node}" for one in entry.consumed
+        )
+        for node, boot in recording.journals()
+        for entry in recording.journal(node, boot)
+    }
 
 
 def _counts(left: dict[Key, Leaf], right: dict[Key, Leaf], differing: list[Key]) -> dict[str, TopicCounts]:

@@ -13,7 +13,7 @@ import msgspec
 from protocol.topics import TOPICS
 from services.recording.reader import Recorded, Recording
 
-__all__ = ["Key", "Leaf", "StateKey", "content_digest", "leaves", "states"]
+__all__ = ["Key", "Leaf", "StateKey", "content_digest", "leaves", "starts", "states"]
 
 
 class Key(NamedTuple):
@@ -54,14 +54,14 @@ def content_digest(recording: Recording) -> str:
 
 def leaves(recording: Recording) -> dict[Key, Leaf]:
     """Return what is compared of every compared message."""
-    starts = _starts(recording)
+    numbers = starts(recording)
     found = {}
     for record in recording.messages():
         row = TOPICS.get(record.topic)
         if row is None or not row.compared:
             continue
         tick = recording.tick_of(record)
-        key = Key(record.node, record.topic, starts[record.node, record.boot], record.sequence)
+        key = Key(record.node, record.topic, numbers[record.node, record.boot], record.sequence)
         found[key] = Leaf(
             -1 if tick is None else tick, record.stamp_ns, hashlib.sha256(record.payload).digest(), record
         )
@@ -70,14 +70,15 @@ def leaves(recording: Recording) -> dict[Key, Leaf]:
 
 def states(recording: Recording) -> dict[StateKey, tuple[int, str]]:
     """Return (tick, state digest) of every state that a journal tells."""
-    starts = _starts(recording)
+    numbers = starts(recording)
     found = {}
     for node, boot in recording.journals():
         told = ((entry.tick, entry.state) for entry in recording.journal(node, boot) if entry.state)
-        found.update({StateKey(node, starts[node, boot], number): state for number, state in enumerate(told)})
+        found.update({StateKey(node, numbers[node, boot], number): state for number, state in enumerate(told)})
     return found
 
 
-def _starts(recording: Recording) -> dict[tuple[str, str], int]:
+def starts(recording: Recording) -> dict[tuple[str, str], int]:
+    """Return the place of each boot among the starts of its node."""
     nodes = {source.node for source in recording.sources}
     return {(node, boot): start for node in nodes for start, boot in enumerate(recording.boots(node))}

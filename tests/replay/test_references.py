@@ -132,7 +132,7 @@ def test_one_changed_value_is_found_by_diff_and_by_replay(made_here, tmp_path):
     assert [(one.topic, one.field) for one in first_differences(made_here, bad)] == [(PLACE.topic, "x")]
 
 
-def test_reordered_input_is_found_by_replay_and_by_diff_of_what_replay_wrote(made_here, tmp_path):
+def test_reordered_input_is_found_by_diff_by_replay_and_in_what_replay_wrote(made_here, tmp_path):
     """Odometry of steps 40 and 41 of the estimator, exchanged in its journal."""
     entries = {entry.step: entry for entry in made_here.journal("estimator", made_here.boots("estimator")[0])}
     odometry = {
@@ -148,6 +148,10 @@ def test_reordered_input_is_found_by_replay_and_by_diff_of_what_replay_wrote(mad
         return encode_entry(msgspec.structs.replace(entry, consumed=exchanged))
 
     bad = altered(made_here, tmp_path / "reordered.mcap", change)
+    first = diff(made_here, bad).first
+    assert (first.node, first.tick, first.topic, first.sequence) == ("estimator", 40, "journal/estimator", 40)
+    assert first.field.startswith("consumed[")
+    assert (first.a, first.b) == ("sensors/odometry 40 of sensors", "sensors/odometry 41 of sensors")
     outcome = replayed(bad, "estimator")
     found = outcome.mismatch
     assert found is not None
