@@ -1,21 +1,18 @@
 """From a scenario to its nodes: the one place that knows which class answers to which section."""
 
-from services.controller.config import RearrangementControllerConfig
-from services.controller.config_waypoints import WaypointsConfig
+from services.controller.config import RearrangementControllerConfig, WaypointsConfig
 from services.controller.rearrangement import RearrangementController
 from services.controller.waypoints import WaypointController
 from services.errors import ScenarioError
-from services.estimator.config import LocalizationConfig
-from services.estimator.config_rearrangement import RearrangementConfig
-from services.estimator.localization import LocalizationNode
+from services.estimator.config import LocalizationConfig, RearrangementConfig
+from services.estimator.localization import LocalizationEstimator
 from services.estimator.rearrangement import RearrangementEstimator
 from services.node import Node
 from services.scenario import Scenario
 from services.sensors.config import LogSensorsConfig, SimulatedSensorsConfig
 from services.sensors.log import LogSensors
 from services.sensors.simulated import SimulatedSensors
-from services.simulator.config import WorkspaceConfig
-from services.simulator.config_room import RoomConfig
+from services.simulator.config import RoomConfig, WorkspaceConfig
 from services.simulator.room import RoomSimulator
 from services.simulator.workspace import WorkspaceSimulator
 from services.task import RearrangementTask
@@ -52,7 +49,7 @@ def _build(scenario: Scenario, name: str) -> Node:
         case RearrangementConfig() as config:
             return RearrangementEstimator(config=config, seed=seed, tick_s=tick_s, task=_task(scenario, name))
         case LocalizationConfig() as config:
-            return LocalizationNode(config=config, seed=seed, landmarks=landmarks)
+            return LocalizationEstimator(config=config, seed=seed, landmarks=landmarks)
         case RearrangementControllerConfig() as config:
             return RearrangementController(config=config, seed=seed, tick_s=tick_s, task=_task(scenario, name))
         case WaypointsConfig() as config:

@@ -17,15 +17,12 @@ import msgspec
 from msgspec import Meta
 
 from protocol.topics import NODES, TOPICS
-from services.controller.config import RearrangementControllerConfig
-from services.controller.config_waypoints import WaypointsConfig
+from services.controller.config import RearrangementControllerConfig, WaypointsConfig
 from services.errors import ScenarioError
-from services.estimator.config import LocalizationConfig
-from services.estimator.config_rearrangement import RearrangementConfig
+from services.estimator.config import LocalizationConfig, RearrangementConfig
 from services.faults import Fault
 from services.sensors.config import LogSensorsConfig, SimulatedSensorsConfig
-from services.simulator.config import WorkspaceConfig
-from services.simulator.config_room import RoomConfig
+from services.simulator.config import RoomConfig, WorkspaceConfig
 from services.task import Landmark, RearrangementTask
 from services.vision.config import VisionConfig
 

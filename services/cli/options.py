@@ -1,43 +1,15 @@
 """Options that several commands share: the scenario, its overrides, and the log that it plays."""
 
 import argparse
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from services.errors import UsageError
-from services.scenario import LogFacts, Scenario, load_scenario
+from services.scenario import Scenario, load_scenario
 
 if TYPE_CHECKING:
-    from services.recording.header import Attachment
-    from services.source import LogRecord
+    from services.played_log import PlayedLog
 
-__all__ = ["Log", "add_scenario_options", "load_log", "scenario_from"]
-
-LANDMARKS = "landmarks.json"
-
-
-class Log:
-    """An imported log: its records, what it brings to a scenario, and what is attached to it."""
-
-    def __init__(self, path: Path) -> None:
-        from protocol.codec import decode
-        from protocol.messages import RobotState
-        from protocol.topics import topic
-        from services.recording.digest import content_digest
-        from services.recording.reader import read_recording
-        from services.runners.replay import log_records
-
-        recording = read_recording(path)
-        self.path = path
-        self.records: list[LogRecord] = log_records(recording)
-        if not any(topic(one.topic).triggers for one in self.records):
-            raise UsageError(f"{path}: holds no sensor records of an imported log; dynpf import makes such a recording")
-        self.attachments: tuple[Attachment, ...] = recording.attachments
-        found = [one.data for one in recording.attachments if one.name == LANDMARKS]
-        reference = next((decode("log/truth", one.payload) for one in self.records if one.topic == "log/truth"), None)
-        start = (reference.x, reference.y, reference.theta) if isinstance(reference, RobotState) else None
-        self.facts = LogFacts(content_digest(recording), json.loads(found[0]) if found else [], start)
+__all__ = ["add_scenario_options", "load_log", "scenario_from"]
 
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
@@ -55,12 +27,14 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--log", type=Path, metavar="IN.mcap", help="imported log that the sensors process plays")
 
 
-def load_log(options: argparse.Namespace) -> Log | None:
+def load_log(options: argparse.Namespace) -> "PlayedLog | None":
     """Return the log named on the command line, or None."""
-    return Log(options.log) if options.log is not None else None
+    from services.played_log import PlayedLog
+
+    return PlayedLog(options.log) if options.log is not None else None
 
 
-def scenario_from(options: argparse.Namespace, log: Log | None) -> Scenario:
+def scenario_from(options: argparse.Namespace, log: "PlayedLog | None") -> Scenario:
     """Return the resolved scenario that the command line describes; raises ScenarioError."""
     return load_scenario(
         options.scenario,

@@ -93,11 +93,11 @@ def _print_outcomes(outcomes: Sequence["Replayed"], *, as_json: bool) -> None:
 
 def _closed_loop(options: argparse.Namespace, recording: "Recording", scenario: "Scenario") -> int:
     from services.cli.diff import print_difference
+    from services.played_log import log_records
     from services.recorder.host import run_header
     from services.recording.reader import read_recording
     from services.recording.writer import RecordingWriter
     from services.runners.inline import run_inline
-    from services.runners.replay import log_records
 
     if scenario.clock != "lockstep":
         raise UsageError(

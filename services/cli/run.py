@@ -6,11 +6,14 @@ import os
 import sys
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from services.cli.options import Log, add_scenario_options, load_log, scenario_from
+from services.cli.options import add_scenario_options, load_log, scenario_from
 from services.errors import DynpfError, UsageError
 from services.scenario import Scenario
+
+if TYPE_CHECKING:
+    from services.played_log import PlayedLog
 
 __all__ = ["add_parser", "default_output"]
 
@@ -67,7 +70,7 @@ def _check_output(path: Path) -> None:
         raise UsageError(f"{path}: the folder {path.parent} cannot be written to")
 
 
-def _run_inline(scenario: Scenario, path: Path, log: Log | None) -> None:
+def _run_inline(scenario: Scenario, path: Path, log: "PlayedLog | None") -> None:
     from services.member import StopSignal
     from services.recorder.host import run_header
     from services.recording.writer import RecordingWriter
@@ -81,7 +84,7 @@ def _run_inline(scenario: Scenario, path: Path, log: Log | None) -> None:
         writer.close(complete=True, reason=stop.reason or "finished")
 
 
-def _run_on_bus(scenario: Scenario, path: Path, log: Log | None) -> None:
+def _run_on_bus(scenario: Scenario, path: Path, log: "PlayedLog | None") -> None:
     from services.member import StopSignal
     from services.runners.bus import run_on_bus
 

@@ -3,7 +3,7 @@
 import math
 
 from protocol.messages import Command, Estimate
-from services.controller.config_waypoints import WaypointsConfig
+from services.controller.config import WaypointsConfig
 from services.node import Output, Result, State, Step
 
 __all__ = ["WaypointController"]

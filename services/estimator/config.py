@@ -1,4 +1,4 @@
-"""What a scenario says about the estimator, in the table ``[estimator]``; ``kind`` chooses which one runs."""
+"""What a scenario says about the estimator, in the table ``[estimator]``; ``kind`` chooses which one runs; SI units."""
 
 from typing import Annotated, Literal
 
@@ -11,7 +11,10 @@ from dynpf.measurement.range_bearing import RangeBearingParams
 from dynpf.motion.arcs import ArcsParams
 from dynpf.motion.calibration import CalibrationParams
 
-__all__ = ["LocalizationConfig"]
+__all__ = ["LocalizationConfig", "RearrangementConfig"]
+NonNegative = Annotated[float, Meta(ge=0.0)]
+Positive = Annotated[float, Meta(gt=0.0)]
+Ticks = Annotated[int, Meta(ge=1)]
 
 
 class LocalizationConfig(
@@ -28,3 +31,25 @@ class LocalizationConfig(
     calibration: CalibrationParams | None = None  # absent: odometry is taken as it comes
     measurement: Annotated[tuple[RangeBearingParams, ...], Meta(min_length=1, max_length=1)] = (RangeBearingParams(),)
     resampling: SystematicParams = SystematicParams()
+
+
+class RearrangementConfig(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="rearrangement"
+):
+    """Particle filter for the robot, Kalman filters for the parts, and how detections are matched to them."""
+
+    n: Annotated[int, Meta(ge=1, le=1_000_000)] = 100  # particles
+    process_variance: NonNegative = 0.06e-4  # of the robot's motion, a tick and coordinate
+    measurement_variance: Positive = 0.2e-4  # of a detected centre, each coordinate
+    part_process_variance: NonNegative = 1e-7  # of a part that nobody holds, a tick and coordinate
+    encoder_variance: NonNegative = 1e-6  # of the gripper's angle
+    resampling_threshold: Annotated[float, Meta(ge=0.0, le=1.0)] = 2.0 / 3.0  # N_eff below this share of n resamples
+    gate: Positive = 20.0  # squared Mahalanobis distance beyond which a detection is another object's
+    radius_sigma: Positive = 0.002
+    radius_gate: Positive = 0.006  # metres
+    robot_grey: float | None = None  # expected grey, less the background's; without it greys are learnt ...
+    part_grey: float | None = None  # ... and at first only the radius tells which disc is which
+    grey_sigma: Positive = 20.0
+    prior_variance: Positive = 1.0  # of a position that nothing is known about
+    lost_after: Ticks = 20  # detections in which an object is missing, then its position is forgotten
+    particle_period_s: NonNegative = 0.2  # logical time between particle clouds

@@ -35,7 +35,7 @@ from services.estimator.picture import draw_scene, robot_transform
 from services.node import Output, Received, Result, State, Step
 from services.task import Landmark
 
-__all__ = ["LocalizationNode"]
+__all__ = ["LocalizationEstimator"]
 
 NANOSECONDS = 10**9
 SHOWN_PARTICLES = 200
@@ -51,7 +51,7 @@ class _TimedTwist(NamedTuple):
     w: float
 
 
-class LocalizationNode:
+class LocalizationEstimator:
     """The estimator of a robot among landmarks.
 
     Inputs are taken in the order given. Each first brings the particles to its own stamp, under the twist that

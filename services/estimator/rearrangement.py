@@ -37,7 +37,7 @@ from protocol.messages import (
     planar_pose,
     timestamp,
 )
-from services.estimator.config_rearrangement import RearrangementConfig
+from services.estimator.config import RearrangementConfig
 from services.estimator.gaps import GAPS, gap_warning
 from services.estimator.picture import robot_transform
 from services.node import Output, Result, State, Step

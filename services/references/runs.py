@@ -3,11 +3,11 @@
 import tempfile
 from pathlib import Path
 
-from services.cli.options import Log
 from services.errors import RunError, UsageError
 from services.importers.mrclam import import_mrclam
 from services.importers.recording import write_recording
 from services.member import StopSignal
+from services.played_log import PlayedLog
 from services.recorder.host import run_header
 from services.recording.provenance import code_digest
 from services.recording.reader import Recording, read_recording
@@ -20,7 +20,7 @@ from services.scenario import Scenario, load_scenario
 __all__ = ["has_data", "resolve", "run_anew"]
 
 
-def resolve(entry: Entry, log: Log | None = None) -> Scenario:
+def resolve(entry: Entry, log: PlayedLog | None = None) -> Scenario:
     """Return the scenario of a row as it stands today."""
     return load_scenario(
         entry.scenario, overrides=entry.overrides, seed=entry.seed, log=log.facts if log is not None else None
@@ -58,8 +58,8 @@ def run_anew(checkout: Path, entry: Entry, path: Path) -> Recording:
     return recording
 
 
-def _import(folder: Path) -> Log:
+def _import(folder: Path) -> PlayedLog:
     with tempfile.TemporaryDirectory(prefix="dynpf-") as temporary:
         path = Path(temporary) / "log.mcap"
         write_recording(import_mrclam(folder), path)
-        return Log(path)
+        return PlayedLog(path)

@@ -13,16 +13,15 @@ import msgspec
 from protocol.codec import decode
 from protocol.envelope import Envelope
 from protocol.journal import JournalEntry, encode_entry
-from protocol.topics import LOG_NODE, TOPICS
+from protocol.topics import TOPICS
 from services.errors import UsageError
 from services.executor import Executor, Sent
 from services.node import Node, Received
 from services.recording.diff import first_field
 from services.recording.reader import Recording
 from services.recording.writer import RecordingWriter
-from services.source import LogRecord
 
-__all__ = ["Mismatch", "Replayed", "log_records", "replay_node", "write_replayed"]
+__all__ = ["Mismatch", "Replayed", "replay_node", "write_replayed"]
 
 
 class Mismatch(NamedTuple):
@@ -47,11 +46,6 @@ class Replayed(NamedTuple):
     digests: int
     mismatch: Mismatch | None
     executed: tuple[tuple[str, tuple[Sent, ...], JournalEntry], ...]
-
-
-def log_records(recording: Recording) -> list[LogRecord]:
-    """Return the records of an imported log, or those that a run of one played, in file order."""
-    return [LogRecord(one.topic, one.stamp_ns, one.payload) for one in recording.messages() if one.node == LOG_NODE]
 
 
 def replay_node(recording: Recording, node: Node, digest_every: int, *, keep: bool = False) -> Replayed:

@@ -1,4 +1,4 @@
-"""Configuration of the rearrangement workspace; SI units and radians."""
+"""What a scenario says about the simulated world, in the table ``[simulator]``; SI units and radians."""
 
 from typing import Annotated
 
@@ -7,7 +7,7 @@ from msgspec import Meta
 
 from services.simulator.camera import CameraParams
 
-__all__ = ["WorkspaceConfig"]
+__all__ = ["RoomConfig", "WorkspaceConfig"]
 
 NonNegative = Annotated[float, Meta(ge=0.0)]
 Positive = Annotated[float, Meta(gt=0.0)]
@@ -24,3 +24,27 @@ class WorkspaceConfig(
     start_gap: NonNegative = 0.26  # between drawn starts: the robot fits between any two parts
     start_wall_gap: NonNegative = 0.10  # between drawn starts and the walls
     camera: CameraParams | None = None  # the overhead camera; absent: no frames are rendered
+
+
+class RoomConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="room"):
+    """A unicycle robot in a rectangular room centred at the origin.
+
+    ``alpha`` are the six error parameters of the velocity motion model (INDOOR): the true speed and turning rate differ
+    from the commanded ones with variance alpha1 v^2 + alpha2 w^2 and alpha3 v^2 + alpha4 w^2, and the robot turns on
+    the spot besides at a rate of variance alpha5 v^2 + alpha6 w^2.
+    """
+
+    width: Positive = 6.0  # m
+    height: Positive = 4.0  # m
+    robot_radius: Positive = 0.15  # m
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, m, rad
+    max_speed: Positive = 1.0  # m/s
+    max_turn_rate: Positive = 2.0  # rad/s
+    alpha: tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative] = (
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    )

@@ -27,7 +27,7 @@ from protocol.messages import (
 )
 from services.errors import ScenarioError
 from services.node import Output, Result, State, Step
-from services.simulator.config_room import RoomConfig
+from services.simulator.config import RoomConfig
 from services.task import Landmark
 
 __all__ = ["RoomSimulator"]

@@ -10,7 +10,7 @@ from dynpf.rng import stream
 from protocol.messages import Detection, Detections, Gripper
 from services.controller.config import RearrangementControllerConfig
 from services.controller.rearrangement import RearrangementController
-from services.estimator.config_rearrangement import RearrangementConfig
+from services.estimator.config import RearrangementConfig
 from services.estimator.rearrangement import RearrangementEstimator
 from services.node import Received, Step
 from services.simulator.config import WorkspaceConfig

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from dynpf.se2 import arc_displacement, compose
 from protocol.messages import Command, Estimate
-from services.controller.config_waypoints import WaypointsConfig
+from services.controller.config import WaypointsConfig
 from services.controller.waypoints import WaypointController
 from services.node import Received, Step, decode_state, encode_state
 

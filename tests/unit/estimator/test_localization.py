@@ -22,7 +22,7 @@ from protocol.messages import (
     heading,
 )
 from services.estimator.config import LocalizationConfig
-from services.estimator.localization import LocalizationNode
+from services.estimator.localization import LocalizationEstimator
 from services.node import Output, Received, Step, decode_state, encode_state
 from services.task import Landmark
 
@@ -68,9 +68,9 @@ def drive(duration_s: float = 4.0) -> list[Step]:
     return steps
 
 
-def node(seed: int = 1, **settings: object) -> LocalizationNode:
+def node(seed: int = 1, **settings: object) -> LocalizationEstimator:
     config = msgspec.structs.replace(LocalizationConfig(n=300, calibration=CalibrationParams()), **settings)
-    return LocalizationNode(config=config, seed=seed, landmarks=LANDMARKS)
+    return LocalizationEstimator(config=config, seed=seed, landmarks=LANDMARKS)
 
 
 def payloads(outputs: tuple[Output, ...]) -> list[tuple[str, bytes]]:
@@ -225,7 +225,7 @@ def play(with_readings: bool) -> tuple[TrajectoryScore, TrajectoryScore]:
     x, y, theta = (-pose_errors(first, truth).errors[:, 0]).tolist()
     config = LocalizationConfig(odometry_delay=0.15, calibration=CalibrationParams())
     config = msgspec.structs.replace(config, start=msgspec.structs.replace(config.start, x=x, y=y, theta=theta))
-    estimator = LocalizationNode(config=config, seed=1, landmarks=landmarks)
+    estimator = LocalizationEstimator(config=config, seed=1, landmarks=landmarks)
     stamps, estimates, reckonings = [], [], []
     for number, (time, message) in enumerate(records):
         one = received(time, message)

@@ -7,7 +7,7 @@ import pytest
 
 from dynpf.rng import stream
 from protocol.messages import Command, Detection, Detections, Gripper
-from services.estimator.config_rearrangement import RearrangementConfig
+from services.estimator.config import RearrangementConfig
 from services.estimator.rearrangement import RearrangementEstimator
 from services.node import Received, Step, state_digest
 from services.task import PartSpec, RearrangementTask

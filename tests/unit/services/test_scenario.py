@@ -19,7 +19,7 @@ from services.scenario import (
     resolved_json,
     scenario_files,
 )
-from services.simulator.config_room import RoomConfig
+from services.simulator.config import RoomConfig
 
 Raw = dict[str, Any]
 TOML = 'title = "A room"\n\n[simulator]\nkind = "room"\n\n[[landmarks]]\nid = 1\nx = 0.0\ny = 1.0\n'

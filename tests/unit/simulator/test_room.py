@@ -8,7 +8,7 @@ import pytest
 from protocol.messages import Command, RobotState, SceneUpdate
 from services.errors import ScenarioError
 from services.node import Received, Result, Step, decode_state, encode_state
-from services.simulator.config_room import RoomConfig
+from services.simulator.config import RoomConfig
 from services.simulator.room import RoomSimulator
 from services.task import Landmark
 
