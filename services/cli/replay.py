@@ -3,7 +3,7 @@
 import argparse
 import json
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,21 +52,29 @@ def run(options: argparse.Namespace) -> int:
 
 def _each_alone(options: argparse.Namespace, recording: "Recording", scenario: "Scenario") -> int:
     from services.nodes import build_nodes
-    from services.recorder.host import run_header
-    from services.recording.writer import RecordingWriter
-    from services.runners.replay import replay_node, write_replayed
+    from services.runners.replay import replay_node
 
     nodes = build_nodes(scenario)
     chosen = [options.node] if options.node else list(scenario.nodes)
-    keep = options.output is not None
+    keep = options.output is not None or bool(options.overrides)
     outcomes = [replay_node(recording, nodes[name], scenario.state_digest_ticks, keep=keep) for name in chosen]
+    if options.overrides:
+        return _compare(options, recording, lambda path: _write(recording, scenario, outcomes, path))
     if options.output is not None:
-        with RecordingWriter(options.output, run_header(scenario), recording.attachments) as writer:
-            write_replayed(recording, outcomes, writer)
-            whole = recording.end is not None and recording.end.complete
-            writer.close(complete=whole, reason=f"replayed from {options.recording.name}")
+        _write(recording, scenario, outcomes, options.output)
     _print_outcomes(outcomes, as_json=options.json)
     return 0 if all(outcome.mismatch is None for outcome in outcomes) else 1
+
+
+def _write(recording: "Recording", scenario: "Scenario", outcomes: Sequence["Replayed"], path: Path) -> None:
+    from services.recorder.host import run_header
+    from services.recording.writer import RecordingWriter
+    from services.runners.replay import write_replayed
+
+    with RecordingWriter(path, run_header(scenario), recording.attachments) as writer:
+        write_replayed(recording, outcomes, writer)
+        whole = recording.end is not None and recording.end.complete
+        writer.close(complete=whole, reason=f"replayed from {recording.path.name}")
 
 
 def _print_outcomes(outcomes: Sequence["Replayed"], *, as_json: bool) -> None:
@@ -92,21 +100,31 @@ def _print_outcomes(outcomes: Sequence["Replayed"], *, as_json: bool) -> None:
 
 
 def _closed_loop(options: argparse.Namespace, recording: "Recording", scenario: "Scenario") -> int:
-    from services.cli.diff import print_difference
-    from services.played_log import log_records
-    from services.recorder.host import run_header
-    from services.recording.reader import read_recording
-    from services.recording.writer import RecordingWriter
-    from services.runners.inline import run_inline
-
     if scenario.clock != "lockstep":
         raise UsageError(
             "a realtime run cannot be run anew from its source; choose --node to change one node's settings"
         )
-    with tempfile.TemporaryDirectory(prefix="dynpf-") as folder:
-        path = options.output or Path(folder) / "replayed.mcap"
+
+    def run_anew(path: Path) -> None:
+        from services.played_log import log_records
+        from services.recorder.host import run_header
+        from services.recording.writer import RecordingWriter
+        from services.runners.inline import run_inline
+
         with RecordingWriter(path, run_header(scenario), recording.attachments) as writer:
             run_inline(scenario, log_records(recording), writer)
-            writer.close(complete=True, reason=f"run anew from {options.recording.name}")
-        again = read_recording(path)
-        return print_difference(recording, again, str(options.recording), "run anew", as_json=options.json)
+            writer.close(complete=True, reason=f"run anew from {recording.path.name}")
+
+    return _compare(options, recording, run_anew)
+
+
+def _compare(options: argparse.Namespace, recording: "Recording", write: Callable[[Path], None]) -> int:
+    """Write the changed run, to where it is wanted or for the comparison alone, and print how it differs."""
+    from services.cli.diff import print_difference
+    from services.recording.reader import read_recording
+
+    with tempfile.TemporaryDirectory(prefix="dynpf-") as folder:
+        path = options.output or Path(folder) / "replayed.mcap"
+        write(path)
+        name = f"with {' '.join(options.overrides)}"
+        return print_difference(recording, read_recording(path), str(options.recording), name, as_json=options.json)
