@@ -50,6 +50,6 @@ def test_the_changed_run_is_kept_where_asked(recorded, capsys, tmp_path: Path):
     replay(capsys, recorded, "--node", "estimator", "--set", "estimator.n=50", "-o", str(path))
     scenario = json.loads(read_recording(path).header.scenario)
     assert scenario["estimator"]["n"] == 50
-    assert main(["replay", str(path)]) == 0
+    assert main(["replay", str(path), "--node", "estimator"]) == 0
     assert main(["replay", recorded, "-o", str(path)]) == 2
     assert "exists" in capsys.readouterr().err
