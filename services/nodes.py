@@ -23,8 +23,16 @@ __all__ = ["build_node", "build_nodes"]
 
 
 def build_nodes(scenario: Scenario) -> dict[str, Node]:
-    """Return the nodes of a run by name, in tick order, each in its first state."""
-    return {name: build_node(scenario, name) for name in scenario.nodes}
+    """Return the nodes of a run by name, in tick order, each in its first state.
+
+    Raises ScenarioError where a section does not fit the rest, or a fault lies on a way that nothing takes.
+    """
+    nodes = {name: build_node(scenario, name) for name in scenario.nodes}
+    for place, fault in enumerate(scenario.faults):
+        if fault.topic not in nodes[fault.to].reads:
+            known = ", ".join(sorted(nodes[fault.to].reads))
+            raise ScenarioError(f"faults.{place}.topic: {fault.to} does not read {fault.topic}; it reads {known}")
+    return nodes
 
 
 def build_node(scenario: Scenario, name: str) -> Node:

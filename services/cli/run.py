@@ -41,6 +41,8 @@ def default_output(scenario: str, seed: int) -> Path:
 
 
 def run(options: argparse.Namespace) -> int:
+    from services.nodes import build_nodes
+
     log = load_log(options)
     scenario = scenario_from(options, log)
     if scenario.needs_log and log is None:
@@ -51,6 +53,7 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError("--runner inline goes in lockstep only; a realtime run needs --runner bus")
     path = options.output or default_output(Path(options.scenario).stem, scenario.seed)
     _check_output(path)
+    build_nodes(scenario)  # whatever does not fit is told here, before any process is started
     try:
         (_run_inline if options.runner == "inline" else _run_on_bus)(scenario, path, log)
     except DynpfError:

@@ -260,3 +260,11 @@ def test_a_room_has_no_limit_of_ticks_of_its_own() -> None:
     assert isinstance(scenario.simulator, RoomConfig)
     assert scenario.max_ticks == 4
     assert scenario.tick_ns == 50_000_000
+
+
+def test_a_fault_on_a_way_that_nothing_takes_is_refused() -> None:
+    fault = 'faults=[{topic="truth/robot", to="estimator", loss=0.1}]'
+    with pytest.raises(ScenarioError, match="estimator does not read truth/robot; it reads"):
+        build_nodes(load_scenario("landmark-room", overrides=[fault]))
+    fault = 'faults=[{topic="sensors/odometry", to="estimator", loss=0.1}]'
+    assert "estimator" in build_nodes(load_scenario("landmark-room", overrides=[fault]))
