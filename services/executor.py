@@ -42,6 +42,7 @@ class Executor:
         self.boot = boot
         self._digest_every = digest_every
         self._sequences: defaultdict[str, int] = defaultdict(int)
+        self._writes = node.writes
         self.steps = 0
 
     def step(self, tick: int, stamp_ns: int, inputs: Sequence[Received], publish_ns: int) -> Executed:
@@ -51,6 +52,8 @@ class Executor:
         """
         with self._blamed(tick):
             result = self.node.step(Step(self.steps, tick, stamp_ns, tuple(inputs)))
+            if undeclared := {output.topic for output in result.outputs} - self._writes:
+                raise ValueError(f"returned messages for {', '.join(sorted(undeclared))}, which it does not declare")
             sent = tuple(self.stamp(topic, message, tick, stamp_ns, publish_ns) for topic, message in result.outputs)
         return Executed(sent, result.finished)
 

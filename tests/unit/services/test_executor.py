@@ -21,6 +21,7 @@ def advance(executor: Executor, tick: int, *, last: bool = False) -> tuple[tuple
 def test_each_topic_is_numbered_by_itself_and_the_journal_tells_all() -> None:
     node = ToyNode(
         "estimator",
+        writes=["controller/command", "sensors/odometry"],
         act=lambda step: Result(
             (
                 Output("controller/command", IDLE),
@@ -84,8 +85,17 @@ def test_the_source_says_itself_when_it_has_finished() -> None:
     ],
 )
 def test_what_a_topic_does_not_promise_is_refused(topic: str, message: Command, told: str) -> None:
-    executor = Executor(ToyNode("controller", act=lambda _: says(topic, message)), "boot", 1)
+    executor = Executor(ToyNode("controller", writes=[topic], act=lambda _: says(topic, message)), "boot", 1)
     with pytest.raises(StepError, match=f"^controller failed in step 0, tick 3: {told}"):
+        executor.step(3, 0, [], 0)
+
+
+def test_a_message_for_a_topic_that_the_node_does_not_declare_is_refused() -> None:
+    executor = Executor(
+        ToyNode("controller", writes=["log"], act=lambda _: says("controller/command", IDLE)), "boot", 1
+    )
+    told = "returned messages for controller/command, which it does not declare"
+    with pytest.raises(StepError, match=f"^controller failed in step 0, tick 3: ValueError: {told}"):
         executor.step(3, 0, [], 0)
 
 

@@ -60,6 +60,7 @@ def test_a_replayed_recording_keeps_what_the_host_told_the_node(tmp_path: Path) 
     node: Any = ToyNode(
         "controller",
         reads=["sensors/odometry", "event/controller"],
+        writes=["controller/command"],
         act=lambda _: says("controller/command", IDLE),
     )
     executor, watch = Executor(node, "c1", 2), GapWatch()
@@ -81,7 +82,7 @@ def test_a_replayed_recording_keeps_what_the_host_told_the_node(tmp_path: Path) 
     assert before.counts["recorder/gap"] == 1
 
     recording = read_recording(tmp_path / "run.mcap")
-    again = ToyNode("controller", node.reads, act=lambda _: says("controller/command", IDLE))
+    again = ToyNode("controller", node.reads, node.writes, act=lambda _: says("controller/command", IDLE))
     outcome = replay_node(recording, again, 2, keep=True)
     assert outcome.mismatch is None
     assert (outcome.steps, outcome.digests) == (3, 2)
@@ -99,7 +100,7 @@ def test_a_replayed_node_that_does_something_else_is_caught(tmp_path: Path) -> N
     with RecordingWriter(path, run_header(scenario)) as writer:
         run_inline(scenario, [], writer)
         writer.close(complete=True, reason="finished")
-    node = ToyNode("controller", act=lambda _: says("controller/command", IDLE))
+    node = ToyNode("controller", writes=["controller/command"], act=lambda _: says("controller/command", IDLE))
     mismatch = replay_node(read_recording(path), node, scenario.state_digest_ticks).mismatch
     assert mismatch is not None
     assert (mismatch.node, mismatch.topic, mismatch.tick) == ("controller", "controller/command", 0)
