@@ -15,7 +15,7 @@ __all__ = ["CHECKOUT", "Entry", "Made", "made_by", "read_table", "recording_file
 
 CHECKOUT = Path(__file__).parents[2]
 
-_BYTES_DEPEND_ON = ("numpy", "opencv-python-headless", "msgspec")
+_BYTES_DEPEND_ON = ("numpy", "numba", "llvmlite", "opencv-python-headless", "msgspec")
 
 
 class Made(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -1,0 +1,74 @@
+"""How kernels are compiled: when first called, once a machine and version of the sources, never with fast-math.
+
+IEEE arithmetic without contraction or reordering gives the same bits whatever the vector width, so a kernel agrees
+with itself on every slice of its particles. What numba compiles is kept on disk. Its own cache knows a kernel's file
+alone and would keep one that calls a changed function of another file; so the folder is named by all the sources.
+"""
+
+import hashlib
+import logging
+import os
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+
+__all__ = ["cache_folder", "device", "kernel"]
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def kernel(function: F) -> F:
+    """Compile a function that is called from Python: without the interpreter's lock, kept on disk."""
+    chosen = numba.config.CACHE_DIR
+    folder = cache_folder()
+    numba.config.CACHE_DIR = "" if folder is None else str(folder)
+    try:
+        compiled: F = numba.njit(nogil=True, error_model="numpy", cache=folder is not None)(function)
+    finally:
+        numba.config.CACHE_DIR = chosen
+    return compiled
+
+
+def device(function: F) -> F:
+    """Compile a function that only kernels call: it becomes part of each of them."""
+    compiled: F = numba.njit(nogil=True, error_model="numpy", forceinline=True)(function)
+    return compiled
+
+
+@cache
+def cache_folder() -> Path | None:
+    """Return where compiled kernels are kept, or None where nothing can be written.
+
+    That is below NUMBA_CACHE_DIR if it is set, else beside the sources, else in the user's cache or the system's
+    temporary folder. Says so when the folder is new, since the first calls will then take seconds.
+    """
+    name = f"dynpf-kernels-{_sources_digest()}"
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - no error without a home
+    own = Path(tempfile.gettempdir()) / f"dynpf-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
+    chosen = numba.config.CACHE_DIR
+    roots = [Path(chosen)] if chosen else [Path(__file__).parent / "__pycache__", Path(home), own]
+    for root in roots:
+        folder = root / name
+        try:
+            new = not folder.exists()
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+        except OSError:
+            continue
+        if new:
+            logging.getLogger("dynpf").warning("Compiling the kernels for this machine, once: a few seconds")
+        return folder
+    logging.getLogger("dynpf").warning("Compiling the kernels anew: no folder to keep them in (%s)", roots[0])
+    return None
+
+
+def _sources_digest() -> str:
+    digest = hashlib.sha256()
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(source.name.encode() + b"\0" + source.read_bytes())
+    return digest.hexdigest()[:16]
