@@ -60,7 +60,7 @@ class Stream(NamedTuple):
     def uniform(self) -> float:
         """Return one number uniform in [0, 1), a multiple of 2**-53: the draw of a comb, which no particle owns."""
         high, low = kernels.philox.two_words(self.first, self.step, self.key)
-        return ((high >> 5) * 2.0**26 + (low >> 6)) * 2.0**-53
+        return float(high >> 5) * 2.0**-27 + float(low >> 6) * 2.0**-53
 
 
 def generator(seed: int, node: str, step: int, purpose: str = "") -> np.random.Generator:

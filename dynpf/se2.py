@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["FloatArray", "arc_chord", "arc_displacement", "circular_mean", "compose", "wrap_angle"]
+__all__ = ["FloatArray", "Floats", "arc_chord", "arc_displacement", "circular_mean", "compose", "wrap_angle"]
 
 FloatArray = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
+"""Floats of either precision: particles and weights are float32 in the built-in models."""
 
 
 def wrap_angle(angle: ArrayLike) -> Any:

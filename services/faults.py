@@ -6,7 +6,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from dynpf.rng import stream
+from dynpf.rng import generator
 
 __all__ = ["Fault", "FaultyLink"]
 
@@ -37,7 +37,7 @@ class FaultyLink:
         fault = self._faults.get(topic)
         if fault is None:
             return 0
-        lost, late = stream(self._seed, f"link/{self._node}", sequence, topic).random(2)
+        lost, late = generator(self._seed, f"link/{self._node}", sequence, topic).random(2)
         if lost < fault.loss:
             return None
         return round((fault.delay_s + fault.jitter_s * float(late)) * 1e9)

@@ -12,31 +12,30 @@ import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numba
+from numba.core import config
 
 __all__ = ["cache_folder", "device", "kernel"]
 
-F = TypeVar("F", bound=Callable[..., Any])
+Function = Callable[..., Any]
 
 
-def kernel(function: F) -> F:
+def kernel(function: Function) -> Function:
     """Compile a function that is called from Python: without the interpreter's lock, kept on disk."""
-    chosen = numba.config.CACHE_DIR
+    chosen = config.CACHE_DIR
     folder = cache_folder()
-    numba.config.CACHE_DIR = "" if folder is None else str(folder)
+    config.CACHE_DIR = "" if folder is None else str(folder)
     try:
-        compiled: F = numba.njit(nogil=True, error_model="numpy", cache=folder is not None)(function)
+        return numba.njit(nogil=True, error_model="numpy", cache=folder is not None)(function)
     finally:
-        numba.config.CACHE_DIR = chosen
-    return compiled
+        config.CACHE_DIR = chosen
 
 
-def device(function: F) -> F:
+def device(function: Function) -> Function:
     """Compile a function that only kernels call: it becomes part of each of them."""
-    compiled: F = numba.njit(nogil=True, error_model="numpy", forceinline=True)(function)
-    return compiled
+    return numba.njit(nogil=True, error_model="numpy", forceinline=True)(function)
 
 
 @cache
@@ -49,7 +48,7 @@ def cache_folder() -> Path | None:
     name = f"dynpf-kernels-{_sources_digest()}"
     home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - no error without a home
     own = Path(tempfile.gettempdir()) / f"dynpf-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
-    chosen = numba.config.CACHE_DIR
+    chosen = config.CACHE_DIR
     roots = [Path(chosen)] if chosen else [Path(__file__).parent / "__pycache__", Path(home), own]
     for root in roots:
         folder = root / name

@@ -40,7 +40,7 @@ _TWO_PI_HIGH, _TWO_PI_LOW, _ONE_OVER_TWO_PI = _f(6.28125), _f(2.0 * np.pi - 6.28
 
 
 @device
-def sincos(angle):  # type: ignore[no-untyped-def]
+def sincos(angle):
     """Return sine and cosine of an angle in radians, |angle| < 8000."""
     turns = np.rint(angle * _TWO_OVER_PI)
     rest = ((angle - turns * _HALF_PI_1) - turns * _HALF_PI_2) - turns * _HALF_PI_3
@@ -57,7 +57,7 @@ def sincos(angle):  # type: ignore[no-untyped-def]
 
 
 @device
-def exp(value):  # type: ignore[no-untyped-def]
+def exp(value):
     """Return e to the power of ``value``; zero below -87, e^88 above 88."""
     clipped = min(max(value, _EXP_LOWEST), _EXP_HIGHEST)
     twos = np.rint(clipped * _LOG2_E)
@@ -69,7 +69,7 @@ def exp(value):  # type: ignore[no-untyped-def]
 
 
 @device
-def log(value):  # type: ignore[no-untyped-def]
+def log(value):
     """Return the natural logarithm of a positive normal number; of anything smaller, that of the smallest such."""
     bits = _f(max(value, _SMALLEST)).view(np.int32)
     exponent = _f(np.int32((bits >> 23) - _EXPONENT_BIAS))
@@ -78,14 +78,14 @@ def log(value):  # type: ignore[no-untyped-def]
     exponent = exponent - _ONE if small else exponent
     rest = (mantissa + mantissa if small else mantissa) - _ONE
     square = rest * rest
-    series = (((((((_L0 * rest + _L1) * rest + _L2) * rest + _L3) * rest + _L4) * rest + _L5) * rest + _L6) * rest + _L7)
+    series = ((((((_L0 * rest + _L1) * rest + _L2) * rest + _L3) * rest + _L4) * rest + _L5) * rest + _L6) * rest + _L7
     series = (series * rest + _L8) * rest * square
     series = series + exponent * _LN2_LOW - _HALF * square
     return rest + series + exponent * _LN2_HIGH
 
 
 @device
-def atan2(y, x):  # type: ignore[no-untyped-def]
+def atan2(y, x):
     """Return the direction of (x, y) in (-pi, pi]; zero at the origin."""
     across, along = abs(y), abs(x)
     larger, smaller = max(across, along), min(across, along)
@@ -101,7 +101,7 @@ def atan2(y, x):  # type: ignore[no-untyped-def]
 
 
 @device
-def wrap(angle):  # type: ignore[no-untyped-def]
+def wrap(angle):
     """Return an angle within [-pi, pi], up to rounding."""
     turns = np.rint(angle * _ONE_OVER_TWO_PI)
     return (angle - turns * _TWO_PI_HIGH) - turns * _TWO_PI_LOW

@@ -23,7 +23,7 @@ _TWO_PI, _MINUS_TWO, _HALF = _f(2.0 * np.pi), _f(-2.0), _f(0.5)
 
 
 @device
-def words(particle, draw, step_low, step_high, key_low, key_high):  # type: ignore[no-untyped-def]
+def words(particle, draw, step_low, step_high, key_low, key_high):
     """Return the four words of a counter under a key."""
     c0, c1, c2, c3 = _u(particle), _u(draw), _u(step_low), _u(step_high)
     k0, k1 = _u(key_low), _u(key_high)
@@ -42,15 +42,17 @@ def words(particle, draw, step_low, step_high, key_low, key_high):  # type: igno
 
 
 @device
-def normals(out, first, step, key, part):  # type: ignore[no-untyped-def]
-    """Fill ``out`` (4, n), n <= BLOCK, with the standard normal numbers of draw ``part`` of the particles from first.
+def normals(out, first, step, key, part):
+    """Fill ``out`` (4, n), n <= BLOCK, with normal numbers: draw ``part`` of the particles from ``first`` on.
 
-    Box and Muller's transform of two pairs of words. The words come first, in a loop of their own: both then are vectors.
+    Box and Muller's transform of two pairs of words. A loop of their own for the words lets both become vectors.
     """
     count = out.shape[1]
     drawn = np.empty((4, count), dtype=np.uint32)
     for i in range(count):
-        drawn[0, i], drawn[1, i], drawn[2, i], drawn[3, i] = words(first + i, part, step, step >> _WORD, key, key >> _WORD)
+        drawn[0, i], drawn[1, i], drawn[2, i], drawn[3, i] = words(
+            first + i, part, step, step >> _WORD, key, key >> _WORD
+        )
     for pair in range(0, 4, 2):
         for i in range(count):
             # Half a unit is added, so that the logarithm never meets zero.
@@ -63,7 +65,7 @@ def normals(out, first, step, key, part):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def fill_normals(out, first, step, key):  # type: ignore[no-untyped-def]
+def fill_normals(out, first, step, key):
     """Fill ``out`` (R, N): row r of column i is number r % 4 of draw r // 4 of particle first + i."""
     rows, count = out.shape
     four = np.empty((4, BLOCK), dtype=np.float32)
@@ -76,7 +78,7 @@ def fill_normals(out, first, step, key):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def fill_uniforms(out, first, step, key):  # type: ignore[no-untyped-def]
+def fill_uniforms(out, first, step, key):
     """Fill ``out`` (R, N) from words as ``fill_normals`` does, the upper 24 bits of each as a fraction of one."""
     rows, count = out.shape
     step, key = np.uint64(step), np.uint64(key)
@@ -88,7 +90,7 @@ def fill_uniforms(out, first, step, key):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def two_words(first, step, key):  # type: ignore[no-untyped-def]
+def two_words(first, step, key):
     """Return the first two words of one particle's counter."""
     step, key = np.uint64(step), np.uint64(key)
     drawn = words(first, 0, step, step >> _WORD, key, key >> _WORD)

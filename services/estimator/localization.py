@@ -14,7 +14,7 @@ from dynpf.measurement.range_bearing import RangeBearing, RangeBearingReading
 from dynpf.motion.arcs import Arcs
 from dynpf.motion.calibration import CalibratedArcs
 from dynpf.motion.model import MotionModel, Twist
-from dynpf.rng import stream
+from dynpf.rng import generator
 from dynpf.se2 import arc_displacement, compose
 from protocol import frames
 from protocol.messages import (
@@ -79,7 +79,7 @@ class LocalizationEstimator:
         self._marks = tuple(landmarks)
         self._landmarks = LandmarkMap((mark.id, mark.x, mark.y) for mark in landmarks)
         self._filter = _compose_filter(config, self._landmarks)
-        rng = stream(seed, self.name, 0, "start")
+        rng = generator(seed, self.name, 0, "start")
         self._cloud = self._filter.start(around(config.start, config.n, rng), rng)
         self._reckoned = np.array([config.start.x, config.start.y, config.start.theta])
         self._stamp_ns: int | None = None
@@ -95,8 +95,8 @@ class LocalizationEstimator:
         """Take the inputs in; answer with the estimate at the step's stamp, if there were any."""
         if not step.inputs:
             return Result()
-        motion = stream(self._seed, self.name, step.number, "motion")
-        choice = stream(self._seed, self.name, step.number, "resampling")
+        motion = generator(self._seed, self.name, step.number, "motion")
+        choice = generator(self._seed, self.name, step.number, "resampling")
         logs: list[Output] = []
         for received in step.inputs:
             self._advance(received.stamp_ns, motion)

@@ -23,7 +23,7 @@ from dynpf.filters.optimal import (
     update,
 )
 from dynpf.filters.resampling import effective_sample_size
-from dynpf.rng import stream
+from dynpf.rng import generator
 from protocol import frames
 from protocol.messages import (
     Command,
@@ -147,7 +147,7 @@ class RearrangementEstimator:
         self._seen = matches[1:] >= 0
         if detections is not None:
             self._remember(matches, measured)
-        self._update_robot(matches, measured, motion, stream(self._seed, self.name, number, "robot"))
+        self._update_robot(matches, measured, motion, generator(self._seed, self.name, number, "robot"))
         for part in range(len(self._parts)):
             if part == self._held and self._particles is not None:
                 self._carry(part, self._particles)

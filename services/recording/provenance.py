@@ -15,7 +15,17 @@ from services.recording.header import Provenance
 
 __all__ = ["code_digest", "collect", "platform_fingerprint"]
 
-_DISTRIBUTIONS = ("eclipse-zenoh", "llvmlite", "mcap", "msgspec", "numba", "numpy", "opencv-python-headless", "pyyaml", "zstandard")
+_DISTRIBUTIONS = (
+    "eclipse-zenoh",
+    "llvmlite",
+    "mcap",
+    "msgspec",
+    "numba",
+    "numpy",
+    "opencv-python-headless",
+    "pyyaml",
+    "zstandard",
+)
 
 
 def collect() -> Provenance:

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from dynpf.rng import stream
+from dynpf.rng import generator
 from protocol.messages import Message, PartsState, RobotState
 from services.errors import ScenarioError
 from services.node import Output, Result, State, Step
@@ -94,7 +94,7 @@ class SimulatedSensors:
 
         def publish(name: str, every: int, read: Callable[[np.random.Generator], Message]) -> None:
             if self._states % every == 0:
-                outputs.append(Output(f"sensors/{name}", read(stream(self.seed, self.name, step.number, name))))
+                outputs.append(Output(f"sensors/{name}", read(generator(self.seed, self.name, step.number, name))))
 
         if (overhead := config.overhead) is not None and parts is not None and task is not None:
             publish("overhead", overhead.every, lambda rng: read_overhead(overhead, robot, parts, task, rng))

@@ -149,7 +149,7 @@ class Camera:
         return frame
 
     def _with_noise(self, frame: Frame, seed: int, tick: int) -> Frame:
-        draw = rng.stream(seed, "simulator", tick, "camera noise").integers(0, _TILE_MARGIN_PX, size=3)
+        draw = rng.generator(seed, "simulator", tick, "camera noise").integers(0, _TILE_MARGIN_PX, size=3)
         shift_y, shift_x, swap = int(draw[0]), int(draw[1]), bool(draw[2] % 2)
         rows = slice(shift_y, shift_y + self.params.height_px)
         columns = slice(shift_x, shift_x + self.params.width_px)
@@ -226,7 +226,7 @@ def _light(params: CameraParams) -> NDArray[np.float32]:
 def _noise_tiles(params: CameraParams) -> tuple[Frame, Frame]:
     """What sensor noise adds and what it takes away, larger than the frame; the same for every seed."""
     shape = (params.height_px + _TILE_MARGIN_PX, params.width_px + _TILE_MARGIN_PX, 3)
-    draws = rng.stream(0, "simulator", 0, "camera noise tile").standard_normal(shape, dtype=np.float32)
+    draws = rng.generator(0, "simulator", 0, "camera noise tile").standard_normal(shape, dtype=np.float32)
     noise = np.rint(draws * np.float32(params.noise_std))
     return np.maximum(noise, 0).astype(np.uint8), np.maximum(-noise, 0).astype(np.uint8)
 

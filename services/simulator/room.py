@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from dynpf.rng import stream
+from dynpf.rng import generator
 from dynpf.se2 import arc_displacement, compose
 from protocol import frames
 from protocol.messages import (
@@ -95,7 +95,7 @@ class RoomSimulator:
     def _perturbed(self, number: int) -> tuple[float, float, float]:
         v, w = self._command
         a1, a2, a3, a4, a5, a6 = self.config.alpha
-        noise = stream(self.seed, self.name, number, "motion").standard_normal(3).tolist()
+        noise = generator(self.seed, self.name, number, "motion").standard_normal(3).tolist()
         return (
             v + math.sqrt(a1 * v**2 + a2 * w**2) * noise[0],
             w + math.sqrt(a3 * v**2 + a4 * w**2) * noise[1],

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynpf.fields.clearance import disc_clearances, wall_clearances
 from dynpf.fields.layout import Layout
-from dynpf.rng import stream
+from dynpf.rng import generator
 from protocol import frames
 from protocol.messages import Command, CompressedImage, PartsState, PartState, RobotState, timestamp
 from services.node import Output, Result, State, Step
@@ -45,7 +45,7 @@ class WorkspaceSimulator:
         self._config = config
         self._seed = seed
         self._tick_s = tick_s
-        robot, self._parts = draw_starts(task, config, stream(seed, self.name, 0, "start"))
+        robot, self._parts = draw_starts(task, config, generator(seed, self.name, 0, "start"))
         self._pose = np.append(robot, 0.0)
         self._command = Command(mode="idle")
         self._held = -1
@@ -96,7 +96,7 @@ class WorkspaceSimulator:
             self._held = self._part_in_jaws()
 
     def _move(self, number: int) -> None:
-        noise = stream(self._seed, self.name, number, "process").standard_normal(2)
+        noise = generator(self._seed, self.name, number, "process").standard_normal(2)
         velocity = np.array([self._command.vx, self._command.vy])
         step = velocity * self._tick_s + math.sqrt(self._config.process_variance) * noise
         theta = math.remainder(self._pose[2] + self._command.w * self._tick_s, math.tau)

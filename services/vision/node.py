@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dynpf.rng import stream
+from dynpf.rng import generator
 from dynpf.vision import detect_discs
 from protocol.messages import CompressedImage, Detection, Detections, Log, LogLevel, timestamp
 from services.node import Output, Result, State, Step
@@ -101,5 +101,5 @@ class VisionNode:
         return np.asarray(image, dtype=np.uint8)
 
     def _noise(self, count: int, number: int) -> NDArray[np.float64]:
-        draws = stream(self._seed, self.name, number, "position noise").standard_normal((count, 2))
+        draws = generator(self._seed, self.name, number, "position noise").standard_normal((count, 2))
         return self._config.position_noise_m * draws

@@ -64,7 +64,7 @@ import numpy as np
 import numpy.random as r
 import services.node
 from collections.abc import Mapping
-from dynpf.rng import stream
+from dynpf.rng import generator
 from services.task import Landmark
 from .config import Params
 
@@ -73,7 +73,7 @@ class Reading:
     open: bool
 
 def step(node: services.node.Node, rng: np.random.Generator, other: r.Generator) -> np.ndarray:
-    return np.linalg.norm(rng.normal(size=3)) + node.id + node.time.time() + stream(1, "a", 2).random()
+    return np.linalg.norm(rng.normal(size=3)) + node.id + node.time.time() + generator(1, "a", 2).random()
 """
     assert findings(source, "services/estimator/node.py") == []
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynpf.metrics.rearrangement import all_home
-from dynpf.rng import stream
+from dynpf.rng import generator
 from protocol.messages import Detection, Detections, Gripper
 from services.controller.config import RearrangementControllerConfig
 from services.controller.rearrangement import RearrangementController
@@ -38,7 +38,7 @@ def run(seed, starts=(None, None, None)):
     for tick in range(2000):
         result = simulator.step(_step(tick, command))
         robot, parts = (output.message for output in result.outputs[:2])
-        detections = ("sensors/overhead", _detect(task, robot, parts, stream(seed, "sensors", tick)))
+        detections = ("sensors/overhead", _detect(task, robot, parts, generator(seed, "sensors", tick)))
         gripper = ("sensors/gripper", Gripper(contact=parts.held >= 0, theta=robot.theta))
         estimates = estimator.step(_step(tick, (detections, gripper, *command))).outputs
         state = tuple((output.topic, output.message) for output in estimates if output.topic == "estimator/state")

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from dynpf.rng import stream
+from dynpf.rng import generator
 from protocol.messages import Command, Detection, Detections, Gripper
 from services.estimator.config import RearrangementConfig
 from services.estimator.rearrangement import RearrangementEstimator
@@ -38,13 +38,13 @@ class Bench:
         self.outputs = {}
 
     def see(self, *, robot=ROBOT, parts=PARTS, missing=(), extra=(), command=IDLE, contact=False, theta=0.0):
-        noise = math.sqrt(VARIANCE) * stream(7, "world", self.tick).standard_normal((4, 2))
+        noise = math.sqrt(VARIANCE) * generator(7, "world", self.tick).standard_normal((4, 2))
         discs = [
             Detection(x=x + dx, y=y + dy, radius=radius, grey=60.0 if index else -60.0)
             for index, ((x, y), radius, (dx, dy)) in enumerate(zip((robot, *parts), RADII, noise.tolist(), strict=True))
             if index not in missing
         ]
-        order = stream(7, "world", self.tick, "order").permutation(len(discs) + len(extra))
+        order = generator(7, "world", self.tick, "order").permutation(len(discs) + len(extra))
         shuffled = [[*discs, *extra][index] for index in order]
         return self.step(
             ("sensors/overhead", Detections(discs=tuple(shuffled))),
@@ -214,7 +214,7 @@ def test_consistency_of_the_robots_covariance():
     nees = []
     for seed in range(6):
         bench = Bench(seed=seed)
-        random = stream(seed, "truth", 0)
+        random = generator(seed, "truth", 0)
         robot = np.array(ROBOT)
         for tick in range(60):
             if tick:

@@ -8,7 +8,7 @@ from scipy.optimize import nnls
 
 from dynpf.fields.clearance import carrying_bounds, disc_clearances, project_step, robot_bounds, wall_clearances
 from dynpf.fields.layout import Layout
-from dynpf.rng import stream
+from dynpf.rng import generator
 
 LAYOUT = Layout(
     radii=np.array([0.06, 0.08, 0.11]),
@@ -76,7 +76,7 @@ def test_without_the_filter_the_margin_is_used_up():
 
 def test_is_the_nearest_step_that_meets_the_bounds():
     """Against least-distance programming by non-negative least squares (Lawson and Hanson 1974, chapter 23)."""
-    random = stream(4, "test", 0)
+    random = generator(4, "test", 0)
     bound = 0
     for _ in range(60):
         rows = random.standard_normal((5, 3))

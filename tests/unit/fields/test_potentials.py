@@ -6,7 +6,7 @@ import pytest
 from dynpf.fields import potentials
 from dynpf.fields.layout import Layout
 from dynpf.fields.speed import descent_step, swing_basis
-from dynpf.rng import stream
+from dynpf.rng import generator
 
 LAYOUT = Layout(
     radii=np.array([0.06, 0.08, 0.11]),
@@ -93,7 +93,7 @@ def test_swing_coordinates_move_the_part_alone_or_turn_the_robot_about_it():
 
 def test_far_from_obstacles_descent_points_at_the_goal():
     far_parts = np.array([[0.9, 0.9], [-0.9, 0.9], [0.9, -0.9]])
-    random = stream(3, "test", 0)
+    random = generator(3, "test", 0)
     for _ in range(20):
         robot = random.uniform(-0.3, 0.3, 2)
         step = descent_step(potentials.mate_part_gradient(robot, far_parts, 0, LAYOUT, 8.0), 1.0)

@@ -5,7 +5,7 @@ import pytest
 
 from dynpf.filters import kalman, optimal
 from dynpf.filters.resampling import effective_sample_size
-from dynpf.rng import stream
+from dynpf.rng import generator
 
 PROCESS = np.array([[0.06, 0.02], [0.02, 0.05]])
 NOISE = np.array([[0.2, -0.05], [-0.05, 0.3]])
@@ -16,16 +16,16 @@ N = 4000
 
 def run(noise_of_filter, ticks=25):
     """Return the worst distance between the two filters' means in units of their Monte-Carlo standard error."""
-    world = stream(5, "world", 0)
+    world = generator(5, "world", 0)
     truth = np.array([1.0, 2.0])
     measurement = truth + np.linalg.cholesky(NOISE) @ world.standard_normal(2)
-    particles = optimal.draw_initial(measurement, NOISE, N, stream(5, "filter", 0))
+    particles = optimal.draw_initial(measurement, NOISE, N, generator(5, "filter", 0))
     mean, covariance = measurement, NOISE
     worst, covariances = 0.0, None
     for tick in range(1, ticks):
         truth = truth + CONTROL + np.linalg.cholesky(PROCESS) @ world.standard_normal(2)
         measurement = truth + np.linalg.cholesky(NOISE) @ world.standard_normal(2)
-        random = stream(5, "filter", tick)
+        random = generator(5, "filter", tick)
         particles, _ = optimal.update(
             particles,
             particles.states + CONTROL,
@@ -64,7 +64,7 @@ def test_log_likelihood_is_that_of_the_predictive_density():
         PROCESS,
         measurement=measurement,
         measurement_covariance=NOISE,
-        random=stream(6, "filter", 0),
+        random=generator(6, "filter", 0),
     )
     total = PROCESS + NOISE
     offset = measurement - particles.states[0]
@@ -73,14 +73,14 @@ def test_log_likelihood_is_that_of_the_predictive_density():
 
 
 def test_without_process_noise_the_particles_stay_on_their_predictions():
-    particles = optimal.draw_initial(np.zeros(2), NOISE, 50, stream(7, "filter", 0))
+    particles = optimal.draw_initial(np.zeros(2), NOISE, 50, generator(7, "filter", 0))
     moved, _ = optimal.update(
         particles,
         particles.states + CONTROL,
         np.zeros((2, 2)),
         measurement=CONTROL,
         measurement_covariance=NOISE,
-        random=stream(7, "filter", 1),
+        random=generator(7, "filter", 1),
     )
     np.testing.assert_allclose(moved.states, particles.states + CONTROL)
     assert effective_sample_size(moved.weights) < 50
@@ -94,7 +94,7 @@ def test_an_impossible_measurement_keeps_the_weights():
         PROCESS,
         measurement=np.array([1e200, 0.0]),
         measurement_covariance=NOISE,
-        random=stream(8, "filter", 0),
+        random=generator(8, "filter", 0),
     )
     assert log_likelihood == -np.inf
     assert kept.weights.tolist() == [0.5, 0.3, 0.2]
@@ -111,8 +111,8 @@ def test_resamples_only_below_the_threshold():
 
 
 def test_without_a_measurement_the_spread_grows_by_the_process_noise():
-    particles = optimal.draw_initial(np.zeros(2), NOISE, 20_000, stream(9, "filter", 0))
-    moved = optimal.propagate(particles, particles.states + CONTROL, PROCESS, stream(9, "filter", 1))
+    particles = optimal.draw_initial(np.zeros(2), NOISE, 20_000, generator(9, "filter", 0))
+    moved = optimal.propagate(particles, particles.states + CONTROL, PROCESS, generator(9, "filter", 1))
     mean, covariance = optimal.mean_and_covariance(moved)
     np.testing.assert_allclose(mean, CONTROL, atol=0.02)
     np.testing.assert_allclose(covariance, NOISE + PROCESS, atol=0.015)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from dynpf.filters.resampling import effective_sample_size, normalize_log_weights, systematic
-from dynpf.rng import stream
+from dynpf.rng import generator
 
 WEIGHTS = arrays(np.float64, st.integers(1, 40), elements=st.floats(0.0, 1.0)).filter(lambda w: w.sum() > 1e-9)
 UNIFORM = st.floats(0.0, 1.0, exclude_max=True)
@@ -25,7 +25,7 @@ def test_each_particle_is_taken_its_expected_number_of_times_up_to_one(weights, 
 
 def test_is_unbiased_over_the_uniform():
     weights = np.array([0.05, 0.0, 0.31, 0.17, 0.47])
-    draws = stream(1, "test", 0).random(4000)
+    draws = generator(1, "test", 0).random(4000)
     taken = np.mean([np.bincount(systematic(weights, u), minlength=5) for u in draws], axis=0)
     np.testing.assert_allclose(taken, 5 * weights, atol=0.03)
     # Control: a comb that always starts at the same place is biased.

@@ -11,7 +11,7 @@ from dynpf.filters.start import KnownStart, around
 from dynpf.maps import LandmarkMap
 from dynpf.measurement import RangeBearing, RangeBearingParams, RangeBearingReading
 from dynpf.motion import Arcs, ArcsParams, Twist
-from dynpf.rng import stream
+from dynpf.rng import generator
 from dynpf.se2 import FloatArray
 
 
@@ -38,7 +38,7 @@ def sir(model: Position, threshold: float = 0.5) -> Sir:
 
 
 def test_weights_and_survivors_have_the_moments_of_the_exact_posterior() -> None:
-    rng = stream(1, "test", 0)
+    rng = generator(1, "test", 0)
     start = around(KnownStart(x=1.0, sigma_position=2.0), 100_000, rng)
     cloud, outcome = sir(Position()).reweight(sir(Position()).start(start, rng), 3.0)
     assert outcome is Outcome.USED
@@ -51,7 +51,7 @@ def test_weights_and_survivors_have_the_moments_of_the_exact_posterior() -> None
 
 
 def test_resampling_waits_until_the_weights_are_uneven() -> None:
-    rng = stream(2, "test", 0)
+    rng = generator(2, "test", 0)
     filter_ = sir(Position())
     even = filter_.start(around(KnownStart(sigma_position=0.1), 500, rng), rng)
     assert filter_.resample(even, rng) is even
@@ -72,11 +72,11 @@ def test_a_particle_of_weight_zero_stays_at_zero_and_never_survives() -> None:
     cloud = Cloud(np.array([[0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]), np.array([-np.inf, 0.0]))
     after, _ = sir(Position()).reweight(cloud, 0.0)
     assert after.weights.tolist() == [0.0, 1.0]
-    assert sir(Position(), threshold=1.0).resample(after, stream(3, "test", 0)).particles[0].tolist() == [1.0, 1.0]
+    assert sir(Position(), threshold=1.0).resample(after, generator(3, "test", 0)).particles[0].tolist() == [1.0, 1.0]
 
 
 def test_one_particle_is_a_filter_too_and_none_is_refused() -> None:
-    rng = stream(4, "test", 0)
+    rng = generator(4, "test", 0)
     filter_ = sir(Position(), threshold=1.0)
     cloud, _ = filter_.reweight(filter_.start(np.zeros((3, 1)), rng), 1e6)
     cloud = filter_.resample(filter_.predict(cloud, Twist(1.0, 0.1), 0.1, rng), rng)
@@ -91,7 +91,7 @@ def test_one_particle_is_a_filter_too_and_none_is_refused() -> None:
 def test_a_reading_without_number_or_landmark_is_refused_and_changes_nothing(reading: RangeBearingReading) -> None:
     model = RangeBearing(RangeBearingParams(), LandmarkMap([(1, 1.0, 0.0)]))
     filter_ = Sir(Arcs(ArcsParams()), {RangeBearingReading: model}, SystematicResampling(SystematicParams()))
-    cloud = filter_.start(np.zeros((3, 4)), stream(5, "test", 0))
+    cloud = filter_.start(np.zeros((3, 4)), generator(5, "test", 0))
     after, outcome = filter_.reweight(cloud, reading)
     assert outcome is Outcome.REFUSED
     assert after is cloud
@@ -101,7 +101,7 @@ def test_a_reading_without_number_or_landmark_is_refused_and_changes_nothing(rea
 @settings(derandomize=True, deadline=None, max_examples=50)
 @given(st.floats(-50, 50), st.floats(-3, 3))
 def test_the_estimate_turns_and_moves_with_the_particles(shift: float, turn: float) -> None:
-    rng = stream(6, "test", 0)
+    rng = generator(6, "test", 0)
     particles = rng.standard_normal((3, 64)) * np.array([[1.0], [2.0], [0.3]])
     weights = rng.random(64)
     weights /= weights.sum()
@@ -113,7 +113,7 @@ def test_the_estimate_turns_and_moves_with_the_particles(shift: float, turn: flo
 
 
 def test_the_covariance_is_the_weighted_one() -> None:
-    rng = stream(7, "test", 0)
+    rng = generator(7, "test", 0)
     particles, weights = rng.standard_normal((3, 40)), rng.random(40)
     particles[2] *= 0.1
     weights /= weights.sum()

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from dynpf.metrics.trajectory import Trajectory, dead_reckoning, mean_nees_band, nees, pose_errors, score, thin
-from dynpf.rng import stream
+from dynpf.rng import generator
 
 STAMPS = np.arange(0.0, 10.0, 0.1)
 TRUTH = Trajectory(STAMPS, np.stack((STAMPS, 2.0 * STAMPS, np.mod(STAMPS + np.pi, 2 * np.pi) - np.pi)))
@@ -73,7 +73,7 @@ def test_dead_reckoning_follows_the_arcs() -> None:
 
 
 def test_nees_of_an_honest_covariance_is_in_its_band_and_of_a_boastful_one_is_not() -> None:
-    rng = stream(1, "test", 0)
+    rng = generator(1, "test", 0)
     root = np.array([[0.3, 0.0, 0.0], [0.1, 0.2, 0.0], [0.0, 0.05, 0.1]])
     errors = root @ rng.standard_normal((3, 400))
     covariance = np.broadcast_to(root @ root.T, (400, 3, 3))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from dynpf.rng import stream
+from dynpf.rng import generator
 from protocol.messages import Command
 from services.node import Received, Step, state_digest
 from services.simulator.config import WorkspaceConfig
@@ -125,7 +125,7 @@ def test_drawn_starts_leave_room_for_the_robot():
     )
     radii = np.array([0.06, 0.1, 0.08, 0.11, 0.07, 0.09, 0.1])
     for seed in range(10):
-        robot, parts = draw_starts(free, config, stream(seed, "simulator", 0, "start"))
+        robot, parts = draw_starts(free, config, generator(seed, "simulator", 0, "start"))
         centres = np.vstack([parts, robot])
         first, second = np.triu_indices(7, 1)
         gaps = np.linalg.norm(centres[first] - centres[second], axis=1) - radii[first] - radii[second]
@@ -136,10 +136,10 @@ def test_drawn_starts_leave_room_for_the_robot():
 def test_starts_that_do_not_fit_are_refused():
     crowded = RearrangementTask(parts=tuple(PartSpec(radius=0.2, goal=(0.0, 0.0)) for _ in range(20)))
     with pytest.raises(ValueError, match="ask for smaller gaps"):
-        draw_starts(crowded, WorkspaceConfig(), stream(1, "simulator", 0, "start"))
+        draw_starts(crowded, WorkspaceConfig(), generator(1, "simulator", 0, "start"))
     wide = RearrangementTask(parts=(PartSpec(radius=0.95, goal=(0.0, 0.0)),))
     with pytest.raises(ValueError, match="ask for smaller gaps"):
-        draw_starts(wide, WorkspaceConfig(), stream(1, "simulator", 0, "start"))
+        draw_starts(wide, WorkspaceConfig(), generator(1, "simulator", 0, "start"))
 
 
 def test_the_scene_is_drawn_five_times_a_second():

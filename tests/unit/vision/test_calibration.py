@@ -38,7 +38,7 @@ def test_calibration_recovers_the_camera(distortion: float, tilt_x: float, tilt_
         radial_distortion=distortion, tilt_x_rad=tilt_x, tilt_y_rad=tilt_y, rotation_rad=turn, focal_px=1000.0
     )
     fitted = calibrate(project(grid(4), camera), grid(4))
-    elsewhere = rng.stream(1, "test", 0).uniform(-1, 1, (50, 2))
+    elsewhere = rng.generator(1, "test", 0).uniform(-1, 1, (50, 2))
     assert fitted.to_workspace(project(elsewhere, camera)) == pytest.approx(elsewhere, abs=1e-7)
     assert fitted.rms_px < 1e-4
 
@@ -62,7 +62,7 @@ def test_without_the_distortion_the_fit_is_worse() -> None:
 
 def test_noisy_pairs_leave_about_their_noise() -> None:
     pairs = np.array(calibration_pairs(CAMERA))
-    noisy = pairs[:, :2] + 0.5 * rng.stream(1, "test", 0).standard_normal((len(pairs), 2))
+    noisy = pairs[:, :2] + 0.5 * rng.generator(1, "test", 0).standard_normal((len(pairs), 2))
     fitted = calibrate(noisy, pairs[:, 2:])
     assert 0.5 < fitted.rms_px < 0.75  # sqrt(2) * 0.5, less the nine fitted numbers
     assert fitted.to_workspace(pairs[:, :2]) == pytest.approx(pairs[:, 2:], abs=2e-3)

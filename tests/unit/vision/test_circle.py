@@ -27,7 +27,7 @@ def test_exact_points_give_the_exact_circle(x: float, y: float, radius: float, s
 @settings(derandomize=True, deadline=None, max_examples=50)
 @given(coordinate, coordinate, st.floats(0, 6.28), st.floats(0.1, 20))
 def test_fit_moves_turns_and_scales_with_its_points(x: float, y: float, turn: float, scale: float) -> None:
-    points = arc(0.3, -0.2, 1.0, 0.5, 4.0) + 0.02 * rng.stream(1, "test", 0).standard_normal((25, 2))
+    points = arc(0.3, -0.2, 1.0, 0.5, 4.0) + 0.02 * rng.generator(1, "test", 0).standard_normal((25, 2))
     rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     *centre, radius, residual = fit_circle(points)
     moved = fit_circle(scale * points @ rotation.T + [x, y])
@@ -37,7 +37,7 @@ def test_fit_moves_turns_and_scales_with_its_points(x: float, y: float, turn: fl
 
 
 def test_fit_minimizes_the_geometric_distance() -> None:
-    points = arc(2.0, 1.0, 3.0, 0.2, 1.6) + 0.1 * rng.stream(2, "test", 0).standard_normal((25, 2))
+    points = arc(2.0, 1.0, 3.0, 0.2, 1.6) + 0.1 * rng.generator(2, "test", 0).standard_normal((25, 2))
 
     def cost(circle: np.ndarray) -> float:
         return float(((np.hypot(*(points - circle[:2]).T) - circle[2]) ** 2).sum())

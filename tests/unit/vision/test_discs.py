@@ -33,7 +33,7 @@ def drawn(
 
 
 def as_grey(image: np.ndarray, noise: float = 0.0) -> np.ndarray:
-    draws = rng.stream(5, "test", 0).standard_normal(image.shape)
+    draws = rng.generator(5, "test", 0).standard_normal(image.shape)
     return np.clip(np.rint(image + noise * draws), 0, 255).astype(np.uint8)
 
 
@@ -125,7 +125,7 @@ def test_no_image_is_too_strange(image: np.ndarray) -> None:
 @pytest.mark.parametrize("contrast", [20, 255])
 def test_random_pixels_hold_nothing(contrast: int) -> None:
     for step in range(5):
-        image = rng.stream(3, "test", step).integers(0, contrast, (256, 320), endpoint=True, dtype=np.uint8)
+        image = rng.generator(3, "test", step).integers(0, contrast, (256, 320), endpoint=True, dtype=np.uint8)
         assert detect_discs(image, DetectionParams()) == ()
 
 

@@ -1,0 +1,31 @@
+"""Parameters checked when a component is made, as they are when a scenario file is read."""
+
+from typing import Any, TypeVar
+
+import msgspec
+
+__all__ = ["validated"]
+
+P = TypeVar("P", bound=msgspec.Struct)
+
+
+def validated(params: P) -> P:
+    """Return ``params`` if every value lies in the range that its struct declares.
+
+    Raises ValueError with the struct, the parameter, its value and what was expected.
+    """
+    built: Any = msgspec.to_builtins(params)
+    try:
+        msgspec.convert(built, type(params))
+    except msgspec.ValidationError as error:
+        what, _, path = str(error).partition(" - at `$.")
+        name = path.rstrip("`")
+        value = _value(built, name) if name else built
+        raise ValueError(f"{type(params).__name__}.{name} = {value!r}: {what[0].lower()}{what[1:]}") from None
+    return params
+
+
+def _value(built: Any, path: str) -> Any:
+    for key in path.replace("[", ".").replace("]", "").split("."):
+        built = built[int(key)] if isinstance(built, list | tuple) else built[key]
+    return built
