@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynpf.maps.distance import squared_distances
 from dynpf.rng import Stream
-
 
 __all__ = ["FREE", "OCCUPIED", "UNKNOWN", "OccupancyGrid", "thickened"]
 
@@ -57,12 +57,14 @@ class OccupancyGrid:
     @property
     def occupied(self) -> Bools:
         """Where a wall is, shape (H, W)."""
-        return self.cells == OCCUPIED
+        walls: Bools = self.cells == OCCUPIED
+        return walls
 
     @property
     def free(self) -> Bools:
         """Where a robot may be, shape (H, W)."""
-        return self.cells == FREE
+        free: Bools = self.cells == FREE
+        return free
 
     @property
     def size_m(self) -> tuple[float, float]:
@@ -82,7 +84,7 @@ class OccupancyGrid:
         return (cosine * east + sine * north) / self.resolution, (cosine * north - sine * east) / self.resolution
 
     def to_map(self, column: ArrayLike, row: ArrayLike) -> tuple[Any, Any]:
-        """Return (x, y) in metres in the map frame: the inverse of ``to_cells``; a cell's centre is (c + 0.5, r + 0.5)."""
+        """Return (x, y) in metres in the map frame, the inverse of ``to_cells``; cells have their centres at halves."""
         along = np.asarray(column, np.float64) * self.resolution
         across = np.asarray(row, np.float64) * self.resolution
         from_x, from_y, yaw = self.origin
@@ -123,8 +125,6 @@ def _free_cells(grid: OccupancyGrid, clearance: float) -> NDArray[np.int64]:
     """
     free = grid.free
     if clearance > 0.0:
-        from dynpf.maps.distance import squared_distances
-
         gaps = squared_distances(thickened(grid.occupied))
         free &= gaps * grid.resolution**2 >= clearance**2
     return np.flatnonzero(free)
