@@ -93,7 +93,9 @@ def systematic(weights: Floats, uniform: float, count: int | None = None) -> Ind
     ``uniform`` in [0, 1). A particle of weight zero is never taken. Raises ValueError as ``Resampling.select`` does.
     """
     chosen = np.empty(weights.size if count is None else count, dtype=np.int32)
-    if not kernels.cloud.systematic(np.asarray(weights, dtype=np.float32), uniform, chosen):
+    if weights.dtype != np.float32:
+        weights = (weights / _cumulative(weights)[-1]).astype(np.float32)
+    if not kernels.cloud.systematic(weights, uniform, chosen):
         raise ValueError(_no_weights(float(np.sum(weights))))
     return chosen
 
