@@ -96,8 +96,11 @@ class OccupancyGrid:
         """Return poses (3, count) uniform over the free area, headings uniform in [-pi, pi); a column a particle.
 
         With ``clearance`` in metres, only cells of which every point keeps that distance from every occupied cell.
-        Positions lie in their cells up to the rounding of float32. Raises ValueError when no cell is left.
+        Positions lie in their cells up to the rounding of float32. Raises ValueError when no cell is left,
+        or the clearance is no number of metres from 0 on.
         """
+        if not clearance >= 0.0:
+            raise ValueError(f"clearance = {clearance!r}; expected metres, not negative")
         if clearance not in self._places:
             self._places[clearance] = _free_cells(self, clearance)
         places = self._places[clearance]

@@ -116,6 +116,12 @@ def test_no_place_to_start_from_is_said() -> None:
         OccupancyGrid(CELLS, 1.0).sample_free(1, STREAM, clearance=3.0)
 
 
+@pytest.mark.parametrize("clearance", [-0.1, math.nan])
+def test_a_clearance_is_a_distance(clearance: float) -> None:
+    with pytest.raises(ValueError, match=f"clearance = {clearance}; expected metres, not negative"):
+        OccupancyGrid(CELLS, 1.0).sample_free(1, STREAM, clearance)
+
+
 def test_thick_walls_take_in_their_eight_neighbours() -> None:
     walls = np.zeros((4, 5), dtype=bool)
     walls[0, 0] = walls[2, 4] = True
