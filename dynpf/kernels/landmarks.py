@@ -287,7 +287,9 @@ def log_likelihood_unlabelled(
             if mixture:
                 share[:size] = _f(0.0)
                 for m in range(count):
-                    _add_shares(share[:size], best, distance, bearing, expected[m], direction[m], range_scale, bearing_scale)
+                    _add_shares(
+                        share[:size], best, distance, bearing, expected[m], direction[m], range_scale, bearing_scale
+                    )
                 for i in range(size):
                     share[i] /= _f(count)
             _add_log(total[:size], best, share, peak, floor)

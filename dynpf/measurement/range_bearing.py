@@ -64,7 +64,7 @@ class RangeBearing:
 
         A reading is within the gate when its mean innovation over the weighted particles is. Its covariance is the
         spread of the particles' expectations plus the noise of the reading, so a filter that is unsure of its pose
-        accepts what a sure one refuses.
+        accepts what a sure one refuses. Raises ValueError where arrays differ in length.
         """
         gate = self.params.gate
         kept = self._tells(reading) if gate is None else self._distances(particles, weights, reading) <= gate
@@ -160,6 +160,8 @@ class RangeBearing:
         """Return the squared Mahalanobis distance of each reading's mean innovation (K,), NaN if it tells nothing."""
         params = self.params
         x, y, theta = np.ascontiguousarray(particles[:3], dtype=np.float32)
+        if weights.shape != x.shape:
+            raise ValueError(f"weights of shape {weights.shape} for {x.size} particles")
         arrays = _arrays(reading)
         out = np.empty(arrays[0].size)
         kernels.landmarks.distances(

@@ -186,6 +186,8 @@ def test_arrays_of_different_lengths_are_refused() -> None:
         uneven = RangeBearingReadings(np.full(landmarks, 13), np.ones(ranges), np.ones(1))
         with pytest.raises(ValueError, match=r"landmarks but|inhomogeneous"):
             model().log_likelihood(PARTICLES, uneven)
+    with pytest.raises(ValueError, match="for 2 particles"):
+        model().admit(PARTICLES, HALVES[:1], readings((13, 4.1, -0.73)))
 
 
 def test_the_kernels_are_compiled_once_whatever_the_arrays_are() -> None:
@@ -201,7 +203,7 @@ def test_the_kernels_are_compiled_once_whatever_the_arrays_are() -> None:
         for kind in kinds:
             for landmarks in (LANDMARKS, LandmarkMap([])):
                 RangeBearing(PLAIN, landmarks).log_likelihood(particles, kind)
-                RangeBearing(PLAIN, landmarks).admit(particles, HALVES, kind)
+                RangeBearing(PLAIN, landmarks).admit(particles, np.ones(particles.shape[1]), kind)
     assert len(kernels.landmarks.log_likelihood.signatures) == 1
     assert len(kernels.landmarks.distances.signatures) == 1
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dynpf.maps import OccupancyGrid
+from dynpf.maps.raycast import RayCaster
 from dynpf.measurement import RangeVector, RangeVectorModel, RangeVectorParams, range_vector
 from dynpf.measurement.ray import ray_segments
 
@@ -52,6 +53,13 @@ def test_the_log_weight_is_that_of_the_source_document() -> None:
     assert likelihood == pytest.approx(expected, abs=1e-5)
     assert expected[0] == 0.0
     assert max(expected[1:]) < -1e-3
+
+
+def test_rays_cast_in_the_grid_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    read = seen(POSES[:, 1])
+    exact = model(sigma=10.0).log_likelihood(POSES, read)
+    monkeypatch.setattr(range_vector, "RayCaster", RayCaster)
+    assert model(sigma=10.0).log_likelihood(POSES, read) == pytest.approx(exact, abs=0.01)
 
 
 def test_ranges_read_and_expected_are_capped() -> None:
