@@ -69,7 +69,7 @@ class LikelihoodField:
 
     Beams without return (at the maximum range) and beams that are not numbers tell nothing; a scan of no other beams is
     not admitted, and its log-likelihood is zero. A beam that ends outside the grid is as likely as one far from any
-    wall, so a particle off the map is unlikely but possible.
+    wall, so a particle off the map is unlikely but possible; one whose pose is not finite is impossible.
     """
 
     def __init__(self, params: LikelihoodFieldParams, grid: OccupancyGrid) -> None:
@@ -101,7 +101,7 @@ class LikelihoodField:
             return np.zeros(particles.shape[1], dtype=np.float32)
         total = self._sum(particles, ends, self._table(ends.range_max))
         if self.params.aggregation == "cubes":
-            return np.log1p(total)
+            return np.where(np.isneginf(total), total, np.log1p(np.maximum(total, np.float32(0.0))))
         if self.params.tempering != 1.0:
             total *= np.float32(self.params.tempering)
         return total

@@ -2,6 +2,9 @@
 
 from typing import Any, Protocol, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dynpf.se2 import Floats
 
 __all__ = ["GaussianMeasurement", "MeasurementModel"]
@@ -34,3 +37,6 @@ class GaussianMeasurement(MeasurementModel[ReadingT_contra], Protocol[ReadingT_c
 
     def noise(self, reading: ReadingT_contra) -> Floats:
         """Return the covariance of the reading, shape (M, M)."""
+
+    def angular(self, reading: ReadingT_contra) -> NDArray[np.bool_]:
+        """Return which of the M numbers are angles, shape (M,)."""

@@ -137,6 +137,10 @@ class RangeBearing:
         variances[1::2] = params.sigma_bearing**2
         return np.diag(variances / params.tempering)
 
+    def angular(self, reading: RangeBearingReadings) -> NDArray[np.bool_]:
+        """Return which rows of the innovation are angles: every second one, the bearings, shape (2K,)."""
+        return np.tile((False, True), len(reading.ranges))
+
     def poses(self, reading: RangeBearingReadings, count: int, stream: Stream) -> NDArray[np.float32]:
         """Return poses (3, count) from which the first reading that tells something could have been seen.
 
