@@ -89,6 +89,10 @@ class BeamModel:
         table = self._table(reading)
         return table if table.angles.size else None
 
+    def count(self, reading: Scan) -> int:
+        """Return the number of beams."""
+        return len(reading.ranges)
+
     def log_likelihood(self, particles: Floats, reading: Scan | BeamTable) -> Floats:
         """Return log p(scan | particle) to the power of ``tempering``, shape (N,) float32."""
         table = self._table(reading) if isinstance(reading, Scan) else reading

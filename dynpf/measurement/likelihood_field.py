@@ -94,6 +94,10 @@ class LikelihoodField:
             ends = self._agreed(particles, weights, ends, self.params.beam_skip)
         return ends if ends.x.size else None
 
+    def count(self, reading: BeamEnds) -> int:
+        """Return the number of beams."""
+        return int(reading.x.size)
+
     def log_likelihood(self, particles: Floats, reading: Scan | BeamEnds) -> Floats:
         """Return log p(scan | particle), up to a constant with "cubes", shape (N,) float32."""
         ends = self._ends(reading) if isinstance(reading, Scan) else reading

@@ -74,6 +74,10 @@ class RangeBearing:
             return None
         return RangeBearingReadings(*(np.asarray(values)[kept] for values in reading))
 
+    def count(self, reading: RangeBearingReadings) -> int:
+        """Return the number of landmarks."""
+        return len(reading.ranges)
+
     def log_likelihood(self, particles: Floats, reading: RangeBearingReadings) -> Floats:
         """Return the tempered log-density of all the readings for each particle, shape (N,), float32.
 
