@@ -68,9 +68,8 @@ def mean_and_covariance(states: Floats, weights: Floats) -> tuple[FloatArray, Fl
     """
     total = np.sum(weights, dtype=np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
-        shares = weights / total
-        mean = np.sum(shares * states, axis=1)
-        covariance = weighted_covariance(states - mean[:, None], shares)
+        mean: FloatArray = np.asarray(np.sum(weights * states, axis=1, dtype=np.float64) / total)
+        covariance = weighted_covariance(states - mean[:, None], weights) / total
     if np.isfinite(mean).all() and np.isfinite(covariance).all():
         return mean, covariance
     return mean_and_covariance(*_finite(states, weights, rows=states.shape[0]))
