@@ -190,7 +190,8 @@ class RangeBearing:
 
     def _tells(self, reading: RangeBearingReadings) -> NDArray[np.bool_]:
         landmarks, ranges, bearings = _arrays(reading)
-        return np.isfinite(ranges) & np.isfinite(bearings) & np.isin(landmarks, self._ids)
+        known = np.array([landmark in self.landmarks for landmark in landmarks.tolist()], dtype=np.bool_)
+        return known & np.isfinite(ranges) & np.isfinite(bearings)
 
     def _offsets(self, states: Floats, reading: RangeBearingReadings) -> tuple[Floats, Floats]:
         """Return how far along x and y each landmark lies from each state, shapes (K, N), in the states' precision."""
