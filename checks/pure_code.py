@@ -72,6 +72,8 @@ ALLOWED = ("numpy.random.Generator",)
 EXCEPTIONS = {
     ("dynpf/rng.py", "numpy.random.Philox"),
     ("dynpf/kernels/__init__.py", "importlib.import_module"),
+    # Threads that change no bit of the result, in the number that the caller gives.
+    ("dynpf/filters/models.py", "concurrent.futures.ThreadPoolExecutor"),
     *(
         ("dynpf/kernels/compiler.py", name)
         for name in (

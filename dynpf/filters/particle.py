@@ -1,0 +1,152 @@
+"""The particle filter: propose, weigh, estimate, resample.
+
+It is composed of a motion model, a measurement model for each type of reading, a proposal, a resampling scheme, and, if
+wanted, a rule for the number of particles, a recovery from being lost, and a kernel that keeps survivors apart. It has
+no state: clouds go in and come out.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from dynpf.filters.adaptation import PoseSource, Recovery, Sizing
+from dynpf.filters.cloud import Cloud, gathered, uniform_cloud, weighted_cloud
+from dynpf.filters.estimate import PoseEstimate, pose_estimate
+from dynpf.filters.models import Models, Outcome
+from dynpf.filters.proposal import Prior, Proposal, Proposed
+from dynpf.filters.regularization import Regularization
+from dynpf.filters.resampling import Indices, Resampling, Systematic, resampling_is_due
+from dynpf.measurement.model import MeasurementModel
+from dynpf.motion.model import MotionModel, Twist
+from dynpf.rng import Stream
+from dynpf.se2 import Floats
+
+__all__ = ["ParticleFilter", "Report", "Rescue"]
+
+EstimateT = TypeVar("EstimateT")
+
+
+class Rescue(NamedTuple):
+    """How a lost filter finds back: when to draw particles anew, and from where."""
+
+    recovery: Recovery
+    source: PoseSource
+
+
+class Report(NamedTuple, Generic[EstimateT]):
+    """What one update found: the estimate under the new weights, before resampling."""
+
+    estimate: EstimateT
+    n_eff: float
+    outcomes: list[Outcome]  # one a reading, in their order
+    log_evidence: float  # log p(readings | all before them); 0 without readings, -inf where no particle explains them
+    survivors: Indices | None  # whose copies the particles are; None: as they were
+    drawn_anew: int  # of the particles, the last ones
+
+
+class ParticleFilter(Generic[EstimateT]):
+    """Sequential importance resampling with any proposal (Arulampalam et al., 2002; Thrun et al., 2005, ch. 4 and 8)."""
+
+    def __init__(
+        self,
+        motion: MotionModel[Any],
+        measurements: Mapping[type, MeasurementModel[Any]],
+        *,
+        proposal: Proposal | None = None,
+        resampling: Resampling | None = None,
+        sizing: Sizing | None = None,
+        rescue: Rescue | None = None,
+        regularization: Regularization | None = None,
+        estimate: Callable[[Floats, Floats], EstimateT] = pose_estimate,  # type: ignore[assignment]
+        threads: int = 1,
+    ) -> None:
+        """Take the parts; ``estimate`` makes of particles and weights what reports hold.
+
+        The results are the same for any number of threads.
+        """
+        self.models = Models(motion, measurements, threads)
+        self.proposal = Prior() if proposal is None else proposal
+        self.resampling = Systematic() if resampling is None else resampling
+        self.sizing = sizing
+        self.rescue = rescue
+        self.regularization = regularization
+        self.estimate = estimate
+
+    def start(self, poses: Floats, stream: Stream) -> Cloud:
+        """Return a cloud of equal weights at the given poses (3, N); raises ValueError when there are none."""
+        cloud = uniform_cloud(self.models.motion.particles(poses, stream))
+        return cloud if self.rescue is None else cloud._replace(memory=self.rescue.recovery.begin())
+
+    def predict(self, cloud: Cloud, control: Any, stream: Stream) -> Cloud:
+        """Return the cloud after a control, without readings."""
+        particles = self.models.propagate(cloud.particles, control, stream.part("motion"))
+        return cloud._replace(particles=particles, moved=cloud.moved or moves(control))
+
+    def update(
+        self, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream
+    ) -> tuple[Cloud, Report[EstimateT]]:
+        """Return the cloud after a control (None: none) and the readings at its end, and what was found.
+
+        The readings are fused: each is compared with the same proposed particles. Raises TypeError for a reading that no
+        measurement model takes.
+        """
+        weighted, proposed, log_evidence = self.weigh(cloud, control, readings, stream)
+        estimate = self.estimate(weighted.particles, weighted.weights)
+        resampled, survivors, anew, share = weighted, proposed.ancestors, 0, 0.0
+        if proposed.log_weights is not None:
+            if self.rescue is not None:
+                memory, share = self.rescue.recovery.assess(weighted.memory, log_evidence)
+                resampled = weighted._replace(memory=memory)
+            if share > 0.0 or resampling_is_due(self.resampling.params, weighted):
+                resampled, chosen, anew = self.resample(resampled, share, readings, stream)
+                survivors = chosen if survivors is None else survivors[chosen]
+        return resampled, Report(estimate, weighted.n_eff, proposed.outcomes, log_evidence, survivors, anew)
+
+    def weigh(
+        self, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream
+    ) -> tuple[Cloud, Proposed, float]:
+        """Return the proposed particles with their weights, what was proposed, and the log-evidence.
+
+        Where no particle explains the readings the weights stay as they were and the log-evidence is -inf; without a
+        reading that can be believed it is 0.
+        """
+        proposed = self.proposal.propose(self.models, cloud, control, readings, stream)
+        carried = cloud._replace(particles=proposed.particles, moved=cloud.moved or moves(control))
+        if proposed.log_weights is None:
+            return carried, proposed, 0.0
+        weighted, log_evidence = weighted_cloud(proposed.particles, proposed.log_weights)
+        if log_evidence == -np.inf:
+            impossible = [Outcome.IMPOSSIBLE if each is Outcome.USED else each for each in proposed.outcomes]
+            return carried, proposed._replace(outcomes=impossible), log_evidence
+        return weighted._replace(moved=carried.moved, memory=cloud.memory), proposed, log_evidence
+
+    def resample(
+        self, cloud: Cloud, share: float, readings: Sequence[Any], stream: Stream
+    ) -> tuple[Cloud, Indices, int]:
+        """Return survivors at equal weights, whose copies they are, and how many particles were drawn anew.
+
+        ``share`` of the particles, those at the end, begin again where the rescue's source puts them.
+        """
+        count = cloud.weights.size if self.sizing is None else self.sizing.size(cloud.particles, cloud.weights)
+        anew = 0
+        if self.rescue is not None and share > 0.0:
+            anew = min(int(share * count + stream.part("share").uniform()), count)
+        chosen = self.resampling.select(cloud.weights, count - anew, stream.part("resampling"))
+        particles = gathered(cloud.particles, chosen)
+        if self.regularization is not None:
+            particles = self.regularization.spread(particles, cloud, stream.part("regularization"))
+        if self.rescue is not None and anew > 0:
+            poses = self.rescue.source.draw(anew, readings, stream.part("anew"))
+            fresh = self.models.motion.particles(poses, stream.part("fresh"))
+            particles = np.concatenate([particles, fresh], axis=1)
+        return uniform_cloud(particles)._replace(memory=cloud.memory), chosen, anew
+
+
+def moves(control: Any) -> bool:
+    """Return whether a control moves the robot: any of its numbers but a duration differs from zero."""
+    if control is None:
+        return False
+    if isinstance(control, Twist):
+        return control.v != 0.0 or control.w != 0.0
+    return bool(np.any(np.asarray(control)))

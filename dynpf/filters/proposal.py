@@ -1,0 +1,235 @@
+"""Where a filter looks for the next state: the densities that particles are drawn from."""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Protocol, cast
+
+import msgspec
+import numpy as np
+
+from dynpf.filters.cloud import Cloud, gathered, normalized_weights
+from dynpf.filters.gaussian_columns import cholesky, solve_lower, solve_upper
+from dynpf.filters.models import Evidence, Models, Outcome
+from dynpf.filters.resampling import Indices, systematic
+from dynpf.measurement.model import GaussianMeasurement
+from dynpf.motion.model import GaussianMotion
+from dynpf.rng import Stream
+from dynpf.se2 import FloatArray, Floats
+
+__all__ = [
+    "Auxiliary",
+    "AuxiliaryParams",
+    "LocalLinearization",
+    "LocalLinearizationParams",
+    "Optimal",
+    "OptimalParams",
+    "Prior",
+    "PriorParams",
+    "Proposal",
+    "Proposed",
+]
+
+
+class AuxiliaryParams(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="auxiliary"
+):
+    """One look ahead before the particles move."""
+
+
+class PriorParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="prior"):
+    """The motion model itself: sampling importance resampling, or bootstrap filter (Gordon et al., 1993)."""
+
+
+class OptimalParams(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="optimal"
+):
+    """p(x | particle, readings) for Gaussian noise and readings linear in the state (PARTS eq. 3.18 to 3.23)."""
+
+
+class LocalLinearizationParams(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="local_linearization"
+):
+    """The same Gaussian with the readings linearized at each particle's expectation (Doucet et al., 2000, II.D)."""
+
+
+class Proposed(NamedTuple):
+    """New particles (D, N), their log-weights (N,), and what became of each reading.
+
+    The log-weights are not normalized: the sum of their exponentials estimates p(readings | all before them). They are
+    None where no reading weighs. ``ancestors`` (N,) are the particles that these come from, None where each stays itself.
+    """
+
+    particles: Floats
+    log_weights: Floats | None
+    outcomes: list[Outcome]
+    ancestors: Indices | None = None
+
+
+class Proposal(Protocol):
+    """Draws the next particles, given the control and the readings at its end."""
+
+    def propose(self, models: Models, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream) -> Proposed:
+        """Return the proposed particles and their log-weights; a control of None means that nothing moved."""
+
+
+class Prior:
+    """Particles move by the motion model and are weighed by the likelihood; any models will do."""
+
+    def __init__(self, params: PriorParams = PriorParams()) -> None:
+        self.params = params
+
+    def propose(self, models: Models, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream) -> Proposed:
+        """See Proposal."""
+        particles = cloud.particles
+        if control is not None:
+            particles = models.propagate(particles, control, stream.part("motion"))
+        if not readings:
+            return Proposed(particles, None, [])
+        evidence, outcomes = models.believable(particles, cloud.weights, readings)
+        if not evidence:
+            return Proposed(particles, None, outcomes)
+        return Proposed(particles, cloud.log_weights + models.log_likelihood(particles, evidence), outcomes)
+
+
+class Auxiliary:
+    """The auxiliary particle filter: survivors are chosen by what the readings will say of them (Pitt and Shephard, 1999).
+
+    Each particle is judged by where the motion is expected to take it; the survivors then move, and are weighed by how
+    much better or worse they came out than was expected. Needs a motion model with ``expected``.
+    """
+
+    def __init__(self, params: AuxiliaryParams = AuxiliaryParams()) -> None:
+        self.params = params
+
+    def propose(self, models: Models, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream) -> Proposed:
+        """See Proposal."""
+        if control is None or not readings:
+            return Prior().propose(models, cloud, control, readings, stream)
+        motion = cast(GaussianMotion[Any], models.motion)
+        _require(motion, ("expected",), self)
+        expected = motion.expected(cloud.particles, control)
+        evidence, outcomes = models.believable(expected, cloud.weights, readings)
+        if not evidence:
+            return Proposed(models.propagate(cloud.particles, control, stream.part("motion")), None, outcomes)
+        promise = models.log_likelihood(expected, evidence)
+        first_stage, log_sum = normalized_weights(cloud.log_weights + promise)
+        if log_sum == -np.inf:
+            return Prior().propose(models, cloud, control, readings, stream)
+        ancestors = systematic(first_stage, stream.part("ancestors").uniform())
+        particles = models.propagate(gathered(cloud.particles, ancestors), control, stream.part("motion"))
+        surprise = models.log_likelihood(particles, evidence) - promise[ancestors]
+        return Proposed(particles, surprise + (log_sum - math.log(ancestors.size)), outcomes, ancestors)
+
+
+class Optimal:
+    """The density that keeps the weights' variance least; exact for linear Gaussian models.
+
+    Needs a GaussianMotion and GaussianMeasurement models. Particle x is weighed by p(z | x), whatever was drawn from it.
+    """
+
+    def __init__(self, params: OptimalParams = OptimalParams()) -> None:
+        self.params = params
+
+    def propose(self, models: Models, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream) -> Proposed:
+        """See Proposal."""
+        guided = _guide(models, cloud, control, readings, stream, self)
+        if isinstance(guided, Proposed):
+            return guided
+        # log N(z; h, H Q H^T + R), by the determinant lemma on the posterior of the noise.
+        log_predictive = guided.log_density_at_mean + 0.5 * guided.mahalanobis_gain - guided.log_root_determinant
+        return Proposed(guided.drawn, cloud.log_weights + log_predictive, guided.outcomes)
+
+
+class LocalLinearization:
+    """Each particle's own linearized Gaussian; the weights make up for what the linearization misses.
+
+    Needs a GaussianMotion and GaussianMeasurement models. The likelihood in the weights is the models' full one,
+    outliers and tempering included.
+    """
+
+    def __init__(self, params: LocalLinearizationParams = LocalLinearizationParams()) -> None:
+        self.params = params
+
+    def propose(self, models: Models, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream) -> Proposed:
+        """See Proposal."""
+        guided = _guide(models, cloud, control, readings, stream, self)
+        if isinstance(guided, Proposed):
+            return guided
+        likelihood = models.log_likelihood(guided.drawn, guided.evidence)
+        log_weights = cloud.log_weights + likelihood + guided.log_prior_over_proposal
+        return Proposed(guided.drawn, log_weights, guided.outcomes)
+
+
+class _Guided(NamedTuple):
+    """Draws from the Gaussian that the readings leave of the motion's noise, and the terms of its weights, each (N,)."""
+
+    drawn: Floats
+    evidence: list[Evidence]
+    outcomes: list[Outcome]
+    log_density_at_mean: FloatArray  # log N(z; h(f(x)), R)
+    mahalanobis_gain: FloatArray  # b^T P^-1 b
+    log_root_determinant: FloatArray  # 0.5 log det P
+    log_prior_over_proposal: FloatArray
+
+
+def _guide(
+    models: Models, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream, proposal: Proposal
+) -> "_Guided | Proposed":
+    """Draw from the Gaussian of the noise given the readings; without readings or motion, propose as the prior does.
+
+    The state is f + L e with e standard normal and L L^T = Q, so that a singular Q needs no inverse. To first order a
+    reading is z = h(f) + H L e + v: the posterior of e has precision P = I + A^T R^-1 A, A = H L, and mean P^-1 b,
+    b = A^T R^-1 (z - h(f)).
+    """
+    if control is None or not readings:
+        return Prior().propose(models, cloud, control, readings, stream)
+    motion = cast(GaussianMotion[Any], models.motion)
+    _require(motion, ("expected", "covariance"), proposal)
+    expected = motion.expected(cloud.particles, control).astype(np.float64)
+    evidence, outcomes = models.believable(expected, cloud.weights, readings)
+    if not evidence:
+        return Proposed(models.propagate(cloud.particles, control, stream.part("motion")), None, outcomes)
+    root = cholesky(motion.covariance(cloud.particles, control).astype(np.float64))
+    size, count = expected.shape
+    precision = np.zeros((size, size, count))
+    precision[np.arange(size), np.arange(size)] = 1.0
+    pull = np.zeros((size, count))
+    log_density = np.zeros(count)
+    for model, reading in evidence:
+        _require(model, ("innovation", "jacobian", "noise"), proposal)
+        gaussian = cast(GaussianMeasurement[Any], model)
+        innovation = gaussian.innovation(expected, reading).astype(np.float64)
+        slope = np.einsum("mdn,den->men", gaussian.jacobian(expected, reading), root)
+        noise = np.asarray(gaussian.noise(reading), dtype=np.float64)
+        information = np.linalg.inv(noise)
+        weighted = np.einsum("lm,mdn->ldn", information, slope)
+        precision += np.einsum("lan,lbn->abn", slope, weighted)
+        pull += np.einsum("mdn,mn->dn", weighted, innovation)
+        log_density -= 0.5 * (
+            np.einsum("mn,ml,ln->n", innovation, information, innovation, optimize=False)
+            + np.linalg.slogdet(2.0 * np.pi * noise)[1]
+        )
+    lower = cholesky(precision)
+    whitened = solve_lower(lower, pull)
+    standard = stream.part("motion").normals(size, count).astype(np.float64)
+    noise_drawn = solve_upper(lower, whitened + standard)
+    drawn = expected + np.einsum("den,en->dn", root, noise_drawn)
+    log_root_determinant = np.sum(np.log(lower[np.arange(size), np.arange(size)]), axis=0)
+    log_ratio = 0.5 * np.sum(standard**2 - noise_drawn**2, axis=0) - log_root_determinant
+    return _Guided(
+        np.ascontiguousarray(drawn, dtype=cloud.particles.dtype),
+        evidence,
+        outcomes,
+        log_density,
+        np.sum(whitened**2, axis=0),
+        log_root_determinant,
+        log_ratio,
+    )
+
+
+def _require(model: object, methods: tuple[str, ...], proposal: Proposal) -> None:
+    missing = [name for name in methods if not hasattr(model, name)]
+    if missing:
+        raise TypeError(
+            f"{type(proposal).__name__} needs a Gaussian model; {type(model).__name__} has no {' and no '.join(missing)}"
+        )

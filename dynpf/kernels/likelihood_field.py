@@ -1,0 +1,53 @@
+"""The likelihood field's sum over beams: for each particle, the table's values at the cells where its beams end."""
+
+import numpy as np
+
+from dynpf.kernels.compiler import kernel
+from dynpf.kernels.elementary import sincos
+from dynpf.kernels.philox import BLOCK
+
+__all__ = ["agreement", "sum_over_beams"]
+
+_f = np.float32
+_ZERO = _f(0.0)
+
+
+@kernel
+def sum_over_beams(x, y, theta, ends_x, ends_y, table, frame, out):
+    """Write to ``out`` (N,) the sum over beams (B,) of the table's values where the beams of each particle end.
+
+    All lengths are in cells. ``frame`` (4,) takes the map's frame into the table's: the table's rotation in radians, its
+    offset along column and row, and cells a metre. The table has a border of one cell, in which everything outside ends.
+    Cells are found for one beam and a block of particles at a time, in a loop of their own, and then looked up.
+    """
+    rows, columns = table.shape
+    cells = table.reshape(-1)
+    last_column, last_row = _f(columns - 1), _f(rows - 1)
+    column = np.empty(BLOCK, dtype=np.float32)
+    row = np.empty(BLOCK, dtype=np.float32)
+    cosine = np.empty(BLOCK, dtype=np.float32)
+    sine = np.empty(BLOCK, dtype=np.float32)
+    cell = np.empty(BLOCK, dtype=np.int32)
+    total = np.empty(BLOCK, dtype=np.float32)
+    frame_sine, frame_cosine = sincos(frame[0])
+    scale = frame[3]
+    width = np.int32(columns)
+    for start in range(0, x.size, BLOCK):
+        size = min(BLOCK, x.size - start)
+        for i in range(size):
+            sine[i], cosine[i] = sincos(theta[start + i] + frame[0])
+            column[i] = (frame_cosine * x[start + i] - frame_sine * y[start + i]) * scale + frame[1]
+            row[i] = (frame_sine * x[start + i] + frame_cosine * y[start + i]) * scale + frame[2]
+            total[i] = _ZERO
+        for beam in range(ends_x.size):
+            along, across = ends_x[beam], ends_y[beam]
+            for i in range(size):
+                c = column[i] + cosine[i] * along - sine[i] * across
+                r = row[i] + sine[i] * along + cosine[i] * across
+                c = min(max(c, _ZERO), last_column)
+                r = min(max(r, _ZERO), last_row)
+                cell[i] = np.int32(r) * width + np.int32(c)
+            for i in range(size):
+                total[i] += cells[cell[i]]
+        for i in range(size):
+            out[start + i] = total[i]
