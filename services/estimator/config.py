@@ -1,20 +1,34 @@
 """What a scenario says about the estimator, in the table ``[estimator]``; ``kind`` chooses which one runs; SI units."""
 
-from typing import Annotated, Literal
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
 
-from dynpf.filters.sir import SystematicParams
+from dynpf.filters.resampling import SystematicParams
 from dynpf.filters.start import KnownStart
 from dynpf.measurement.range_bearing import RangeBearingParams
 from dynpf.motion.arcs import ArcsParams
 from dynpf.motion.calibration import CalibrationParams
 
-__all__ = ["LocalizationConfig", "RearrangementConfig"]
+__all__ = ["LocalizationConfig", "RearrangementConfig", "UserComponent"]
+
 NonNegative = Annotated[float, Meta(ge=0.0)]
 Positive = Annotated[float, Meta(gt=0.0)]
 Ticks = Annotated[int, Meta(ge=1)]
+
+
+class UserComponent(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="package.module:Name"
+):
+    """A class of your own, which is found on the Python path; the other keys of its table are its parameters.
+
+    In memory such a table is this struct. In a file, and in the text of a resolved scenario, ``kind`` is the name.
+    """
+
+    name: str
+    parameters: dict[str, Any] = {}
 
 
 class LocalizationConfig(
@@ -27,10 +41,22 @@ class LocalizationConfig(
     start: KnownStart = KnownStart()
     # Seconds between an odometry message and the robot moving as it says.
     odometry_delay: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
-    motion: ArcsParams = ArcsParams()
+    motion: ArcsParams | UserComponent = ArcsParams()
     calibration: CalibrationParams | None = None  # absent: odometry is taken as it comes
-    measurement: Annotated[tuple[RangeBearingParams, ...], Meta(min_length=1, max_length=1)] = (RangeBearingParams(),)
-    resampling: SystematicParams = SystematicParams()
+    measurement: Annotated[tuple[RangeBearingParams | UserComponent, ...], Meta(min_length=1)] = (RangeBearingParams(),)
+    resampling: SystematicParams | UserComponent = SystematicParams()
+
+    @property
+    def user_classes(self) -> Iterator[tuple[str, str]]:
+        """The keys of the scenario that name a user's class, and the names."""
+        for field in self.__struct_fields__:
+            value = getattr(self, field)
+            if isinstance(value, UserComponent):
+                yield f"estimator.{field}.kind", value.name
+            elif isinstance(value, tuple):
+                for place, one in enumerate(value):
+                    if isinstance(one, UserComponent):
+                        yield f"estimator.{field}.{place}.kind", one.name
 
 
 class RearrangementConfig(
