@@ -1,0 +1,59 @@
+"""Encoded images as brightness."""
+
+import re
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dynpf.se2 import FloatArray
+
+__all__ = ["Shades", "decode_image"]
+
+_LFS_POINTER = b"version https://git-lfs.github.com/spec/"
+_GAP = rb"(?:\s|#[^\n]*\n)+"
+_PIXMAP = re.compile(rb"P([2356])" + _GAP + rb"\d+" + _GAP + rb"\d+" + _GAP + rb"(\d+)")
+
+
+class Shades(NamedTuple):
+    """Brightness of each pixel, rows from the top: 0 is black and 1 white, float64 of shape (H, W).
+
+    ``colour`` is the mean of the colour channels; ``alpha`` tells how opaque a pixel is, or is None where an image
+    has no such channel.
+    """
+
+    colour: FloatArray
+    alpha: FloatArray | None
+
+
+def decode_image(data: bytes) -> Shades:
+    """Decode a PGM, PNG, BMP or whatever else OpenCV reads, of 8 or 16 bits a channel.
+
+    Raises ValueError, saying why, where the bytes are no such image.
+    """
+    if data.startswith(_LFS_POINTER):
+        raise ValueError("a Git LFS pointer, not the image itself; fetch it with `git lfs pull`")
+    pixels = _pixels(data)
+    if pixels is None or pixels.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f"{len(data)} bytes that do not decode; expected a PGM, PNG or BMP of 8 or 16 bits a channel")
+    shades = pixels / _white(data, pixels)
+    if shades.ndim == 2:
+        return Shades(shades, None)
+    return Shades(shades[..., :3].mean(axis=2), shades[..., 3] if shades.shape[2] == 4 else None)
+
+
+def _pixels(data: bytes) -> NDArray[np.uint8] | NDArray[np.uint16] | None:
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)  # type: ignore[return-value]
+    except cv2.error:  # no bytes at all, or more pixels than OpenCV takes
+        return None
+
+
+def _white(data: bytes, pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> int:
+    """Return the value of white. OpenCV stretches only pixmaps that are written as text and have 8 bits."""
+    full = int(np.iinfo(pixels.dtype).max)
+    header = _PIXMAP.match(data)
+    if not header or (header[1] in b"23" and pixels.dtype == np.uint8):
+        return full
+    return int(header[2])
