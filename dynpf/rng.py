@@ -59,8 +59,9 @@ class Stream(NamedTuple):
 
     def fine_uniforms(self, count: int) -> NDArray[np.float64]:
         """Return numbers uniform in [0, 1), multiples of 2**-48, shape (count,), one a particle."""
-        high, low = self.uniforms(2, count)
-        return high.astype(np.float64) + low * np.float64(2.0**-24)
+        high, low = self.uniforms(2, count).astype(np.float64)
+        fine: NDArray[np.float64] = high + low * 2.0**-24
+        return fine
 
     def uniform(self) -> float:
         """Return one number uniform in [0, 1), a multiple of 2**-53: the draw of a comb, which no particle owns."""

@@ -34,7 +34,7 @@ def compose(pose: FloatArray, relative: FloatArray) -> FloatArray:
     )
 
 
-def circular_mean(angles: FloatArray, weights: FloatArray) -> float:
+def circular_mean(angles: Floats, weights: Floats) -> float:
     """Return the direction of the weighted mean of unit vectors, radians; both of shape (N,).
 
     Where the vectors cancel there is no mean direction; rounding then decides what comes back.

@@ -8,23 +8,26 @@ no state: clouds go in and come out.
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Generic, NamedTuple, TypeVar
 
+import msgspec
 import numpy as np
 
 from dynpf.filters.adaptation import PoseSource, Recovery, Sizing
 from dynpf.filters.cloud import Cloud, gathered, uniform_cloud, weighted_cloud
-from dynpf.filters.estimate import PoseEstimate, pose_estimate
+from dynpf.filters.estimate import pose_estimate
 from dynpf.filters.models import Models, Outcome
 from dynpf.filters.proposal import Prior, Proposal, Proposed
 from dynpf.filters.regularization import Regularization
-from dynpf.filters.resampling import Indices, Resampling, Systematic, resampling_is_due
+from dynpf.filters.resampling import Indices, Resampling, Systematic
 from dynpf.measurement.model import MeasurementModel
 from dynpf.motion.model import MotionModel, Twist
+from dynpf.params import validated
 from dynpf.rng import Stream
 from dynpf.se2 import Floats
 
 __all__ = ["ParticleFilter", "Report", "Rescue"]
 
 EstimateT = TypeVar("EstimateT")
+PartT = TypeVar("PartT")
 
 
 class Rescue(NamedTuple):
@@ -46,7 +49,7 @@ class Report(NamedTuple, Generic[EstimateT]):
 
 
 class ParticleFilter(Generic[EstimateT]):
-    """Sequential importance resampling with any proposal (Arulampalam et al., 2002; Thrun et al., 2005, ch. 4 and 8)."""
+    """Sequential importance resampling with any proposal (Arulampalam et al., 2002; Thrun et al., 2005, ch. 4)."""
 
     def __init__(
         self,
@@ -67,10 +70,10 @@ class ParticleFilter(Generic[EstimateT]):
         """
         self.models = Models(motion, measurements, threads)
         self.proposal = Prior() if proposal is None else proposal
-        self.resampling = Systematic() if resampling is None else resampling
+        self.resampling = _checked(Systematic() if resampling is None else resampling)
         self.sizing = sizing
         self.rescue = rescue
-        self.regularization = regularization
+        self.regularization = _checked(regularization)
         self.estimate = estimate
 
     def start(self, poses: Floats, stream: Stream) -> Cloud:
@@ -88,8 +91,8 @@ class ParticleFilter(Generic[EstimateT]):
     ) -> tuple[Cloud, Report[EstimateT]]:
         """Return the cloud after a control (None: none) and the readings at its end, and what was found.
 
-        The readings are fused: each is compared with the same proposed particles. Raises TypeError for a reading that no
-        measurement model takes.
+        The readings are fused: each is compared with the same proposed particles. Raises TypeError for a reading
+        that no measurement model takes.
         """
         weighted, proposed, log_evidence = self.weigh(cloud, control, readings, stream)
         estimate = self.estimate(weighted.particles, weighted.weights)
@@ -98,7 +101,7 @@ class ParticleFilter(Generic[EstimateT]):
             if self.rescue is not None:
                 memory, share = self.rescue.recovery.assess(weighted.memory, log_evidence)
                 resampled = weighted._replace(memory=memory)
-            if share > 0.0 or resampling_is_due(self.resampling.params, weighted):
+            if share > 0.0 or self.resampling.due(weighted):
                 resampled, chosen, anew = self.resample(resampled, share, readings, stream)
                 survivors = chosen if survivors is None else survivors[chosen]
         return resampled, Report(estimate, weighted.n_eff, proposed.outcomes, log_evidence, survivors, anew)
@@ -117,7 +120,9 @@ class ParticleFilter(Generic[EstimateT]):
             return carried, proposed, 0.0
         weighted, log_evidence = weighted_cloud(proposed.particles, proposed.log_weights)
         if log_evidence == -np.inf:
-            impossible = [Outcome.IMPOSSIBLE if each is Outcome.USED else each for each in proposed.outcomes]
+            impossible: list[Outcome] = [
+                Outcome.IMPOSSIBLE if each is Outcome.USED else each for each in proposed.outcomes
+            ]
             return carried, proposed._replace(outcomes=impossible), log_evidence
         return weighted._replace(moved=carried.moved, memory=cloud.memory), proposed, log_evidence
 
@@ -150,3 +155,7 @@ def moves(control: Any) -> bool:
     if isinstance(control, Twist):
         return control.v != 0.0 or control.w != 0.0
     return bool(np.any(np.asarray(control)))
+
+
+def _checked(part: PartT) -> PartT:
+    return validated(part) if isinstance(part, msgspec.Struct) else part

@@ -18,45 +18,19 @@ from dynpf.se2 import FloatArray, Floats
 
 __all__ = [
     "Auxiliary",
-    "AuxiliaryParams",
     "LocalLinearization",
-    "LocalLinearizationParams",
     "Optimal",
-    "OptimalParams",
     "Prior",
-    "PriorParams",
     "Proposal",
     "Proposed",
 ]
 
 
-class AuxiliaryParams(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="auxiliary"
-):
-    """One look ahead before the particles move."""
-
-
-class PriorParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="prior"):
-    """The motion model itself: sampling importance resampling, or bootstrap filter (Gordon et al., 1993)."""
-
-
-class OptimalParams(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="optimal"
-):
-    """p(x | particle, readings) for Gaussian noise and readings linear in the state (PARTS eq. 3.18 to 3.23)."""
-
-
-class LocalLinearizationParams(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="local_linearization"
-):
-    """The same Gaussian with the readings linearized at each particle's expectation (Doucet et al., 2000, II.D)."""
-
-
 class Proposed(NamedTuple):
     """New particles (D, N), their log-weights (N,), and what became of each reading.
 
-    The log-weights are not normalized: the sum of their exponentials estimates p(readings | all before them). They are
-    None where no reading weighs. ``ancestors`` (N,) are the particles that these come from, None where each stays itself.
+    The log-weights are not normalized: the sum of their exponentials estimates p(readings | all before them). They
+    are None where no reading weighs. ``ancestors`` (N,) are the particles that these come from, None for themselves.
     """
 
     particles: Floats
@@ -72,11 +46,11 @@ class Proposal(Protocol):
         """Return the proposed particles and their log-weights; a control of None means that nothing moved."""
 
 
-class Prior:
-    """Particles move by the motion model and are weighed by the likelihood; any models will do."""
+class Prior(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="prior"):
+    """The motion model itself: sampling importance resampling, or bootstrap filter (Gordon et al., 1993).
 
-    def __init__(self, params: PriorParams = PriorParams()) -> None:
-        self.params = params
+    Particles move and are weighed by the likelihood; any models will do.
+    """
 
     def propose(self, models: Models, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream) -> Proposed:
         """See Proposal."""
@@ -91,15 +65,12 @@ class Prior:
         return Proposed(particles, cloud.log_weights + models.log_likelihood(particles, evidence), outcomes)
 
 
-class Auxiliary:
-    """The auxiliary particle filter: survivors are chosen by what the readings will say of them (Pitt and Shephard, 1999).
+class Auxiliary(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="auxiliary"):
+    """The auxiliary particle filter: survivors are chosen by what the readings will say (Pitt and Shephard, 1999).
 
     Each particle is judged by where the motion is expected to take it; the survivors then move, and are weighed by how
     much better or worse they came out than was expected. Needs a motion model with ``expected``.
     """
-
-    def __init__(self, params: AuxiliaryParams = AuxiliaryParams()) -> None:
-        self.params = params
 
     def propose(self, models: Models, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream) -> Proposed:
         """See Proposal."""
@@ -121,18 +92,16 @@ class Auxiliary:
         return Proposed(particles, surprise + (log_sum - math.log(ancestors.size)), outcomes, ancestors)
 
 
-class Optimal:
-    """The density that keeps the weights' variance least; exact for linear Gaussian models.
+class Optimal(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="optimal"):
+    """p(x | particle, readings), which keeps the weights' variance least (PARTS eq. 3.18 to 3.23).
 
-    Needs a GaussianMotion and GaussianMeasurement models. Particle x is weighed by p(z | x), whatever was drawn from it.
+    Exact for Gaussian noise and readings linear in the state. Needs a GaussianMotion and GaussianMeasurement models.
+    A particle is weighed by p(readings | particle), whatever was drawn from it.
     """
-
-    def __init__(self, params: OptimalParams = OptimalParams()) -> None:
-        self.params = params
 
     def propose(self, models: Models, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream) -> Proposed:
         """See Proposal."""
-        guided = _guide(models, cloud, control, readings, stream, self)
+        guided = _guide(models, cloud, control, readings, stream, needed_by=self)
         if isinstance(guided, Proposed):
             return guided
         # log N(z; h, H Q H^T + R), by the determinant lemma on the posterior of the noise.
@@ -140,19 +109,18 @@ class Optimal:
         return Proposed(guided.drawn, cloud.log_weights + log_predictive, guided.outcomes)
 
 
-class LocalLinearization:
-    """Each particle's own linearized Gaussian; the weights make up for what the linearization misses.
+class LocalLinearization(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="local_linearization"
+):
+    """The same Gaussian with readings linearized at each particle's expectation (Doucet et al., 2000, II.D).
 
-    Needs a GaussianMotion and GaussianMeasurement models. The likelihood in the weights is the models' full one,
-    outliers and tempering included.
+    The weights make up for what the linearization misses: the likelihood in them is the models' own, outliers and
+    tempering included. Needs a GaussianMotion and GaussianMeasurement models.
     """
-
-    def __init__(self, params: LocalLinearizationParams = LocalLinearizationParams()) -> None:
-        self.params = params
 
     def propose(self, models: Models, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream) -> Proposed:
         """See Proposal."""
-        guided = _guide(models, cloud, control, readings, stream, self)
+        guided = _guide(models, cloud, control, readings, stream, needed_by=self)
         if isinstance(guided, Proposed):
             return guided
         likelihood = models.log_likelihood(guided.drawn, guided.evidence)
@@ -161,7 +129,7 @@ class LocalLinearization:
 
 
 class _Guided(NamedTuple):
-    """Draws from the Gaussian that the readings leave of the motion's noise, and the terms of its weights, each (N,)."""
+    """Draws from the Gaussian that the readings leave of the motion's noise, and terms of the weights, each (N,)."""
 
     drawn: Floats
     evidence: list[Evidence]
@@ -173,7 +141,7 @@ class _Guided(NamedTuple):
 
 
 def _guide(
-    models: Models, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream, proposal: Proposal
+    models: Models, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream, *, needed_by: Proposal
 ) -> "_Guided | Proposed":
     """Draw from the Gaussian of the noise given the readings; without readings or motion, propose as the prior does.
 
@@ -184,7 +152,7 @@ def _guide(
     if control is None or not readings:
         return Prior().propose(models, cloud, control, readings, stream)
     motion = cast(GaussianMotion[Any], models.motion)
-    _require(motion, ("expected", "covariance"), proposal)
+    _require(motion, ("expected", "covariance"), needed_by)
     expected = motion.expected(cloud.particles, control).astype(np.float64)
     evidence, outcomes = models.believable(expected, cloud.weights, readings)
     if not evidence:
@@ -196,7 +164,7 @@ def _guide(
     pull = np.zeros((size, count))
     log_density = np.zeros(count)
     for model, reading in evidence:
-        _require(model, ("innovation", "jacobian", "noise"), proposal)
+        _require(model, ("innovation", "jacobian", "noise"), needed_by)
         gaussian = cast(GaussianMeasurement[Any], model)
         innovation = gaussian.innovation(expected, reading).astype(np.float64)
         slope = np.einsum("mdn,den->men", gaussian.jacobian(expected, reading), root)
@@ -230,6 +198,5 @@ def _guide(
 def _require(model: object, methods: tuple[str, ...], proposal: Proposal) -> None:
     missing = [name for name in methods if not hasattr(model, name)]
     if missing:
-        raise TypeError(
-            f"{type(proposal).__name__} needs a Gaussian model; {type(model).__name__} has no {' and no '.join(missing)}"
-        )
+        lack = " and no ".join(missing)
+        raise TypeError(f"{type(proposal).__name__} needs a Gaussian model; {type(model).__name__} has no {lack}")

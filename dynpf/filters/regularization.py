@@ -9,22 +9,10 @@ from msgspec import Meta
 from dynpf.filters.cloud import Cloud
 from dynpf.filters.estimate import weighted_covariance
 from dynpf.filters.gaussian_columns import cholesky
-from dynpf.params import validated
 from dynpf.rng import Stream
 from dynpf.se2 import FloatArray, Floats, circular_mean, wrap_angle
 
-__all__ = ["GaussianKernel", "GaussianKernelParams", "Regularization"]
-
-
-class GaussianKernelParams(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="gaussian_kernel"
-):
-    """The kernel's width relative to the optimal one, and whether the cloud is first drawn together to make up for it."""
-
-    scale: Annotated[float, Meta(ge=0.0)] = 1.0
-    # Without, the covariance grows by 1 + h^2 at each resampling. With, several modes are drawn towards their mean.
-    shrink: bool = False
-    headings: bool = True  # row 2 is an angle
+__all__ = ["GaussianKernel", "Regularization"]
 
 
 class Regularization(Protocol):
@@ -34,26 +22,30 @@ class Regularization(Protocol):
         """Return the survivors (D, M) of a weighted cloud, each moved by its own draw from a kernel."""
 
 
-class GaussianKernel:
+class GaussianKernel(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="gaussian_kernel"
+):
     """The Gaussian kernel that is optimal for a Gaussian density (Musso, Oudjane and Le Gland, 2001, eq. 12.2.9).
 
     Its covariance is the cloud's times h^2, h = (4 / (N (D + 2)))^(1 / (D + 4)); drawn together by sqrt(1 - h^2) the
     survivors keep mean and covariance (Liu and West, 2001).
     """
 
-    def __init__(self, params: GaussianKernelParams = GaussianKernelParams()) -> None:
-        self.params = validated(params)
+    scale: Annotated[float, Meta(ge=0.0)] = 1.0  # of the kernel's width, relative to the optimal one
+    # Without, the covariance grows by 1 + h^2 at each resampling. With, several modes are drawn towards their mean.
+    shrink: bool = False
+    headings: bool = True  # row 2 is an angle
 
     def spread(self, survivors: Floats, cloud: Cloud, stream: Stream) -> Floats:
         """See Regularization."""
         size, count = survivors.shape
-        mean = np.sum(cloud.weights * cloud.particles, axis=1, dtype=np.float64)
-        if self.params.headings:
+        mean: FloatArray = np.asarray(np.sum(cloud.weights * cloud.particles, axis=1, dtype=np.float64))
+        if self.headings:
             mean[2] = circular_mean(cloud.particles[2], cloud.weights)
         covariance = weighted_covariance(self._deviation(cloud.particles, mean), cloud.weights)
-        width = min(self.params.scale * (4.0 / (count * (size + 2.0))) ** (1.0 / (size + 4.0)), 1.0)
+        width = min(self.scale * (4.0 / (count * (size + 2.0))) ** (1.0 / (size + 4.0)), 1.0)
         deviation = self._deviation(survivors, mean)
-        if self.params.shrink:
+        if self.shrink:
             deviation *= np.sqrt(1.0 - width**2)
         root = cholesky(covariance[..., None])[..., 0]
         noise = np.einsum("de,en->dn", width * root, stream.normals(size, count))
@@ -62,6 +54,6 @@ class GaussianKernel:
 
     def _deviation(self, particles: Floats, mean: FloatArray) -> FloatArray:
         deviation = particles - mean[:, None]
-        if self.params.headings:
+        if self.headings:
             deviation[2] = wrap_angle(deviation[2])
         return deviation

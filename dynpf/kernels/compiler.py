@@ -21,16 +21,18 @@ __all__ = ["cache_folder", "device", "kernel"]
 
 Function = Callable[..., Any]
 
+_numba: Any = config
+
 
 def kernel(function: Function) -> Function:
     """Compile a function that is called from Python: without the interpreter's lock, kept on disk."""
-    chosen = config.CACHE_DIR
+    chosen = _numba.CACHE_DIR
     folder = cache_folder()
-    config.CACHE_DIR = "" if folder is None else str(folder)
+    _numba.CACHE_DIR = "" if folder is None else str(folder)
     try:
         return numba.njit(nogil=True, error_model="numpy", cache=folder is not None)(function)
     finally:
-        config.CACHE_DIR = chosen
+        _numba.CACHE_DIR = chosen
 
 
 def device(function: Function) -> Function:
@@ -48,7 +50,7 @@ def cache_folder() -> Path | None:
     name = f"dynpf-kernels-{_sources_digest()}"
     home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - no error without a home
     own = Path(tempfile.gettempdir()) / f"dynpf-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
-    chosen = config.CACHE_DIR
+    chosen = _numba.CACHE_DIR
     roots = [Path(chosen)] if chosen else [Path(__file__).parent / "__pycache__", Path(home), own]
     for root in roots:
         folder = root / name

@@ -6,7 +6,7 @@ from dynpf.kernels.compiler import kernel
 from dynpf.kernels.elementary import sincos
 from dynpf.kernels.philox import BLOCK
 
-__all__ = ["agreement", "sum_over_beams"]
+__all__ = ["sum_over_beams"]
 
 _f = np.float32
 _ZERO = _f(0.0)
@@ -16,8 +16,8 @@ _ZERO = _f(0.0)
 def sum_over_beams(x, y, theta, ends_x, ends_y, table, frame, out):
     """Write to ``out`` (N,) the sum over beams (B,) of the table's values where the beams of each particle end.
 
-    All lengths are in cells. ``frame`` (4,) takes the map's frame into the table's: the table's rotation in radians, its
-    offset along column and row, and cells a metre. The table has a border of one cell, in which everything outside ends.
+    Beam ends are in cells. ``frame`` (4,) takes the map's frame into the table's: rotation in radians, offset along
+    column and row in cells, and cells a metre. The table has a border of one cell, where everything outside ends.
     Cells are found for one beam and a block of particles at a time, in a loop of their own, and then looked up.
     """
     rows, columns = table.shape

@@ -1,35 +1,36 @@
 """What a filter asks of a measurement model."""
 
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from dynpf.se2 import Floats
 
 __all__ = ["GaussianMeasurement", "MeasurementModel"]
 
-ReadingT = TypeVar("ReadingT")
+ReadingT_contra = TypeVar("ReadingT_contra", contravariant=True)
 
 
-class MeasurementModel(Protocol[ReadingT]):
+class MeasurementModel(Protocol[ReadingT_contra]):
     """Compares one kind of reading with what each particle, a column of a (D, N) array, would have seen."""
 
-    def admit(self, particles: Floats, weights: Floats, reading: ReadingT) -> ReadingT | None:
+    def admit(self, particles: Floats, weights: Floats, reading: ReadingT_contra) -> Any | None:
         """Return the part of the reading that can be believed, given what the weighted particles (N,) expect.
 
-        None where nothing can: not a number, outside the gate, or of nothing in the map.
+        None where nothing can: not a number, outside the gate, or of nothing in the map. It may be a reading again, or
+        whatever the model makes of one to compare it faster: the other methods take it in place of the reading.
         """
 
-    def log_likelihood(self, particles: Floats, reading: ReadingT) -> Floats:
+    def log_likelihood(self, particles: Floats, reading: ReadingT_contra) -> Floats:
         """Return log p(reading | particle), shape (N,): -inf where impossible, zeros where it tells nothing."""
 
 
-class GaussianMeasurement(MeasurementModel[ReadingT], Protocol[ReadingT]):
+class GaussianMeasurement(MeasurementModel[ReadingT_contra], Protocol[ReadingT_contra]):
     """A reading of M numbers that is an expectation h(x) plus Gaussian noise."""
 
-    def innovation(self, states: Floats, reading: ReadingT) -> Floats:
+    def innovation(self, states: Floats, reading: ReadingT_contra) -> Floats:
         """Return reading minus h(x) at the states (D, N), angles the short way round, shape (M, N)."""
 
-    def jacobian(self, states: Floats, reading: ReadingT) -> Floats:
+    def jacobian(self, states: Floats, reading: ReadingT_contra) -> Floats:
         """Return dh/dx at the states (D, N), shape (M, D, N)."""
 
-    def noise(self, reading: ReadingT) -> Floats:
+    def noise(self, reading: ReadingT_contra) -> Floats:
         """Return the covariance of the reading, shape (M, M)."""

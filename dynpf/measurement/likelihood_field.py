@@ -1,0 +1,153 @@
+"""The likelihood field: a beam is as likely as its end is close to a wall (Thrun et al., 2005, section 6.4).
+
+Nothing is cast: the distance of every cell to the nearest wall is known beforehand, and with it the logarithm of the
+likelihood. Fast and smooth in the pose; blind to walls that stand between robot and end.
+"""
+
+from typing import Annotated, Literal, NamedTuple
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from dynpf import kernels
+from dynpf.maps.distance import distance_field
+from dynpf.maps.occupancy import OccupancyGrid
+from dynpf.measurement.scan import Scan
+from dynpf.params import validated
+from dynpf.se2 import Floats
+
+__all__ = ["LikelihoodField", "LikelihoodFieldParams"]
+
+Positive = Annotated[float, Meta(gt=0.0)]
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+
+
+class BeamSkip(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Leave out beams that the particles agree not to understand: people, doors, things that were moved.
+
+    A beam is left out when it ends farther than ``distance`` from every wall for more than 1 - ``agreement`` of the
+    particles. When that would take more than ``most`` of the beams, it is the robot that is lost: none is left out.
+    """
+
+    distance: Positive = 0.5  # m
+    agreement: Share = 0.3
+    most: Share = 0.9
+
+
+class LikelihoodFieldParams(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="likelihood_field"
+):
+    """Noise of a beam's end, and how the beams of a scan are put together."""
+
+    sigma_hit: Positive = 0.2  # m
+    z_hit: Positive = 0.95  # share of beams that end on a wall of the map
+    z_rand: Positive = 0.05  # share of beams that end anywhere up to the range's maximum
+    max_beams: Annotated[int, Meta(ge=1)] = 60
+    max_distance: Positive = 2.0  # m from a wall; all that lies farther off is as likely
+    # "product": the beams are independent. "cubes": 1 + sum of p^3, as in AMCL, which forgives much.
+    aggregation: Literal["product", "cubes"] = "product"
+    # Exponent of the product: beams of one scan share their errors, so each counts for less than if it stood alone.
+    tempering: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
+    beam_skip: BeamSkip | None = None
+    # Pose of the sensor on the robot, metres and radians.
+    sensor_x: float = 0.0
+    sensor_y: float = 0.0
+    sensor_theta: float = 0.0
+
+
+class BeamEnds(NamedTuple):
+    """Where the beams of a scan end in the robot's frame, in cells, float32 (B,), and their maximum in metres."""
+
+    x: Floats
+    y: Floats
+    range_max: float
+
+
+class LikelihoodField:
+    """The model of a scan in an occupancy grid.
+
+    Beams without return (at the maximum range) and beams that are not numbers tell nothing; a scan of no other beams is
+    not admitted, and its log-likelihood is zero. A beam that ends outside the grid is as likely as one far from any
+    wall, so a particle off the map is unlikely but possible.
+    """
+
+    def __init__(self, params: LikelihoodFieldParams, grid: OccupancyGrid) -> None:
+        """Compute the field; raises ValueError where a parameter is out of its range, or no cell is occupied."""
+        self.params = validated(params)
+        self.grid = grid
+        if not grid.occupied.any():
+            raise ValueError("a likelihood field needs a map with an occupied cell; this one has none")
+        self._distances = distance_field(grid.occupied, grid.resolution, params.max_distance)
+        self._kept: tuple[float, Floats] | None = None
+        self._sensor_x = np.float32(params.sensor_x / grid.resolution)
+        self._sensor_y = np.float32(params.sensor_y / grid.resolution)
+        # The table has a border of one cell, and float32 best holds numbers that start at its corner.
+        column, row = grid.to_cells(0.0, 0.0)
+        self._frame = np.array(
+            [-grid.origin[2], float(column) + 1.0, float(row) + 1.0, 1.0 / grid.resolution], dtype=np.float32
+        )
+
+    def admit(self, particles: Floats, weights: Floats, reading: Scan) -> BeamEnds | None:
+        """Return where the beams that tell something end, at most ``max_beams``; None if there are none."""
+        ends = self._ends(reading)
+        if ends.x.size and self.params.beam_skip is not None:
+            ends = self._agreed(particles, weights, ends, self.params.beam_skip)
+        return ends if ends.x.size else None
+
+    def log_likelihood(self, particles: Floats, reading: Scan | BeamEnds) -> Floats:
+        """Return log p(scan | particle), up to a constant with "cubes", shape (N,) float32."""
+        ends = self._ends(reading) if isinstance(reading, Scan) else reading
+        if not ends.x.size:
+            return np.zeros(particles.shape[1], dtype=np.float32)
+        total = self._sum(particles, ends, self._table(ends.range_max))
+        if self.params.aggregation == "cubes":
+            return np.log1p(total)
+        if self.params.tempering != 1.0:
+            total *= np.float32(self.params.tempering)
+        return total
+
+    def _ends(self, scan: Scan) -> BeamEnds:
+        returned = scan.ranges < scan.range_max
+        angles, ranges, *_ = scan._replace(angles=scan.angles[returned], ranges=scan.ranges[returned]).usable(
+            self.params.max_beams
+        )
+        direction = angles + np.float32(self.params.sensor_theta)
+        cells = ranges * np.float32(1.0 / self.grid.resolution)
+        return BeamEnds(
+            self._sensor_x + cells * np.cos(direction), self._sensor_y + cells * np.sin(direction), scan.range_max
+        )
+
+    def _agreed(self, particles: Floats, weights: Floats, ends: BeamEnds, skip: BeamSkip) -> BeamEnds:
+        near = np.zeros(self._padded_shape, dtype=np.float32)
+        near[1:-1, 1:-1] = self._distances <= skip.distance
+        share = np.empty(ends.x.size)
+        for beam in range(ends.x.size):
+            alone = BeamEnds(ends.x[beam : beam + 1], ends.y[beam : beam + 1], ends.range_max)
+            share[beam] = np.sum(weights * self._sum(particles, alone, near), dtype=np.float64)
+        kept = share >= skip.agreement
+        if np.count_nonzero(~kept) > skip.most * kept.size:
+            return ends
+        return BeamEnds(ends.x[kept], ends.y[kept], ends.range_max)
+
+    def _sum(self, particles: Floats, ends: BeamEnds, table: Floats) -> Floats:
+        x, y, theta = (np.ascontiguousarray(row, dtype=np.float32) for row in particles[:3])
+        total = np.empty(x.size, dtype=np.float32)
+        kernels.likelihood_field.sum_over_beams(x, y, theta, ends.x, ends.y, table, self._frame, total)
+        return total
+
+    @property
+    def _padded_shape(self) -> tuple[int, int]:
+        return self._distances.shape[0] + 2, self._distances.shape[1] + 2
+
+    def _table(self, range_max: float) -> Floats:
+        """Return what each cell adds to the sum for a beam that ends there, with a border for the world outside."""
+        if self._kept is None or self._kept[0] != range_max:
+            params = self.params
+            peak = params.z_hit / (np.sqrt(2.0 * np.pi) * params.sigma_hit)
+            distances = np.full(self._padded_shape, np.inf)
+            distances[1:-1, 1:-1] = self._distances
+            likelihood = peak * np.exp(-0.5 * (distances / params.sigma_hit) ** 2) + params.z_rand / range_max
+            cell = np.log(likelihood) if params.aggregation == "product" else likelihood**3
+            self._kept = (range_max, cell.astype(np.float32))
+        return self._kept[1]

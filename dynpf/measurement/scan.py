@@ -1,0 +1,37 @@
+"""A scan of a laser or depth camera: ranges at known angles, taken at one instant."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Scan"]
+
+
+class Scan(NamedTuple):
+    """B beams: ``angles`` (rad, anticlockwise from the sensor's axis) and ``ranges`` (m), float32 arrays of shape (B,).
+
+    The sensor measures between ``range_min`` and ``range_max``, metres.
+    """
+
+    angles: NDArray[np.float32]
+    ranges: NDArray[np.float32]
+    range_min: float
+    range_max: float
+
+    def usable(self, max_beams: int) -> "Scan":
+        """Return at most ``max_beams`` of the beams that tell something, evenly spaced among them, as float32.
+
+        Those are the beams with an angle and a range that are numbers, no shorter than ``range_min``. A range beyond
+        ``range_max``, infinity included (no return, ROS REP 117), reads ``range_max``. There may be no beam left.
+        Raises ValueError if angles and ranges are not of one shape (B,), or ``max_beams`` is less than one.
+        """
+        angles, ranges = np.asarray(self.angles, dtype=np.float32), np.asarray(self.ranges, dtype=np.float32)
+        if angles.ndim != 1 or angles.shape != ranges.shape:
+            raise ValueError(f"Scan: angles {angles.shape} and ranges {ranges.shape} must have one shape (B,)")
+        if max_beams < 1:
+            raise ValueError(f"Scan.usable: max_beams = {max_beams} must be at least 1")
+        kept = np.flatnonzero(np.isfinite(angles) & (ranges >= np.float32(self.range_min)))
+        if len(kept) > max_beams:
+            kept = kept[(2 * np.arange(max_beams) + 1) * len(kept) // (2 * max_beams)]
+        return self._replace(angles=angles[kept], ranges=np.minimum(ranges[kept], np.float32(self.range_max)))
