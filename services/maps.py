@@ -1,4 +1,4 @@
-"""The map of a run, as a scenario gives it in the table ``[map]``, and as the algorithms take it; metres and radians."""
+"""The map of a run, as the table ``[map]`` of a scenario gives it, and as the algorithms take it; metres and radians."""
 
 from collections.abc import Callable, Iterable
 from typing import Annotated, NamedTuple
@@ -13,7 +13,7 @@ from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.maps.segments import SegmentMap
 from services.task import Landmark
 
-__all__ = ["BitmapConfig", "MapConfig", "Maps", "OccupancyConfig", "SegmentsConfig", "open_maps"]
+__all__ = ["NO_MAPS", "BitmapConfig", "MapConfig", "Maps", "OccupancyConfig", "SegmentsConfig", "open_maps"]
 
 Positive = Annotated[float, Meta(gt=0.0)]
 Segment = tuple[float, float, float, float]
@@ -60,8 +60,11 @@ class Maps(NamedTuple):
     segments: SegmentMap | None = None
 
 
+NO_MAPS = Maps()
+
+
 def open_maps(config: MapConfig | None, landmarks: Iterable[Landmark] | None, read: Callable[[str], bytes]) -> Maps:
-    """Return the maps of a run; ``read`` gives the content of a file by its path, seen from the folder of ``config.file``.
+    """Return the maps of a run; ``read`` gives what is in a file by its path, seen from the folder of ``config.file``.
 
     Raises ValueError for what is no such map; what ``read`` raises for the map's own file goes through.
     """

@@ -7,6 +7,7 @@ from services.errors import ScenarioError
 from services.estimator.config import LocalizationConfig, RearrangementConfig
 from services.estimator.localization import LocalizationEstimator
 from services.estimator.rearrangement import RearrangementEstimator
+from services.maps import Maps, open_maps
 from services.node import Node
 from services.scenario import Scenario
 from services.sensors.config import LogSensorsConfig, SimulatedSensorsConfig
@@ -27,7 +28,8 @@ def build_nodes(scenario: Scenario) -> dict[str, Node]:
 
     Raises ScenarioError where a section does not fit the rest, or a fault lies on a way that nothing takes.
     """
-    nodes = {name: build_node(scenario, name) for name in scenario.nodes}
+    maps = _maps(scenario)
+    nodes = {name: _built(scenario, name, maps) for name in scenario.nodes}
     for place, fault in enumerate(scenario.faults):
         if fault.topic not in nodes[fault.to].reads:
             known = ", ".join(sorted(nodes[fault.to].reads))
@@ -37,21 +39,43 @@ def build_nodes(scenario: Scenario) -> dict[str, Node]:
 
 def build_node(scenario: Scenario, name: str) -> Node:
     """Return one node of a run in its first state; raises ScenarioError where its section does not fit the rest."""
+    return _built(scenario, name, _maps(scenario))
+
+
+def _maps(scenario: Scenario) -> Maps:
+    marks = scenario.landmarks if scenario.landmarks or scenario.needs_log else None
     try:
-        return _build(scenario, name)
+        return open_maps(scenario.map, marks, lambda path: _content(scenario, path))
+    except ValueError as error:
+        raise ScenarioError(f"map: {error}") from error
+
+
+def _content(scenario: Scenario, path: str) -> bytes:
+    """Return what is in a file that the scenario names, which has been read with it."""
+    file = scenario.files.get(path.rpartition("/")[2])
+    if file is None or not file.data:
+        raise ScenarioError(f"map.file: the content of {path} did not come along with the scenario")
+    return file.data
+
+
+def _built(scenario: Scenario, name: str, maps: Maps) -> Node:
+    try:
+        return _build(scenario, name, maps)
     except ValueError as error:
         raise ScenarioError(f"{name}: {error}") from error
 
 
-def _build(scenario: Scenario, name: str) -> Node:
+def _build(scenario: Scenario, name: str, maps: Maps) -> Node:
     seed, tick_s, landmarks = scenario.seed, scenario.tick_s, scenario.landmarks
     match getattr(scenario, name):
         case WorkspaceConfig() as config:
             return WorkspaceSimulator(config=config, seed=seed, tick_s=tick_s, task=_task(scenario, name))
         case RoomConfig() as config:
-            return RoomSimulator(config=config, seed=seed, tick_s=tick_s, landmarks=landmarks)
+            return RoomSimulator(config=config, seed=seed, tick_s=tick_s, landmarks=landmarks, maps=maps)
         case SimulatedSensorsConfig() as config:
-            return SimulatedSensors(config=config, seed=seed, tick_s=tick_s, task=scenario.task, landmarks=landmarks)
+            return SimulatedSensors(
+                config=config, seed=seed, tick_s=tick_s, task=scenario.task, landmarks=landmarks, maps=maps
+            )
         case LogSensorsConfig() as config:
             return LogSensors(config=config, seed=seed, tick_s=tick_s, landmarks=landmarks)
         case RearrangementConfig() as config:

@@ -167,8 +167,9 @@ def parse_scenario(raw: Mapping[str, Any], where: str) -> Scenario:
 def with_what_it_names(scenario: Scenario, where: str, read: Callable[[str], bytes]) -> Scenario:
     """Return the scenario with the files that it names in it, and with the digests of the user's modules.
 
-    ``read`` gives a file by its path as the scenario has it. In the result files go by their bare names, so that the same
-    files in another folder make the same scenario; by its bare name, a file is taken from the scenario if that holds it.
+    ``read`` gives a file by its path as the scenario has it. In the result files go by their bare names, so that the
+    same files in another folder make the same scenario; by its bare name, a file is taken from the scenario if that
+    holds it.
     Raises ScenarioError for a file that cannot be read or is no map, and for a module that is not there.
     """
     estimator = scenario.estimator

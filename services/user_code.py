@@ -1,7 +1,7 @@
-"""A user's own classes, which a scenario names as ``package.module:Name``: where they are found, and which source it is.
+"""A user's own classes, which a scenario names as ``package.module:Name``: where they are, and which source it is.
 
-They are found on the Python path, which PYTHONPATH lengthens; every process of a run inherits it. A recording carries no
-code: it names the modules and a digest of each one's source, so that a replay can tell whether it has the same.
+They are found on the Python path, which PYTHONPATH lengthens; every process of a run inherits it. A recording carries
+no code: it names the modules and a digest of each one's source, so that a replay can tell whether it has the same.
 """
 
 import difflib

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dynpf.filters import kalman
 from dynpf.filters.association import associate
+from dynpf.filters.cloud import effective_sample_size
 from dynpf.filters.optimal import (
     Particles,
     draw_initial,
@@ -22,7 +23,6 @@ from dynpf.filters.optimal import (
     resample_if_needed,
     update,
 )
-from dynpf.filters.resampling import effective_sample_size
 from dynpf.rng import generator
 from protocol import frames
 from protocol.messages import (

@@ -33,9 +33,7 @@ def recorded_scenario(recording: Recording, overrides: Sequence[str] = ()) -> Sc
     attached = {one.name.removeprefix(FOLDER): one.data for one in recording.attachments if _named(one)}
     where = str(recording.path)
     scenario = override_resolved(recording.header.scenario, overrides, where)
-    files = {
-        name: msgspec.structs.replace(file, data=attached.get(name, b"")) for name, file in scenario.files.items()
-    }
+    files = {name: msgspec.structs.replace(file, data=attached.get(name, b"")) for name, file in scenario.files.items()}
     scenario = msgspec.structs.replace(scenario, files=files)
     return with_what_it_names(scenario, where, lambda path: Path(path).read_bytes())
 

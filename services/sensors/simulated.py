@@ -10,7 +10,7 @@ from dynpf.measurement.ray import ray_segments
 from dynpf.rng import generator
 from protocol.messages import Message, PartsState, RobotState
 from services.errors import ScenarioError
-from services.maps import Maps
+from services.maps import NO_MAPS, Maps
 from services.node import Output, Result, State, Step
 from services.sensors.config import ScanSensor, SimulatedSensorsConfig
 from services.sensors.readings import (
@@ -47,7 +47,7 @@ class SimulatedSensors:
         tick_s: float,  # noqa: ARG002 - every node is given it
         task: RearrangementTask | None = None,
         landmarks: tuple[Landmark, ...] = (),
-        maps: Maps = Maps(),
+        maps: Maps = NO_MAPS,
     ) -> None:
         if task is None and (config.gripper is not None or config.overhead is not None):
             raise ScenarioError("sensors.gripper and sensors.overhead need a rearrangement task; this run has none")
