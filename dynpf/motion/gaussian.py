@@ -1,0 +1,58 @@
+"""What the models share: how a kernel is given its rows, and additive noise to first order."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from dynpf.rng import Stream
+from dynpf.se2 import Floats
+
+__all__ = ["draw", "float32_rows", "identities", "noise_covariance"]
+
+# Columns whose noise is drawn at once: memory of megabytes comes from the system page by page at every call, which
+# takes longer than to draw what it holds.
+_BATCH = 16384
+
+
+def float32_rows(particles: Floats) -> Floats:
+    """Return particles (D, N) in float32, in which the kernels work; the same array if it is that already."""
+    return particles.astype(np.float32, copy=False)
+
+
+def draw(kernel: Callable[..., None], particles: Floats, stream: Stream, *numbers: float, rows: int = 3) -> Floats:
+    """Return particles (D, N) after a kernel of ``dynpf.kernels.motion`` that moves the first ``rows`` of them.
+
+    The kernel gets a standard normal number for each row it moves, then ``numbers``. The other rows pass through.
+    """
+    before = float32_rows(particles)
+    after = np.empty(before.shape, dtype=np.float32)
+    scalars = [float(number) for number in numbers]
+    count = before.shape[1]
+    for start in range(0, count, _BATCH):
+        stop = min(start + _BATCH, count)
+        noise = stream.starting_at(start).normals(rows, stop - start)
+        kernel(*before[:rows, start:stop], noise, *scalars, *after[:rows, start:stop])
+    after[rows:] = before[rows:]
+    return after
+
+
+def identities(states: Floats) -> Floats:
+    """Return an identity matrix for each column of states (D, N), shape (D, D, N), of the same precision."""
+    dimension, count = states.shape
+    matrices = np.zeros((dimension, dimension, count), dtype=states.dtype)
+    diagonal = np.arange(dimension)
+    matrices[diagonal, diagonal] = 1.0
+    return matrices
+
+
+def noise_covariance(directions: Sequence[Floats], variances: Sequence[float]) -> Floats:
+    """Return the covariance (D, D, N) of independent noises that move the state along ``directions``, (D, N) each.
+
+    A direction is the derivative of the motion by one noise: the first-order propagation of error.
+    """
+    covariance: Any = 0.0
+    for direction, variance in zip(directions, variances, strict=True):
+        covariance = covariance + variance * (direction[:, None] * direction[None, :])
+    result: Floats = covariance
+    return result
