@@ -39,11 +39,11 @@ class Stream(NamedTuple):
 
     def part(self, purpose: str | int) -> "Stream":
         """Return a stream for a part of this one's purpose, independent of it: use a stream for one draw only."""
-        return self._replace(key=_key(self.key, "part", str(purpose)))
+        return Stream(_key(self.key, "part", str(purpose)), self.step, self.first)
 
     def starting_at(self, particle: int) -> "Stream":
         """Return the stream of the particles from ``particle`` on."""
-        return self._replace(first=self.first + particle)
+        return Stream(self.key, self.step, self.first + particle)
 
     def normals(self, rows: int, count: int) -> Float32s:
         """Return standard normal numbers, shape (rows, count), a column a particle; at most 6.7 from zero."""

@@ -45,8 +45,11 @@ def weighted_cloud(particles: Floats, log_weights: Floats) -> tuple[Cloud, float
     if count == 0:
         raise ValueError(f"a cloud needs at least one particle; got shape {particles.shape}")
     # Large numbers are brought close to zero before they are rounded to float32.
-    shift = 0.0 if log_weights.dtype == np.float32 else _largest(log_weights)
-    shifted = log_weights if shift == 0.0 else (log_weights - shift).astype(np.float32)
+    shift = 0.0
+    shifted = log_weights
+    if log_weights.dtype != np.float32:
+        shift = _largest(log_weights)
+        shifted = (log_weights - shift).astype(np.float32)
     weights = np.empty(count, dtype=np.float32)
     largest, total, squares = kernels.cloud.normalize(shifted, weights)
     if largest == math.inf:

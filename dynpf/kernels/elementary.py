@@ -2,7 +2,8 @@
 
 Only additions, multiplications, square roots and roundings that IEEE 754 fixes: the same bits on every machine, which
 a mathematical library does not promise. Coefficients: Cephes (Moshier), single precision. Errors against the exact
-values, over the ranges stated, are at most 2 units in the last place.
+values, over the ranges stated: exp and log at most 1 unit in the last place, atan2 2.1, sine and cosine 1.6 * 2**-24
+(2 units in the last place while |angle| < 10; more near the zeros of a larger angle, which float32 itself cannot place).
 """
 
 import numpy as np
@@ -35,13 +36,14 @@ _SMALLEST = _f(1.17549435e-38)
 
 _A0, _A1, _A2, _A3 = _f(8.05374449538e-2), _f(-1.38776856032e-1), _f(1.99777106478e-1), _f(-3.33329491539e-1)
 _PI, _HALF_PI, _QUARTER_PI = _f(np.pi), _f(np.pi / 2), _f(np.pi / 4)
+_QUARTER_PI_LOW = _f(np.pi / 4 - np.float64(_QUARTER_PI))
 _TAN_PI_8 = _f(0.4142135623730950)
 _TWO_PI_HIGH, _TWO_PI_LOW, _ONE_OVER_TWO_PI = _f(6.28125), _f(2.0 * np.pi - 6.28125), _f(0.5 / np.pi)
 
 
 @device
 def sincos(angle):
-    """Return sine and cosine of an angle in radians, |angle| < 8000."""
+    """Return sine and cosine of an angle in radians, |angle| < 8000: beyond, any numbers; NaN of infinity and NaN."""
     turns = np.rint(angle * _TWO_OVER_PI)
     rest = ((angle - turns * _HALF_PI_1) - turns * _HALF_PI_2) - turns * _HALF_PI_3
     quadrant = np.int32(turns)
@@ -58,7 +60,7 @@ def sincos(angle):
 
 @device
 def exp(value):
-    """Return e to the power of ``value``; zero below -87, e^88 above 88."""
+    """Return e to the power of ``value``; zero below -87, e^88 above 88, NaN of NaN."""
     clipped = min(max(value, _EXP_LOWEST), _EXP_HIGHEST)
     twos = np.rint(clipped * _LOG2_E)
     rest = (clipped - twos * _LN2_HIGH) - twos * _LN2_LOW
@@ -70,8 +72,12 @@ def exp(value):
 
 @device
 def log(value):
-    """Return the natural logarithm of a positive normal number; of anything smaller, that of the smallest such."""
-    bits = _f(max(value, _SMALLEST)).view(np.int32)
+    """Return the natural logarithm of a positive normal number; of anything smaller, that of the smallest such, -87.3.
+
+    So of NaN too, which a likelihood then takes for as good as impossible; of infinity 88.7.
+    """
+    # Of two numbers one of which is NaN, max and min return the first.
+    bits = _f(max(_SMALLEST, value)).view(np.int32)
     exponent = _f(np.int32((bits >> 23) - _EXPONENT_BIAS))
     mantissa = np.int32((bits & _MANTISSA) | _HALF_BITS).view(np.float32)
     small = mantissa < _SQRT_HALF
@@ -86,15 +92,21 @@ def log(value):
 
 @device
 def atan2(y, x):
-    """Return the direction of (x, y) in (-pi, pi]; zero at the origin."""
+    """Return the direction of (x, y) in (-pi, pi]; zero at the origin.
+
+    A zero has no sign here, so that the direction of (-1, -0) is pi. NaN where either is NaN or both are infinite;
+    above 1.7e38, half the largest number, two coordinates overflow.
+    """
     across, along = abs(y), abs(x)
-    larger, smaller = max(across, along), min(across, along)
-    ratio = smaller / (larger if larger > _ZERO else _ONE)
-    steep = ratio > _TAN_PI_8
-    rest = (ratio - _ONE) / (ratio + _ONE) if steep else ratio
+    # Of two numbers one of which is NaN, max and min return the first: so NaN of y reaches the one, of x the other.
+    larger, smaller = max(across, along), min(along, across)
+    steep = smaller > _TAN_PI_8 * larger
+    opposite = smaller - larger if steep else smaller
+    adjacent = smaller + larger if steep else larger
+    rest = opposite / (_ONE if larger == _ZERO else adjacent)
     square = rest * rest
-    angle = (((_A0 * square + _A1) * square + _A2) * square + _A3) * square * rest + rest
-    angle = angle + _QUARTER_PI if steep else angle
+    series = (((_A0 * square + _A1) * square + _A2) * square + _A3) * square * rest
+    angle = _QUARTER_PI + (rest + (series + _QUARTER_PI_LOW)) if steep else rest + series
     angle = _HALF_PI - angle if across > along else angle
     angle = _PI - angle if x < _ZERO else angle
     return -angle if y < _ZERO else angle
@@ -102,6 +114,9 @@ def atan2(y, x):
 
 @device
 def wrap(angle):
-    """Return an angle within [-pi, pi], up to rounding."""
+    """Return an angle within [-pi, pi], |angle| < 8000; unchanged if it was there.
+
+    Rounding decides between -pi and pi, and may leave 1e-7 |angle| more than pi. The error is at most 3.2 * 2**-24.
+    """
     turns = np.rint(angle * _ONE_OVER_TWO_PI)
     return (angle - turns * _TWO_PI_HIGH) - turns * _TWO_PI_LOW

@@ -1,7 +1,6 @@
 """A grid of cells, each free, occupied or unknown, lying somewhere in the map frame."""
 
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -33,6 +32,8 @@ class OccupancyGrid:
     cells: NDArray[np.uint8]
     resolution: float
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    # Filters that recover sample the free area at every step: its cells, by clearance, once found.
+    _places: dict[float, NDArray[np.int64]] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         _check_cells(self.cells)
@@ -95,15 +96,20 @@ class OccupancyGrid:
         """Return poses (3, count) uniform over the free area, headings uniform in [-pi, pi); a column a particle.
 
         With ``clearance`` in metres, only cells of which every point keeps that distance from every occupied cell.
-        Positions lie in their cells up to the rounding of float32. Raises ValueError when no cell is left.
+        Positions lie in their cells up to the rounding of float32. Raises ValueError when no cell is left,
+        or the clearance is no number of metres from 0 on.
         """
-        chosen = _free_cells(self, float(clearance))
-        if not len(chosen):
+        if not clearance >= 0.0:
+            raise ValueError(f"clearance = {clearance!r}; expected metres, not negative")
+        if clearance not in self._places:
+            self._places[clearance] = _free_cells(self, clearance)
+        places = self._places[clearance]
+        if not len(places):
             what = f" {clearance} m away from every wall" if clearance > 0.0 else ""
             raise ValueError(f"no free cell{what} in a grid of {self.cells.shape[1]} x {self.cells.shape[0]} cells")
         high, low, along, across, turn = stream.uniforms(5, count).astype(np.float64)
         # One number has 24 bits, fewer than a large map has cells; two together have 48.
-        index = chosen[((high + low * 2.0**-24) * len(chosen)).astype(np.int64)]
+        index = places[((high + low * 2.0**-24) * len(places)).astype(np.int64)]
         row, column = np.divmod(index, self.cells.shape[1])
         x, y = self.to_map(column + along, row + across)
         return np.stack((x, y, (2.0 * turn - 1.0) * np.pi)).astype(np.float32)
@@ -116,7 +122,6 @@ def thickened(occupied: Bools) -> Bools:
     return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
 
 
-@lru_cache(maxsize=8)
 def _free_cells(grid: OccupancyGrid, clearance: float) -> NDArray[np.int64]:
     """Return the flat indices of the free cells that keep ``clearance`` metres from walls.
 

@@ -2,7 +2,8 @@
 
 import math
 from bisect import bisect_right
-from collections.abc import Iterable
+from dataclasses import dataclass
+from operator import itemgetter
 from typing import Generic, TypeVar
 
 __all__ = ["MapTimeline"]
@@ -10,29 +11,32 @@ __all__ = ["MapTimeline"]
 MapT = TypeVar("MapT")
 
 
+@dataclass(frozen=True)
 class MapTimeline(Generic[MapT]):
-    """Which map holds when: ``starts`` in seconds, ascending, and the ``maps`` that hold from each on."""
+    """Which map holds when.
 
-    def __init__(self, entries: Iterable[tuple[float, MapT]]) -> None:
-        """Take (start, map) of each, in order of time.
+    ``entries``: (start in seconds, map) of each, in order of time. Raises ValueError where there is none, or a start is
+    not finite or not after the one before.
+    """
 
-        Raises ValueError where there is none, or a start is not finite or not above the one before.
-        """
-        rows = tuple(entries)
-        if not rows:
+    entries: tuple[tuple[float, MapT], ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "entries", tuple((float(start), held) for start, held in self.entries))
+        if not self.entries:
             raise ValueError("a timeline without maps; expected at least one (start, map)")
-        self.starts = tuple(float(start) for start, _ in rows)
-        self.maps = tuple(entry for _, entry in rows)
-        for index, start in enumerate(self.starts):
+        before = -math.inf
+        for index, (start, _) in enumerate(self.entries):
             if not math.isfinite(start):
                 raise ValueError(f"map {index} starts at {start}; expected a finite time in seconds")
-            if index and start <= self.starts[index - 1]:
-                raise ValueError(f"map {index} starts at {start}; expected a time after {self.starts[index - 1]}")
+            if start <= before:
+                raise ValueError(f"map {index} starts at {start}; expected a time after {before}")
+            before = start
 
     @property
     def changes(self) -> tuple[float, ...]:
         """The times, in seconds, at which one map gives way to the next."""
-        return self.starts[1:]
+        return tuple(start for start, _ in self.entries[1:])
 
     def at(self, time: float) -> MapT:
         """Return the map that holds at ``time`` in seconds: from its start on; the first one also before its start.
@@ -41,4 +45,5 @@ class MapTimeline(Generic[MapT]):
         """
         if math.isnan(time):
             raise ValueError(f"time = {time}; expected seconds")
-        return self.maps[max(bisect_right(self.starts, time) - 1, 0)]
+        index = bisect_right(self.entries, time, key=itemgetter(0))
+        return self.entries[max(index - 1, 0)][1]

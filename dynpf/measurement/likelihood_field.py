@@ -80,6 +80,7 @@ class LikelihoodField:
             raise ValueError("a likelihood field needs a map with an occupied cell; this one has none")
         self._distances = distance_field(grid.occupied, grid.resolution, params.max_distance)
         self._kept: tuple[float, Floats] | None = None
+        self._cells_per_metre = np.float32(1.0 / grid.resolution)
         self._sensor_x = np.float32(params.sensor_x / grid.resolution)
         self._sensor_y = np.float32(params.sensor_y / grid.resolution)
         # The table has a border of one cell, and float32 best holds numbers that start at its corner.
@@ -109,11 +110,11 @@ class LikelihoodField:
 
     def _ends(self, scan: Scan) -> BeamEnds:
         returned = scan.ranges < scan.range_max
-        angles, ranges, *_ = scan._replace(angles=scan.angles[returned], ranges=scan.ranges[returned]).usable(
-            self.params.max_beams
-        )
+        if not returned.all():
+            scan = Scan(scan.angles[returned], scan.ranges[returned], scan.range_min, scan.range_max)
+        angles, ranges, *_ = scan.usable(self.params.max_beams)
         direction = angles + np.float32(self.params.sensor_theta)
-        cells = ranges * np.float32(1.0 / self.grid.resolution)
+        cells = ranges * self._cells_per_metre
         return BeamEnds(
             self._sensor_x + cells * np.cos(direction), self._sensor_y + cells * np.sin(direction), scan.range_max
         )
@@ -131,7 +132,7 @@ class LikelihoodField:
         return BeamEnds(ends.x[kept], ends.y[kept], ends.range_max)
 
     def _sum(self, particles: Floats, ends: BeamEnds, table: Floats) -> Floats:
-        x, y, theta = (np.ascontiguousarray(row, dtype=np.float32) for row in particles[:3])
+        x, y, theta = particles[:3].astype(np.float32, copy=False)
         total = np.empty(x.size, dtype=np.float32)
         kernels.likelihood_field.sum_over_beams(x, y, theta, ends.x, ends.y, table, self._frame, total)
         return total
