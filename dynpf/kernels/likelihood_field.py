@@ -6,10 +6,35 @@ from dynpf.kernels.compiler import kernel
 from dynpf.kernels.elementary import sincos
 from dynpf.kernels.philox import BLOCK
 
-__all__ = ["sum_over_beams"]
+__all__ = ["find_beam_ends", "sum_over_beams"]
 
 _f = np.float32
 _ZERO = _f(0.0)
+
+
+@kernel
+def find_beam_ends(angles, ranges, shortest, longest, mount, cells_per_metre, ends_x, ends_y):
+    """Write where beams end, in cells in the robot's frame, at most as many as ``ends_x`` holds; return how many.
+
+    Of the beams with a return, no shorter than ``shortest`` and shorter than ``longest`` metres, as many as there is
+    room for are taken, evenly spaced, as ``Scan.usable`` does. ``mount`` (3,) is the sensor's pose on the robot.
+    """
+    scale, turn, room = _f(cells_per_metre), mount[2], ends_x.size
+    shortest, longest = _f(shortest), _f(longest)
+    usable = 0
+    for i in range(ranges.size):
+        usable += np.isfinite(angles[i]) and ranges[i] >= shortest and ranges[i] < longest
+    taken = min(usable, room)
+    seen, written = 0, 0
+    for i in range(ranges.size):
+        if np.isfinite(angles[i]) and ranges[i] >= shortest and ranges[i] < longest:
+            if usable <= room or seen == (2 * written + 1) * usable // (2 * room):
+                sine, cosine = sincos(angles[i] + turn)
+                ends_x[written] = (mount[0] + ranges[i] * cosine) * scale
+                ends_y[written] = (mount[1] + ranges[i] * sine) * scale
+                written += 1
+            seen += 1
+    return taken
 
 
 @kernel

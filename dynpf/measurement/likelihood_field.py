@@ -80,9 +80,7 @@ class LikelihoodField:
             raise ValueError("a likelihood field needs a map with an occupied cell; this one has none")
         self._distances = distance_field(grid.occupied, grid.resolution, params.max_distance)
         self._kept: tuple[float, Floats] | None = None
-        self._cells_per_metre = np.float32(1.0 / grid.resolution)
-        self._sensor_x = np.float32(params.sensor_x / grid.resolution)
-        self._sensor_y = np.float32(params.sensor_y / grid.resolution)
+        self._mount = np.array([params.sensor_x, params.sensor_y, params.sensor_theta], dtype=np.float32)
         # The table has a border of one cell, and float32 best holds numbers that start at its corner.
         column, row = grid.to_cells(0.0, 0.0)
         self._frame = np.array(
@@ -109,15 +107,11 @@ class LikelihoodField:
         return total
 
     def _ends(self, scan: Scan) -> BeamEnds:
-        returned = scan.ranges < scan.range_max
-        if not returned.all():
-            scan = Scan(scan.angles[returned], scan.ranges[returned], scan.range_min, scan.range_max)
-        angles, ranges, *_ = scan.usable(self.params.max_beams)
-        direction = angles + np.float32(self.params.sensor_theta)
-        cells = ranges * self._cells_per_metre
-        return BeamEnds(
-            self._sensor_x + cells * np.cos(direction), self._sensor_y + cells * np.sin(direction), scan.range_max
+        x, y = np.empty((2, self.params.max_beams), dtype=np.float32)
+        count = kernels.likelihood_field.find_beam_ends(
+            *scan.beams(), float(scan.range_min), float(scan.range_max), self._mount, 1.0 / self.grid.resolution, x, y
         )
+        return BeamEnds(x[:count], y[:count], scan.range_max)
 
     def _agreed(self, particles: Floats, weights: Floats, ends: BeamEnds, skip: BeamSkip) -> BeamEnds:
         near = np.zeros(self._padded_shape, dtype=np.float32)

@@ -19,16 +19,21 @@ class Scan(NamedTuple):
     range_min: float
     range_max: float
 
+    def beams(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return angles and ranges as float32; raises ValueError if they are not of one shape (B,)."""
+        angles, ranges = np.asarray(self.angles, dtype=np.float32), np.asarray(self.ranges, dtype=np.float32)
+        if angles.ndim != 1 or angles.shape != ranges.shape:
+            raise ValueError(f"Scan: angles {angles.shape} and ranges {ranges.shape} must have one shape (B,)")
+        return angles, ranges
+
     def usable(self, max_beams: int) -> "Scan":
         """Return at most ``max_beams`` of the beams that tell something, evenly spaced among them, as float32.
 
         Those are the beams with an angle and a range that are numbers, no shorter than ``range_min``. A range beyond
         ``range_max``, infinity included (no return, ROS REP 117), reads ``range_max``. There may be no beam left.
-        Raises ValueError if angles and ranges are not of one shape (B,), or ``max_beams`` is less than one.
+        Raises ValueError as ``beams`` does, and if ``max_beams`` is less than one.
         """
-        angles, ranges = np.asarray(self.angles, dtype=np.float32), np.asarray(self.ranges, dtype=np.float32)
-        if angles.ndim != 1 or angles.shape != ranges.shape:
-            raise ValueError(f"Scan: angles {angles.shape} and ranges {ranges.shape} must have one shape (B,)")
+        angles, ranges = self.beams()
         if max_beams < 1:
             raise ValueError(f"Scan.usable: max_beams = {max_beams} must be at least 1")
         kept = np.flatnonzero(np.isfinite(angles) & (ranges >= np.float32(self.range_min)))

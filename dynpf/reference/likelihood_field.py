@@ -3,9 +3,20 @@
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["sum_over_beams"]
+from dynpf.measurement.scan import Scan
+
+__all__ = ["beam_ends", "sum_over_beams"]
 
 FloatArray = NDArray[np.float64]
+
+
+def beam_ends(scan: Scan, mount: tuple[float, float, float], cells_per_metre: float, max_beams: int) -> FloatArray:
+    """Return where the usable beams with a return end, in cells in the robot's frame, shape (2, B)."""
+    returned = scan.ranges < np.float32(scan.range_max)
+    angles, ranges, *_ = scan._replace(angles=scan.angles[returned], ranges=scan.ranges[returned]).usable(max_beams)
+    direction = angles.astype(np.float64) + mount[2]
+    ends: FloatArray = np.stack([mount[0] + ranges * np.cos(direction), mount[1] + ranges * np.sin(direction)])
+    return ends * cells_per_metre
 
 
 def sum_over_beams(

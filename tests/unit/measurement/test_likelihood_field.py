@@ -53,6 +53,24 @@ def test_the_kernel_agrees_with_its_reference(seed, count, beams, turn):
     assert np.count_nonzero(differs) <= 1 + 2e-4 * count * beams
 
 
+RANGES = st.floats(-1.0, 12.0, width=32) | st.sampled_from([np.nan, np.inf, -np.inf, 10.0, 0.3])
+
+
+@settings(derandomize=True, deadline=None)
+@given(st.lists(st.tuples(st.floats(-7.0, 7.0, width=32) | st.just(np.nan), RANGES), max_size=80), st.integers(1, 40))
+def test_the_kernel_finds_the_ends_of_the_beams_that_a_scan_calls_usable(beams, max_beams):
+    angles, ranges = np.array(beams, dtype=np.float32).reshape(-1, 2).T
+    seen, mount = Scan(angles, ranges, 0.3, RANGE_MAX), (0.3, -0.2, 0.5)
+    x, y = np.empty((2, max_beams), dtype=np.float32)
+    count = kernels.likelihood_field.find_beam_ends(
+        *seen.beams(), 0.3, RANGE_MAX, np.array(mount, dtype=np.float32), 20.0, x, y
+    )
+    expected = reference.beam_ends(seen, mount, 20.0, max_beams)
+    assert count == expected.shape[1]
+    # Angles of up to 7.5 rad and ends of up to 210 cells, each rounded to float32 a few times.
+    np.testing.assert_allclose([x[:count], y[:count]], expected, atol=3e-4)
+
+
 @pytest.mark.parametrize("yaw", [0.0, 0.7, -2.5])
 def test_a_beam_is_as_likely_as_its_end_is_close_to_a_wall(yaw):
     params = LikelihoodFieldParams(sigma_hit=0.2)
