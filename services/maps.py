@@ -1,4 +1,4 @@
-"""The map of a run, as the table ``[map]`` of a scenario gives it, and as the algorithms take it; metres and radians."""
+"""The map of a run, as the table ``[map]`` of a scenario gives it and as the algorithms take it; metres and radians."""
 
 from collections.abc import Callable, Iterable
 from typing import Annotated, NamedTuple

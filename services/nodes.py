@@ -17,10 +17,11 @@ from services.simulator.config import RoomConfig, WorkspaceConfig
 from services.simulator.room import RoomSimulator
 from services.simulator.workspace import WorkspaceSimulator
 from services.task import RearrangementTask
+from services.user_code import find_class
 from services.vision.config import VisionConfig
 from services.vision.node import VisionNode
 
-__all__ = ["build_node", "build_nodes"]
+__all__ = ["build_node", "build_nodes", "user_classes"]
 
 
 def build_nodes(scenario: Scenario) -> dict[str, Node]:
@@ -40,6 +41,13 @@ def build_nodes(scenario: Scenario) -> dict[str, Node]:
 def build_node(scenario: Scenario, name: str) -> Node:
     """Return one node of a run in its first state; raises ScenarioError where its section does not fit the rest."""
     return _built(scenario, name, _maps(scenario))
+
+
+def user_classes(scenario: Scenario) -> dict[str, type]:
+    """Return the user's classes that a scenario names, by name; raises ScenarioError for one that is not there."""
+    if not isinstance(scenario.estimator, LocalizationConfig):
+        return {}
+    return {name: find_class(name, key) for key, name in scenario.estimator.user_classes}
 
 
 def _maps(scenario: Scenario) -> Maps:
@@ -81,7 +89,14 @@ def _build(scenario: Scenario, name: str, maps: Maps) -> Node:
         case RearrangementConfig() as config:
             return RearrangementEstimator(config=config, seed=seed, tick_s=tick_s, task=_task(scenario, name))
         case LocalizationConfig() as config:
-            return LocalizationEstimator(config=config, seed=seed, landmarks=landmarks)
+            return LocalizationEstimator(
+                config=config,
+                seed=seed,
+                landmarks=landmarks,
+                maps=maps,
+                classes=user_classes(scenario),
+                scan_range_max=_scan_range_max(scenario),
+            )
         case RearrangementControllerConfig() as config:
             return RearrangementController(config=config, seed=seed, tick_s=tick_s, task=_task(scenario, name))
         case WaypointsConfig() as config:
@@ -90,6 +105,11 @@ def _build(scenario: Scenario, name: str, maps: Maps) -> Node:
             return VisionNode(config=config, seed=seed)
         case missing:
             raise ScenarioError(f"{name}: takes no part in this run ({missing!r})")
+
+
+def _scan_range_max(scenario: Scenario) -> float | None:
+    sensors = scenario.sensors
+    return sensors.scan.range_max if isinstance(sensors, SimulatedSensorsConfig) and sensors.scan is not None else None
 
 
 def _task(scenario: Scenario, name: str) -> RearrangementTask:

@@ -236,9 +236,10 @@ def _take_from_log(raw: dict[str, Any], log: LogFacts) -> None:
 
 
 def _folded(info: Any, value: Any) -> Any:
-    """Return ``value`` as msgspec takes it: tables whose kind is a user's class as UserComponent, ...
+    """Return ``value`` as msgspec takes it.
 
-    ... and where a list of tables is expected, one table alone as a list of one.
+    A table whose kind is a user's class becomes a UserComponent; where tables of different kinds may stand, the kind
+    alone is a table of nothing else; and where a list of such is expected, one alone is a list of one.
     """
     match info, value:
         case msgspec.inspect.Metadata(), _:
@@ -251,14 +252,20 @@ def _folded(info: Any, value: Any) -> Any:
                 return {"kind": UserComponent.__struct_config__.tag, "name": kind, "parameters": parameters}
             chosen = [one for one in structs if one.tag is None or one.tag == kind]
             return _folded(chosen[0], value) if chosen else value
+        case msgspec.inspect.UnionType(), str() if any(_tagged(one) for one in info.types):
+            return _folded(info, {"kind": value})
         case msgspec.inspect.StructType(), dict():
             fields = {field.encode_name: field.type for field in info.fields}
             return {key: _folded(fields.get(key), child) for key, child in value.items()}
-        case msgspec.inspect.VarTupleType(item_type=msgspec.inspect.UnionType()), dict():
+        case msgspec.inspect.VarTupleType(item_type=msgspec.inspect.UnionType()), dict() | str():
             return [_folded(info.item_type, value)]
         case msgspec.inspect.VarTupleType(), list():
             return [_folded(info.item_type, child) for child in value]
     return value
+
+
+def _tagged(info: Any) -> bool:
+    return isinstance(info, msgspec.inspect.StructType) and info.tag is not None
 
 
 def _unfolded(value: Any) -> Any:

@@ -145,7 +145,7 @@ class RoomSimulator:
 
     def _room_shape(self, now: Timestamp) -> SceneEntity:
         """Draw the map's segments, or the rectangle; a grid's cells would be too many."""
-        kind, points = LOOP, ()
+        kind, points = LOOP, tuple[Point3, ...]()
         if self._segments is not None:
             kind, points = PAIRS, tuple(Point3(x=x, y=y) for x, y in self._segments.reshape(-1, 2).tolist())
         elif self._clearance is None:
