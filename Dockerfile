@@ -16,10 +16,13 @@ COPY scenarios scenarios
 RUN pip --python /opt/dynpf/bin/python install --no-cache-dir --no-index --no-deps --no-build-isolation .
 
 FROM ${BASE}
-RUN useradd --system --no-create-home dynpf && install --directory --owner=dynpf /dynpf/runs
+RUN useradd --system --no-create-home dynpf && install --directory --owner=dynpf /dynpf/runs /var/cache/dynpf
 COPY --from=build /opt/dynpf /opt/dynpf
-ENV PATH=/opt/dynpf/bin:$PATH PYTHONSAFEPATH=1 PYTHONUNBUFFERED=1
+ENV PATH=/opt/dynpf/bin:$PATH PYTHONSAFEPATH=1 PYTHONUNBUFFERED=1 NUMBA_CACHE_DIR=/var/cache/dynpf
 USER dynpf
 WORKDIR /dynpf
+# What the scenarios need of the kernels is compiled into the image. Another kind of processor compiles anew when it runs.
+RUN for scenario in parts-3-tracked landmark-room; do \
+        dynpf run $scenario --runner inline --output /tmp/warm.mcap && rm /tmp/warm.mcap; done
 ENTRYPOINT ["dynpf"]
 CMD ["--help"]

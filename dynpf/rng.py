@@ -39,7 +39,7 @@ class Stream(NamedTuple):
 
     def part(self, purpose: str | int) -> "Stream":
         """Return a stream for a part of this one's purpose, independent of it: use a stream for one draw only."""
-        return Stream(_key(self.key, "part", str(purpose)), self.step, self.first)
+        return Stream(_key(self.key, "\0part", str(purpose)), self.step, self.first)
 
     def starting_at(self, particle: int) -> "Stream":
         """Return the stream of the particles from ``particle`` on."""

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.metrics import rearrangement
-from dynpf.metrics.trajectory import Trajectory, mean_nees_band, nees, pose_errors, score, thin
+from dynpf.metrics.consistency import mean_square, nees
+from dynpf.metrics.trajectory import Trajectory, pose_errors, score, thin
 from protocol.codec import decode
 from protocol.messages import Estimate, PartsState, PoseInFrame, RobotState, heading
 from services.recording.digest import content_digest
@@ -115,11 +116,10 @@ def _consistency(errors: FloatArray, valid: NDArray[np.bool_], estimates: list[E
     # A heading that is measured rather than estimated has no variance: the position alone is then judged.
     dimension = 3 if np.all(covariances[:, 2, 2] > 0.0) else 2
     values = nees(errors[:dimension, valid], covariances[valid][:, :dimension, :dimension])
-    values = values[np.isfinite(values)]
-    if not values.size:
+    if np.isnan(values).all():
         return {}
-    low, high = mean_nees_band(dimension, values.size)
-    return {"nees_mean": float(np.mean(values)), "nees_low": low, "nees_high": high}
+    judged = mean_square(values, dimension)
+    return {"nees_mean": judged.figure, "nees_low": judged.low, "nees_high": judged.high}
 
 
 def _dead_reckoning(recording: Recording, reference: Trajectory) -> dict[str, float]:

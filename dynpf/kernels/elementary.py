@@ -3,7 +3,7 @@
 Only additions, multiplications, square roots and roundings that IEEE 754 fixes: the same bits on every machine, which
 a mathematical library does not promise. Coefficients: Cephes (Moshier), single precision. Errors against the exact
 values, over the ranges stated: exp and log at most 1 unit in the last place, atan2 2.1, sine and cosine 1.6 * 2**-24
-(2 units in the last place while |angle| < 10; more near the zeros of a larger angle, which float32 itself cannot place).
+(2 units in the last place while |angle| < 10; near the zeros of larger angles the angle itself is no better known).
 """
 
 import numpy as np

@@ -1,7 +1,6 @@
-"""How far an estimated trajectory is from the truth, and whether its covariance is honest about it."""
+"""How far an estimated trajectory is from the truth."""
 
 from collections.abc import Sequence
-from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -14,8 +13,6 @@ __all__ = [
     "Trajectory",
     "TrajectoryScore",
     "dead_reckoning",
-    "mean_nees_band",
-    "nees",
     "pose_errors",
     "score",
     "thin",
@@ -112,32 +109,6 @@ def dead_reckoning(stamps: FloatArray, twists: FloatArray, start: Sequence[float
     for k in range(duration.size):
         poses[:, k + 1] = compose(poses[:, k], arcs[:, k])
     return Trajectory(stamps, poses)
-
-
-def nees(errors: FloatArray, covariances: FloatArray) -> FloatArray:
-    """Return e^T P^-1 e of errors (D, T) under covariances (T, D, D), shape (T,); NaN where P is singular.
-
-    The normalized estimation error squared: chi-square with D degrees of freedom when the filter is consistent.
-    """
-    result = np.full(errors.shape[1], np.nan)
-    regular = np.linalg.matrix_rank(covariances) == errors.shape[0]
-    solved = np.linalg.solve(covariances[regular], errors.T[regular][..., None])[..., 0]
-    result[regular] = np.einsum("td,td->t", errors.T[regular], solved)
-    return result
-
-
-def mean_nees_band(dimension: int, count: int, probability: float = 0.95) -> tuple[float, float]:
-    """Return the interval that holds the mean of ``count`` independent NEES values with ``probability``.
-
-    Quantiles of chi-square with dimension * count degrees of freedom by the cube-root transformation (Wilson
-    and Hilferty, 1931), within 1 % from 30 degrees of freedom on. Errors along one run are correlated: the
-    band is for independent runs or well separated instants.
-    """
-    degrees = dimension * count
-    spread = 2.0 / (9.0 * degrees)
-    z = NormalDist().inv_cdf(0.5 * (1.0 + probability))
-    low, high = ((1.0 - spread + sign * z * spread**0.5) ** 3 for sign in (-1.0, 1.0))
-    return dimension * low, dimension * high
 
 
 def _rms(values: FloatArray) -> float:

@@ -13,6 +13,8 @@ __all__ = ["LinearGaussian", "LinearGaussianParams", "semidefinite_root"]
 
 Matrix = tuple[tuple[float, ...], ...]
 
+_ROUNDING = 1e-12
+
 
 class LinearGaussianParams(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="linear_gaussian"
@@ -70,20 +72,19 @@ class LinearGaussian:
 def semidefinite_root(covariance: FloatArray) -> FloatArray:
     """Return the lower triangular L with L L' = covariance (D, D), which may be singular: columns without noise are 0.
 
-    Cholesky's decomposition, a pivot within rounding of zero taken for zero. Raises ValueError for a matrix that is
-    not symmetric or has a negative eigenvalue.
+    Cholesky's decomposition; a pivot is zero when rounding explains it, judged by its own element of the diagonal, so
+    that units may differ by any factor. Raises ValueError for a matrix with a negative eigenvalue.
     """
-    dimension = len(covariance)
-    rounding = 1e-12 * np.max(np.abs(covariance), initial=0.0)
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     left = covariance.copy()
     root = np.zeros_like(left)
-    for k in range(dimension):
+    for k, own in enumerate(scale):
         pivot = left[k, k]
-        if pivot > rounding:
+        if pivot > _ROUNDING * own**2:
             root[k:, k] = left[k:, k] / math.sqrt(pivot)
             left -= np.outer(root[:, k], root[:, k])
-        # What a pivot of zero leaves in its column, only a negative eigenvalue explains.
-        elif pivot < -rounding or np.abs(left[k, k:]).max() > math.sqrt(rounding * np.abs(covariance).max()):
+        # A pivot of zero leaves its whole column zero, if no eigenvalue is negative.
+        elif pivot < -_ROUNDING * own**2 or np.any(np.abs(left[k:, k]) > math.sqrt(_ROUNDING) * own * scale[k:]):
             raise ValueError(f"noise = {covariance.tolist()}: has a negative eigenvalue, which no covariance has")
     return root
 

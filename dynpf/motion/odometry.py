@@ -107,6 +107,6 @@ class OdometryMotion:
 def steps(displacement: Displacement) -> Steps:
     """Return the displacement as rotation, translation, rotation; the first at most a quarter turn."""
     ahead = -1.0 if displacement.dx < 0.0 else 1.0
-    first = math.atan2(ahead * displacement.dy, ahead * displacement.dx)
+    first = math.atan2(ahead * displacement.dy, abs(displacement.dx))
     way = ahead * math.hypot(displacement.dx, displacement.dy)
     return Steps(first, way, math.remainder(displacement.turn - first, 2.0 * math.pi))

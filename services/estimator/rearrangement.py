@@ -234,15 +234,14 @@ class RearrangementEstimator:
         self._variances[part] = covariance.trace() / 2.0
 
     def _update_part(self, part: int, centre: FloatArray) -> None:
-        mean, covariance = kalman.update(
-            self._parts[part],
-            np.eye(2) * self._variances[part],
+        belief = kalman.update(
+            kalman.Gaussian(self._parts[part], np.eye(2) * self._variances[part]),
             centre,
             np.eye(2),
             np.eye(2) * self._config.measurement_variance,
         )
-        self._parts[part] = mean
-        self._variances[part] = covariance[0, 0]
+        self._parts[part] = belief.mean
+        self._variances[part] = belief.covariance[0, 0]
 
     def _grip_offset(self, part: int) -> FloatArray:
         return self._layout.held_position(np.array([0.0, 0.0, self._theta]), part)

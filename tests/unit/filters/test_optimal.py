@@ -34,8 +34,8 @@ def run(noise_of_filter, ticks=25):
             measurement_covariance=noise_of_filter,
             random=random,
         )
-        mean, covariance = kalman.predict(mean + CONTROL, covariance, I2, PROCESS)
-        mean, covariance = kalman.update(mean, covariance, measurement, I2, NOISE)
+        predicted = kalman.predict(kalman.Gaussian(mean + CONTROL, covariance), I2, PROCESS)
+        mean, covariance = kalman.update(predicted, measurement, I2, NOISE)
         found, covariances = optimal.mean_and_covariance(particles)
         standard_error = np.sqrt(np.diag(covariance) / effective_sample_size(particles.weights))
         worst = max(worst, float(np.max(np.abs(found - mean) / standard_error)))
