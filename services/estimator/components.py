@@ -6,11 +6,23 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
+from dynpf.filters.adaptation import (
+    Augmented,
+    AugmentedParams,
+    Kld,
+    KldParams,
+    Recovery,
+    SensorResetting,
+    SensorResettingParams,
+    Sizing,
+)
 from dynpf.filters.extended import ExtendedKalman, ExtendedKalmanParams
-from dynpf.filters.particle import ParticleFilter
+from dynpf.filters.models import Models
+from dynpf.filters.particle import ParticleFilter, Rescue
 from dynpf.filters.proposal import Auxiliary, LocalLinearization, Optimal, Proposal
 from dynpf.filters.regularization import Regularization
 from dynpf.filters.resampling import Resampling
+from dynpf.filters.start import pose_source
 from dynpf.filters.unscented import UnscentedKalman, UnscentedKalmanParams
 from dynpf.measurement.likelihood_field import LikelihoodField, LikelihoodFieldParams
 from dynpf.measurement.lines import Lines, PolarLines, PolarLinesParams
@@ -65,7 +77,7 @@ def motion_of(config: LocalizationConfig, maps: Maps, classes: Classes) -> Motio
         case LinearGaussianParams():
             return _linear(table)
         case UserComponent():
-            model = made(table, "estimator.motion", MotionModel, classes, maps._asdict())
+            model = made(table, "estimator.motion", (MotionModel,), classes, maps._asdict())
             control = getattr(type(model), "control", Twist)
             if control not in _CONTROLS:
                 raise ScenarioError(
@@ -88,7 +100,11 @@ def measurements_of(config: LocalizationConfig, maps: Maps, classes: Classes) ->
 
 
 def localizer_of(
-    config: LocalizationConfig, motion: MotionModel[Any], measurements: Measurements, classes: Classes
+    config: LocalizationConfig,
+    motion: MotionModel[Any],
+    measurements: Measurements,
+    maps: Maps,
+    classes: Classes,
 ) -> Localizer:
     """Return the filter; raises ScenarioError where it asks more of the models than they have."""
     table = config.filter
@@ -102,12 +118,16 @@ def localizer_of(
             regularization: Regularization | None = _own_or_given(
                 config.regularization, "estimator.regularization", Regularization, classes
             )
+            sizing, recovery = _adaptation(config, classes)
+            rescue = None if recovery is None else _rescue(config, recovery, Models(motion, measurements), maps)
             return ParticleLocalizer(
                 ParticleFilter(
                     motion,
                     measurements,
                     proposal=proposal,
                     resampling=resampling,
+                    sizing=sizing,
+                    rescue=rescue,
                     regularization=regularization,
                     threads=table.threads,
                 )
@@ -124,7 +144,7 @@ def localizer_of(
             return GaussianLocalizer(UnscentedKalman(gaussian_motion, gaussian_models, table))
         case UserComponent():
             parts = {"motion": motion, "measurements": measurements, "proposal": proposal, "resampling": resampling}
-            own: CloudFilter = made(table, "estimator.filter", CloudFilter, classes, parts)
+            own: CloudFilter = made(table, "estimator.filter", (CloudFilter,), classes, parts)
             return ParticleLocalizer(own)
 
 
@@ -135,7 +155,7 @@ _ASKED: Mapping[type, tuple[type, ...]] = {
 }
 """What a proposal asks of the models."""
 
-_OF_PARTICLES = ("proposal", "resampling", "regularization")
+_OF_PARTICLES = ("proposal", "resampling", "regularization", "adaptation")
 _DEFAULTS = {field.name: field.default for field in msgspec.structs.fields(LocalizationConfig)}
 
 
@@ -174,7 +194,7 @@ def _measurement(table: Any, key: str, maps: Maps, classes: Classes) -> tuple[ty
             return Lines, PolarLines(table, needed("segments"))
         case GaussianPositionParams():
             return Position, GaussianPosition(table)
-    own = made(table, key, MeasurementModel, classes, maps._asdict())
+    own = made(table, key, (MeasurementModel,), classes, maps._asdict())
     reading = getattr(type(own), "reading", object)
     if reading not in TOPICS:
         raise ScenarioError(
@@ -184,9 +204,37 @@ def _measurement(table: Any, key: str, maps: Maps, classes: Classes) -> tuple[ty
     return reading, own
 
 
+def _adaptation(config: LocalizationConfig, classes: Classes) -> tuple[Sizing | None, Recovery | None]:
+    sizing: list[Sizing] = []
+    recovery: list[Recovery] = []
+    for place, table in enumerate(config.adaptation):
+        match table:
+            case KldParams():
+                sizing.append(Kld(table))
+            case AugmentedParams():
+                recovery.append(Augmented(table))
+            case SensorResettingParams():
+                recovery.append(SensorResetting(table))
+            case UserComponent():
+                own = made(table, f"estimator.adaptation.{place}", (Sizing, Recovery), classes, {})
+                (sizing if hasattr(own, "size") else recovery).append(own)
+    if len(sizing) > 1 or len(recovery) > 1:
+        raise ScenarioError(
+            "estimator.adaptation: expected at most one rule for the number of particles and one recovery"
+        )
+    return next(iter(sizing), None), next(iter(recovery), None)
+
+
+def _rescue(config: LocalizationConfig, recovery: Recovery, models: Models, maps: Maps) -> Rescue:
+    try:
+        return Rescue(recovery, pose_source(config.restart, grid=maps.grid, models=models))
+    except ValueError as error:
+        raise ScenarioError(f"estimator.restart: {error}") from error
+
+
 def _own_or_given(table: Any, key: str, role: type, classes: Classes) -> Any:
     """Return the user's component, or the table itself: of what has no state and no map, the parameters are it."""
-    return made(table, key, role, classes, {}) if isinstance(table, UserComponent) else table
+    return made(table, key, (role,), classes, {}) if isinstance(table, UserComponent) else table
 
 
 _NEEDED = {"landmarks": "[[landmarks]]", "grid": "a [map]", "segments": "a [map] of segments"}

@@ -6,11 +6,12 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
+from dynpf.filters.adaptation import AugmentedParams, KldParams, SensorResettingParams
 from dynpf.filters.extended import ExtendedKalmanParams
 from dynpf.filters.proposal import Auxiliary, LocalLinearization, Optimal, Prior
 from dynpf.filters.regularization import GaussianKernel
 from dynpf.filters.resampling import Multinomial, Residual, Stratified, Systematic
-from dynpf.filters.start import KnownStart
+from dynpf.filters.start import FromReadingsStart, KnownStart, UniformStart
 from dynpf.filters.unscented import UnscentedKalmanParams
 from dynpf.measurement.likelihood_field import LikelihoodFieldParams
 from dynpf.measurement.lines import PolarLinesParams
@@ -62,6 +63,7 @@ MeasurementTable = (
 ResamplingTable = Systematic | Stratified | Residual | Multinomial | UserComponent
 ProposalTable = Prior | Optimal | LocalLinearization | Auxiliary | UserComponent
 RegularizationTable = GaussianKernel | UserComponent
+AdaptationTable = KldParams | AugmentedParams | SensorResettingParams | UserComponent
 
 
 class LocalizationConfig(
@@ -71,7 +73,7 @@ class LocalizationConfig(
 
     filter: FilterTable = SirParams()
     n: Annotated[int, Meta(ge=1, le=1_000_000)] = 1000  # particles
-    start: KnownStart = KnownStart()
+    start: KnownStart | UniformStart | FromReadingsStart = KnownStart()
     # Seconds between an odometry message and the robot moving as it says.
     odometry_delay: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
     scan_range_min: NonNegative = 0.0  # m; a range below it tells nothing
@@ -82,6 +84,9 @@ class LocalizationConfig(
     resampling: ResamplingTable = Systematic()
     proposal: ProposalTable = Prior()
     regularization: RegularizationTable | None = None  # absent: survivors are copies of one another
+    # How many particles there are (one of these), and when some are drawn anew because the filter is lost (another).
+    adaptation: Annotated[tuple[AdaptationTable, ...], Meta(max_length=2)] = ()
+    restart: UniformStart | FromReadingsStart = UniformStart()  # where those begin that are drawn anew
 
     @property
     def user_classes(self) -> Iterator[tuple[str, str]]:

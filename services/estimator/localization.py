@@ -5,13 +5,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dynpf.filters.models import Outcome
-from dynpf.filters.start import around
+from dynpf.filters.models import Models, Outcome
+from dynpf.filters.start import FromReadingsStart, KnownStart, pose_source, start_poses
 from dynpf.measurement.range_bearing import RangeBearingReadings
 from dynpf.measurement.scan import Scan
 from dynpf.motion.model import Twist
-from dynpf.rng import Stream, generator
-from dynpf.se2 import arc_displacement, compose
+from dynpf.rng import Stream
+from dynpf.se2 import FloatArray, arc_displacement, compose
 from protocol import frames
 from protocol.messages import (
     Estimate,
@@ -99,7 +99,9 @@ class LocalizationEstimator:
         motion = motion_of(config, maps, classes)
         measurements = measurements_of(config, maps, classes)
         self._control = motion.control
-        self._localizer = localizer_of(config, motion.model, measurements, classes)
+        self._localizer = localizer_of(config, motion.model, measurements, maps, classes)
+        self._start, self._count = config.start, config.n
+        self._grid, self._models = maps.grid, Models(motion.model, measurements)
         self._kinds = {TOPICS[kind]: kind for kind in measurements}
         self._known = maps.landmarks if RangeBearingReadings in measurements else None
         range_max = config.scan_range_max or scan_range_max
@@ -109,10 +111,17 @@ class LocalizationEstimator:
             )
         self._scanner = {"range_min": config.scan_range_min, "range_max": range_max or np.inf}
         self.reads = frozenset({"sensors/odometry", GAPS, *self._kinds})
-        rng = generator(seed, self.name, 0, "start")
-        stream = Stream.of(seed, self.name, 0, "start")
-        self._belief = self._localizer.start(around(config.start, config.n, rng), stream)
-        self._reckoned = np.array([config.start.x, config.start.y, config.start.theta])
+        # Of the step that is being taken; empty between steps.
+        self._number = 0
+        self._draws = 0
+        self._held: list[Twist] = []
+        self._pending: list[Any] = []
+        self._found: Found | None = None
+        self._belief: Any = None  # until there are readings to start from
+        self._reckoned: FloatArray | None = None
+        if isinstance(config.start, KnownStart):
+            self._reckoned = np.array([config.start.x, config.start.y, config.start.theta])
+        self._begin(())
         self._stamp_ns: int | None = None
         self._twist = _Velocity(0.0, 0.0)
         self._coming: list[_TimedTwist] = []
@@ -121,12 +130,6 @@ class LocalizationEstimator:
         self._scene_ns: int | None = None
         self._outcomes = {outcome.value: 0 for outcome in Outcome}
         self._unknown: list[int] = []
-        # Of the step that is being taken; empty between steps.
-        self._number = 0
-        self._draws = 0
-        self._held: list[Twist] = []
-        self._pending: list[Any] = []
-        self._found: Found | None = None
 
     def step(self, step: Step) -> Result:
         """Take the inputs in; answer with the estimate at the step's stamp, if there were any."""
@@ -149,12 +152,12 @@ class LocalizationEstimator:
         self._advance(step.stamp_ns)
         self._correct()
         self._predict()
-        return Result((*self._report(), *logs))
+        return Result((*(self._report() if self._belief is not None else ()), *logs))
 
     def freeze(self) -> State:
         """Return the belief, the twists in force and to come, dead reckoning, and what was reported."""
         return {
-            "belief": self._localizer.freeze(self._belief),
+            "belief": None if self._belief is None else self._localizer.freeze(self._belief),
             "reckoned": self._reckoned,
             "stamp_ns": self._stamp_ns,
             "twist": list(self._twist),
@@ -168,8 +171,8 @@ class LocalizationEstimator:
 
     def thaw(self, state: State) -> None:
         """Continue from what freeze returned."""
-        self._belief = self._localizer.thaw(state["belief"])
-        self._reckoned = np.array(state["reckoned"])
+        self._belief = None if state["belief"] is None else self._localizer.thaw(state["belief"])
+        self._reckoned = None if state["reckoned"] is None else np.array(state["reckoned"])
         self._stamp_ns = state["stamp_ns"]
         self._twist = _Velocity(*state["twist"])
         self._coming = [_TimedTwist(*twist) for twist in state["coming"]]
@@ -178,6 +181,24 @@ class LocalizationEstimator:
         self._scene_ns = state["scene_ns"]
         self._outcomes = dict(state["outcomes"])
         self._unknown = list(state["unknown"])
+
+    def _begin(self, readings: Sequence[Any]) -> None:
+        """Begin to believe; a start from readings waits until there are some."""
+        try:
+            if isinstance(self._start, FromReadingsStart) and not readings:
+                pose_source(self._start.base, grid=self._grid)  # tells now what would be missing then
+                return
+            poses = start_poses(
+                self._start,
+                self._count,
+                self._stream("start"),
+                grid=self._grid,
+                models=self._models,
+                readings=readings,
+            )
+        except ValueError as error:
+            raise ScenarioError(f"estimator.start: {error}") from error
+        self._belief = self._localizer.start(poses, self._stream("start"))
 
     def _take_odometry(self, stamp_ns: int, odometry: Odometry) -> None:
         if stamp_ns < self._newest_odometry_ns:
@@ -208,12 +229,17 @@ class LocalizationEstimator:
             self._held[-1] = Twist(v, w, self._held[-1].duration + duration)
         else:
             self._held.append(Twist(v, w, duration))
-        self._reckoned = compose(self._reckoned, arc_displacement(v * duration, w * duration))
+        if self._reckoned is not None:
+            self._reckoned = compose(self._reckoned, arc_displacement(v * duration, w * duration))
         self._stamp_ns = stamp_ns
 
     def _correct(self) -> None:
         """Let the belief follow the twists held, and correct it by the pending readings, if there are any."""
         if not self._pending:
+            return
+        if self._belief is None:
+            self._begin(self._pending)
+            self._held, self._pending = [], []  # the start is made of these readings, and after the movement before
             return
         control = self._control(self._held.pop()) if self._held else None
         self._predict()
@@ -224,7 +250,7 @@ class LocalizationEstimator:
 
     def _predict(self) -> None:
         """Let the belief follow the twists held."""
-        for twist in self._held:
+        for twist in self._held if self._belief is not None else ():
             self._belief = self._localizer.predict(self._belief, self._control(twist), self._stream("predict"))
             self._found = None
         self._held = []
@@ -251,11 +277,10 @@ class LocalizationEstimator:
                 ),
             ),
             Output("estimator/pose", PoseInFrame(timestamp=when, frame_id=frames.MAP, pose=planar_pose(x, y, theta))),
-            Output(
-                "estimator/dead_reckoning",
-                PoseInFrame(timestamp=when, frame_id=frames.MAP, pose=planar_pose(*self._reckoned.tolist())),
-            ),
         ]
+        if self._reckoned is not None:
+            reckoned = PoseInFrame(timestamp=when, frame_id=frames.MAP, pose=planar_pose(*self._reckoned.tolist()))
+            outputs.append(Output("estimator/dead_reckoning", reckoned))
         if self._shown_ns is None or self._stamp_ns - self._shown_ns >= SHOWN_PERIOD_NS:
             self._shown_ns = self._stamp_ns
             outputs.append(Output("estimator/particles", self._shown_particles()))

@@ -16,7 +16,7 @@ from dynpf.filters.particle import ParticleFilter
 from dynpf.filters.resampling import systematic
 from dynpf.filters.unscented import UnscentedKalman
 from dynpf.rng import Stream
-from dynpf.se2 import FloatArray, Floats
+from dynpf.se2 import Floats
 
 __all__ = ["CloudFilter", "Found", "GaussianLocalizer", "Localizer", "ParticleLocalizer"]
 
@@ -32,7 +32,7 @@ class Found(NamedTuple):
 class Localizer(Protocol):
     """A filter over the pose of a robot; ``belief`` is whatever it started with or gave back last."""
 
-    def start(self, poses: FloatArray, stream: Stream) -> Any:
+    def start(self, poses: Floats, stream: Stream) -> Any:
         """Return the belief that poses (3, N) stand for."""
 
     def predict(self, belief: Any, control: Any, stream: Stream) -> Any:
@@ -73,7 +73,7 @@ class ParticleLocalizer:
     def __init__(self, cloud_filter: CloudFilter | ParticleFilter[PoseEstimate]) -> None:
         self.filter = cloud_filter
 
-    def start(self, poses: FloatArray, stream: Stream) -> Cloud:
+    def start(self, poses: Floats, stream: Stream) -> Cloud:
         return self.filter.start(poses, stream)
 
     def predict(self, belief: Cloud, control: Any, stream: Stream) -> Cloud:
@@ -84,9 +84,7 @@ class ParticleLocalizer:
         return cloud, Found(report.estimate, report.n_eff, report.outcomes)
 
     def find(self, belief: Cloud) -> Found:
-        # Either precision will do.
-        particles, weights = np.asarray(belief.particles), np.asarray(belief.weights)
-        return Found(pose_estimate(particles, weights), belief.n_eff)
+        return Found(pose_estimate(belief.particles, belief.weights), belief.n_eff)
 
     def shown(self, belief: Cloud, most: int) -> Floats:
         # Chosen by weight, not by place, so that what is looked at is the posterior.
@@ -106,7 +104,7 @@ class GaussianLocalizer:
     def __init__(self, kalman_filter: ExtendedKalman[Any] | UnscentedKalman[Any]) -> None:
         self.filter = kalman_filter
 
-    def start(self, poses: FloatArray, stream: Stream) -> Gaussian:
+    def start(self, poses: Floats, stream: Stream) -> Gaussian:
         """Return mean and covariance of the poses, and of what the motion model draws besides."""
         states = np.asarray(self.filter.motion.particles(poses, stream), dtype=np.float64)
         pose = pose_estimate(states, np.full(states.shape[1], 1.0 / states.shape[1]))

@@ -14,8 +14,8 @@ Classes = Mapping[str, type]
 """The user's classes, by the names that a scenario gives them."""
 
 
-def made(table: UserComponent, key: str, role: type, classes: Classes, facts: Mapping[str, Any]) -> Any:
-    """Return an object of the user's class that can play ``role``, a Protocol.
+def made(table: UserComponent, key: str, roles: tuple[type, ...], classes: Classes, facts: Mapping[str, Any]) -> Any:
+    """Return an object of the user's class that can play one of the ``roles``, Protocols.
 
     ``Name(Params(...))`` if the class has a msgspec struct ``Params``, else ``Name(**keys)``; and the facts of the run
     that its attribute ``uses`` names, such as the map's "grid", as keywords. Raises ScenarioError that names the key,
@@ -38,10 +38,11 @@ def made(table: UserComponent, key: str, role: type, classes: Classes, facts: Ma
             component = kind(**table.parameters, **keywords)
     except (TypeError, ValueError) as error:
         raise ScenarioError(f"{what} cannot be made of the table's keys: {error}") from error
-    missing = [name for name in required_methods(role) if not hasattr(component, name)]
-    if missing:
-        needs = ", ".join(required_methods(role))
-        raise ScenarioError(f"{what} lacks {', '.join(missing)}; a {role.__name__} has {needs}")
+    lacks = {role: [name for name in required_methods(role) if not hasattr(component, name)] for role in roles}
+    if all(lacks.values()):
+        missing = " or ".join(", ".join(names) for names in lacks.values())
+        asked = " or ".join(f"a {role.__name__}, which has {', '.join(required_methods(role))}" for role in roles)
+        raise ScenarioError(f"{what} lacks {missing}; expected {asked}")
     return component
 
 

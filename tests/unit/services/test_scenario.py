@@ -218,7 +218,7 @@ def test_the_first_key_that_differs_is_named_with_both_values() -> None:
     assert against(simulator={"kind": "room", "width": 7.5}) == ("simulator.width", 6.0, 7.5)
     assert against(landmarks=[{"id": 1, "x": 0.5, "y": 1.0}]) == ("landmarks.0.x", 0.0, 0.5)
     assert against(landmarks=[*room()["landmarks"], {"id": 2, "x": 0, "y": 0}]) == ("landmarks.1.id", None, 2)
-    assert against(estimator={"kind": "localization"}) == ("estimator.filter.kind", None, "sir")
+    assert against(estimator={"kind": "localization"}) == ("estimator.adaptation", None, [])
 
 
 def playing_a_log(start: Raw) -> str:

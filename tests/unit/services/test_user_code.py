@@ -123,7 +123,8 @@ def test_a_class_without_params_is_given_the_keys_and_what_it_uses_of_the_run(mo
         ),
         (
             "kind='lab_c:Plain'",
-            "estimator.motion.kind: 'lab_c:Plain' lacks particles, propagate; a MotionModel has particles, propagate",
+            "estimator.motion.kind: 'lab_c:Plain' lacks particles, propagate; expected a MotionModel, "
+            "which has particles, propagate",
         ),
         ("kind='lab_c:Drft'", "estimator.motion.kind: 'lab_c:Drft': Drft is not in the module; did you mean 'Drift'?"),
         ("kind='lab_c:NUMBER'", "estimator.motion.kind: 'lab_c:NUMBER': NUMBER is no class"),
@@ -169,5 +170,5 @@ def test_the_digest_is_that_of_the_whole_package_and_of_nothing_beside_it(module
 def test_a_resampling_scheme_of_ones_own_is_held_to_its_part(modules: Modules) -> None:
     modules({"lab_h": "class Never:\n    def due(self, cloud):\n        return False\n"})
     scenario = load_scenario("landmark-room", overrides=["estimator.resampling={kind='lab_h:Never'}"])
-    with pytest.raises(ScenarioError, match="'lab_h:Never' lacks select; a Resampling has due, select"):
-        localizer_of(config(scenario), MOTION, {}, user_classes(scenario))
+    with pytest.raises(ScenarioError, match="'lab_h:Never' lacks select; expected a Resampling, which has due, select"):
+        localizer_of(config(scenario), MOTION, {}, NO_MAPS, user_classes(scenario))
