@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from dynpf.filters import kalman
+from dynpf.filters.adaptation import Augmented, AugmentedParams, Kld, KldParams
 from dynpf.filters.cloud import uniform_cloud
 from dynpf.filters.estimate import mean_and_covariance
 from dynpf.filters.models import Outcome
-from dynpf.filters.particle import ParticleFilter
+from dynpf.filters.particle import ParticleFilter, Rescue
 from dynpf.filters.proposal import Auxiliary, LocalLinearization, Optimal, Prior
 from dynpf.filters.regularization import GaussianKernel
 from dynpf.filters.resampling import Multinomial, Residual, Stratified, Systematic
@@ -117,9 +118,7 @@ def test_control_a_filter_with_the_wrong_noise_does_not_agree():
 def test_the_optimal_proposal_keeps_more_particles_alive():
     measured = observations()
     filters = [
-        ParticleFilter(
-            motion(), {Observation: LinearMeasurement(H, 0.05 * R)}, proposal=p, estimate=mean_and_covariance
-        )
+        ParticleFilter(motion(), {Observation: LinearMeasurement(H, 0.05 * R)}, proposal=p, estimate=mean_and_covariance)
         for p in (Prior(), Optimal())
     ]
     states = PRIOR.mean[:, None] + Stream.of(1, "test", 0).normals(2, COUNT).astype(float)
