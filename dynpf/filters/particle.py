@@ -99,7 +99,7 @@ class ParticleFilter(Generic[EstimateT]):
         resampled, survivors, anew, share = weighted, proposed.ancestors, 0, 0.0
         if proposed.log_weights is not None:
             if self.rescue is not None:
-                memory, share = self.rescue.recovery.assess(weighted.memory, log_evidence)
+                memory, share = self.rescue.recovery.assess(weighted.memory, log_evidence, proposed.readings)
                 resampled = weighted._replace(memory=memory)
             if share > 0.0 or self.resampling.due(weighted):
                 resampled, chosen, anew = self.resample(resampled, share, readings, stream)

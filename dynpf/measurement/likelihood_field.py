@@ -69,7 +69,7 @@ class LikelihoodField:
 
     Beams without return (at the maximum range) and beams that are not numbers tell nothing; a scan of no other beams is
     not admitted, and its log-likelihood is zero. A beam that ends outside the grid is as likely as one far from any
-    wall, so a particle off the map is unlikely but possible.
+    wall, so a particle off the map is unlikely but possible; one whose pose is not finite is impossible.
     """
 
     def __init__(self, params: LikelihoodFieldParams, grid: OccupancyGrid) -> None:
@@ -94,6 +94,10 @@ class LikelihoodField:
             ends = self._agreed(particles, weights, ends, self.params.beam_skip)
         return ends if ends.x.size else None
 
+    def count(self, reading: BeamEnds) -> int:
+        """Return the number of beams."""
+        return int(reading.x.size)
+
     def log_likelihood(self, particles: Floats, reading: Scan | BeamEnds) -> Floats:
         """Return log p(scan | particle), up to a constant with "cubes", shape (N,) float32."""
         ends = self._ends(reading) if isinstance(reading, Scan) else reading
@@ -101,7 +105,7 @@ class LikelihoodField:
             return np.zeros(particles.shape[1], dtype=np.float32)
         total = self._sum(particles, ends, self._table(ends.range_max))
         if self.params.aggregation == "cubes":
-            return np.log1p(total)
+            return np.where(np.isneginf(total), total, np.log1p(np.maximum(total, np.float32(0.0))))
         if self.params.tempering != 1.0:
             total *= np.float32(self.params.tempering)
         return total

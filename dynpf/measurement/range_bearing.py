@@ -74,6 +74,10 @@ class RangeBearing:
             return None
         return RangeBearingReadings(*(np.asarray(values)[kept] for values in reading))
 
+    def count(self, reading: RangeBearingReadings) -> int:
+        """Return the number of landmarks."""
+        return len(reading.ranges)
+
     def log_likelihood(self, particles: Floats, reading: RangeBearingReadings) -> Floats:
         """Return the tempered log-density of all the readings for each particle, shape (N,), float32.
 
@@ -136,6 +140,10 @@ class RangeBearing:
         variances[0::2] = params.sigma_range**2 + (params.sigma_range_per_m * np.asarray(reading.ranges)) ** 2
         variances[1::2] = params.sigma_bearing**2
         return np.diag(variances / params.tempering)
+
+    def angular(self, reading: RangeBearingReadings) -> NDArray[np.bool_]:
+        """Return which rows of the innovation are angles: every second one, the bearings, shape (2K,)."""
+        return np.tile((False, True), len(reading.ranges))
 
     def poses(self, reading: RangeBearingReadings, count: int, stream: Stream) -> NDArray[np.float32]:
         """Return poses (3, count) from which the first reading that tells something could have been seen.

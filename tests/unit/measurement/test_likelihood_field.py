@@ -125,6 +125,15 @@ def test_a_particle_off_the_map_is_as_likely_as_one_that_sees_nothing_it_knows()
     assert found[0] == pytest.approx(2 * np.log(params.z_rand / RANGE_MAX), rel=1e-5)
 
 
+@pytest.mark.parametrize("aggregation", ["product", "cubes"])
+def test_a_pose_that_is_no_number_is_impossible(aggregation):
+    field = LikelihoodField(LikelihoodFieldParams(aggregation=aggregation), room())
+    bad = [(np.nan, 0, 0), (0, np.inf, 0), (0, 0, np.nan), (np.inf, -np.inf, 0), (3e38, -3e38, 0), (0.5, 3.0, 0.0)]
+    found = field.log_likelihood(np.array(bad, dtype=np.float32).T, scan([0.0, 1.0], [2.0, 1.0]))
+    assert found[:-1].tolist() == [-np.inf] * 5
+    assert np.isfinite(found[-1])
+
+
 def test_beams_that_the_particles_agree_not_to_understand_are_left_out():
     skipping = LikelihoodField(LikelihoodFieldParams(beam_skip=BeamSkip(distance=0.3)), room())
     spread = 0.02 * Stream.of(1, "test", 0).normals(3, 200)
