@@ -3,13 +3,15 @@
 from collections.abc import Callable, Iterable
 from typing import Annotated, NamedTuple
 
+import cv2
 import msgspec
+import numpy as np
 from msgspec import Meta
 
 from dynpf.maps.bitmap import decode_bitmap
 from dynpf.maps.landmarks import LandmarkMap
 from dynpf.maps.map_server import decode
-from dynpf.maps.occupancy import OccupancyGrid
+from dynpf.maps.occupancy import UNKNOWN, OccupancyGrid
 from dynpf.maps.segments import SegmentMap
 from services.task import Landmark
 
@@ -43,7 +45,10 @@ class BitmapConfig(
 class SegmentsConfig(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="segments"
 ):
-    """Straight walls (TURTLEBOT). Models that want a grid get one: the cells that a wall runs through are occupied."""
+    """Straight walls (TURTLEBOT). Models that want a grid get one: the cells that a wall runs through are occupied.
+
+    What lies outside of closed walls is unknown in it, the rest is free.
+    """
 
     segments: Annotated[tuple[Segment, ...], Meta(min_length=1, max_length=100_000)]  # x1, y1, x2, y2 in m
     resolution: Positive = 0.05  # m a cell of the grid
@@ -90,6 +95,19 @@ def open_maps(config: MapConfig | None, landmarks: Iterable[Landmark] | None, re
             return Maps(marks, grid=grid)
         case SegmentsConfig():
             segments = SegmentMap(config.segments)
-            return Maps(marks, grid=segments.rasterize(config.resolution), segments=segments)
+            return Maps(marks, grid=_grid_of(segments, config.resolution), segments=segments)
         case None:
             return Maps(marks)
+
+
+def _grid_of(segments: SegmentMap, resolution: float) -> OccupancyGrid:
+    """Return the grid of cells that a wall runs through; what lies outside of closed walls is unknown.
+
+    The margin lets walls on whole cells run through the middle of cells, which is where a grid takes them to be.
+    """
+    grid = segments.rasterize(resolution, margin=1.5 * resolution)
+    labels = cv2.connectedComponents((~grid.occupied).astype(np.uint8), connectivity=4, ltype=cv2.CV_32S)[1]
+    outside = labels == labels[0, 0]
+    if np.array_equal(outside, grid.free):  # the walls are open: there is no outside
+        return grid
+    return OccupancyGrid(np.where(outside, np.uint8(UNKNOWN), grid.cells), grid.resolution, grid.origin)
