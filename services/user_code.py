@@ -63,7 +63,10 @@ def _source_digest(name: str, key: str) -> str:
     files = sorted(package.rglob("*.py")) if package.is_dir() else [file]
     digest = hashlib.sha256()
     for path in files:
-        source = path.read_bytes()
+        try:
+            source = path.read_bytes()
+        except OSError as error:
+            raise ScenarioError(f"{key}: {name!r}: its source {path} cannot be read: {error.strerror}") from error
         digest.update(f"{path.relative_to(root).as_posix()} {len(source)}\n".encode())
         digest.update(source)
     return digest.hexdigest()

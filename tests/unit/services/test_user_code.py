@@ -1,6 +1,7 @@
 """A user's own classes in a scenario: found, made, held to their part, and told when anything of that fails."""
 
 import importlib
+import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import pytest
 
 from dynpf.motion import Arcs, ArcsParams
+from services.cli.main import main
 from services.errors import ScenarioError
 from services.estimator.components import localizer_of, measurements_of, motion_of
 from services.estimator.config import LocalizationConfig
@@ -172,3 +174,46 @@ def test_a_resampling_scheme_of_ones_own_is_held_to_its_part(modules: Modules) -
     scenario = load_scenario("landmark-room", overrides=["estimator.resampling={kind='lab_h:Never'}"])
     with pytest.raises(ScenarioError, match="'lab_h:Never' lacks select; expected a Resampling, which has due, select"):
         localizer_of(config(scenario), MOTION, {}, NO_MAPS, user_classes(scenario))
+
+
+WALK = """
+    import numpy as np
+
+    class Walk:
+        def __init__(self, step):
+            self.step = step
+
+        def particles(self, poses, stream):
+            return poses
+
+        def propagate(self, particles, control, stream):
+            moved = particles + np.float32(self.step) * stream.normals(*particles.shape)
+            moved[0] += np.float32(control.v * control.duration) * np.cos(moved[2])
+            moved[1] += np.float32(control.v * control.duration) * np.sin(moved[2])
+            moved[2] += np.float32(control.w * control.duration)
+            return moved
+"""
+
+
+def test_a_run_with_a_users_model_replays_and_tells_when_the_model_has_changed(
+    modules: Modules, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    modules({"lab_i": WALK})
+    path = tmp_path / "run.mcap"
+    words = ["--set", "max_ticks=12", "--set", "estimator.motion={kind='lab_i:Walk', step=0.01}"]
+    assert main(["run", "landmark-room", "--runner", "inline", *words, "-o", str(path)]) == 0
+    assert main(["replay", str(path)]) == 0
+    assert "lab_i" not in capsys.readouterr().err
+
+    modules({"lab_i": WALK.replace("self.step = step", "self.step = 2 * step")})
+    assert main(["replay", str(path), "--json"]) == 1
+    told = capsys.readouterr()
+    assert "the module lab_i has changed since the run was recorded" in told.err
+    assert json.loads(told.out)["first"]["node"] == "estimator"
+
+    modules({"lab_i": ""})  # forgotten, too
+    (tmp_path / "lab_i.py").unlink()
+    assert main(["replay", str(path)]) == 2
+    assert (
+        "estimator.motion.kind: 'lab_i:Walk': there is no module 'lab_i' on the Python path" in capsys.readouterr().err
+    )
