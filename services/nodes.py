@@ -6,6 +6,7 @@ from services.controller.waypoints import WaypointController
 from services.errors import ScenarioError
 from services.estimator.config import LocalizationConfig, RearrangementConfig
 from services.estimator.localization import LocalizationEstimator
+from services.estimator.readings import TOPICS
 from services.estimator.rearrangement import RearrangementEstimator
 from services.maps import Maps, open_maps
 from services.node import Node
@@ -23,6 +24,8 @@ from services.vision.node import VisionNode
 
 __all__ = ["build_node", "build_nodes", "user_classes"]
 
+READING_TOPICS = frozenset(TOPICS.values())
+
 
 def build_nodes(scenario: Scenario) -> dict[str, Node]:
     """Return the nodes of a run by name, in tick order, each in its first state.
@@ -31,6 +34,10 @@ def build_nodes(scenario: Scenario) -> dict[str, Node]:
     """
     maps = _maps(scenario)
     nodes = {name: _built(scenario, name, maps) for name in scenario.nodes}
+    if isinstance(scenario.estimator, LocalizationConfig) and "sensors" in nodes:
+        unheard = {one for one in nodes["estimator"].reads - nodes["sensors"].writes if one in READING_TOPICS}
+        for topic in sorted(unheard):
+            raise ScenarioError(f"estimator.measurement: reads {topic}, which the sensors of this run do not write")
     for place, fault in enumerate(scenario.faults):
         if fault.topic not in nodes[fault.to].reads:
             known = ", ".join(sorted(nodes[fault.to].reads))

@@ -170,6 +170,7 @@ def test_what_does_not_fit_together_is_told(estimator: dict[str, Any], told: str
         ("map", {"adaptation": "augmented"}, "estimator.restart: a uniform start needs a box"),
         ("landmarks", {}, r"estimator.measurement.0 needs \[\[landmarks\]\]; this run has none"),
         ("sensors", {"measurement": "likelihood_field"}, "estimator.scan_range_max: missing"),
+        ("sensors", {"measurement": "position"}, "reads sensors/position, which the sensors of this run do not write"),
     ],
 )
 def test_what_the_run_lacks_is_told(without: str, estimator: dict[str, Any], told: str) -> None:
