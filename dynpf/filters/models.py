@@ -52,6 +52,7 @@ class Models:
             raise ValueError(f"threads = {threads}: expected at least 1")
         self.motion = motion
         self.measurements = dict(measurements)
+        self._batched = {taken for taken, model in measurements.items() if isinstance(model, Batched)}
         self.threads = threads
         self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
 
@@ -74,7 +75,8 @@ class Models:
             admitted = model.admit(particles, weights, reading)
             outcomes.append(Outcome.REFUSED if admitted is None else Outcome.USED)
             if admitted is not None:
-                evidence.append(Evidence(model, admitted, model.count(admitted) if isinstance(model, Batched) else 1))
+                count = model.count(admitted) if type(reading) in self._batched else 1
+                evidence.append(Evidence(model, admitted, count))
         return evidence, outcomes
 
     def log_likelihood(self, particles: Floats, evidence: Sequence[Evidence]) -> Floats:
@@ -88,7 +90,7 @@ class Models:
 
         return self._over_columns(particles, of_piece)
 
-    def _model_of(self, reading: Any) -> MeasurementModel[Any]:
+    def _model_of(self, reading: Any) -> Any:
         try:
             return self.measurements[type(reading)]
         except KeyError:
