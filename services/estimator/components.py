@@ -24,6 +24,7 @@ from dynpf.filters.regularization import Regularization
 from dynpf.filters.resampling import Resampling
 from dynpf.filters.start import pose_source
 from dynpf.filters.unscented import UnscentedKalman, UnscentedKalmanParams
+from dynpf.measurement.beam import BeamModel, BeamParams
 from dynpf.measurement.likelihood_field import LikelihoodField, LikelihoodFieldParams
 from dynpf.measurement.lines import Lines, PolarLines, PolarLinesParams
 from dynpf.measurement.model import GaussianMeasurement, MeasurementModel
@@ -188,6 +189,8 @@ def _measurement(table: Any, key: str, maps: Maps, classes: Classes) -> tuple[ty
             return UnlabelledReadings, UnknownLandmarks(table, needed("landmarks"))
         case LikelihoodFieldParams():
             return Scan, LikelihoodField(table, needed("grid"))
+        case BeamParams():
+            return Scan, BeamModel(table, needed("grid"))
         case RangeVectorParams():
             return RangeVector, RangeVectorModel(table, needed("grid"))
         case PolarLinesParams():

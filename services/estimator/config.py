@@ -13,6 +13,7 @@ from dynpf.filters.regularization import GaussianKernel
 from dynpf.filters.resampling import Multinomial, Residual, Stratified, Systematic
 from dynpf.filters.start import FromReadingsStart, KnownStart, UniformStart
 from dynpf.filters.unscented import UnscentedKalmanParams
+from dynpf.measurement.beam import BeamParams
 from dynpf.measurement.likelihood_field import LikelihoodFieldParams
 from dynpf.measurement.lines import PolarLinesParams
 from dynpf.measurement.position import GaussianPositionParams
@@ -55,6 +56,7 @@ MeasurementTable = (
     RangeBearingParams
     | UnknownLandmarksParams
     | LikelihoodFieldParams
+    | BeamParams
     | RangeVectorParams
     | PolarLinesParams
     | GaussianPositionParams

@@ -41,6 +41,7 @@ COMPOSITIONS: dict[str, dict[str, Any]] = {
     "range_bearing": {"measurement": "range_bearing"},
     "unknown_landmarks": {"measurement": "unknown_landmarks"},
     "likelihood_field": {"measurement": "likelihood_field"},
+    "beam": {"measurement": "beam"},
     "range_vector": {
         "measurement": {"kind": "range_vector", "angles": [-1.0, -0.5, 0.0, 0.5, 1.0], "range_max": 4.0, "sigma": 0.3}
     },
