@@ -196,7 +196,7 @@ def test_the_configuration_names_value_and_range() -> None:
         ({"n": 0}, "int` >= 1 - at `$.n`"),
         ({"motion": {"kind": "arcs", "along_variance_per_m": -0.1}}, ">= 0.0 - at `$.motion.along_variance_per_m`"),
         ({"resampling": {"kind": "systematic", "threshold": 1.5}}, "<= 1.0 - at `$.resampling.threshold`"),
-        ({"measurement": [{"kind": "beam"}]}, "beam"),
+        ({"measurement": [{"kind": "beem"}]}, "beem"),
         ({"odometry_dely": 0.1}, "odometry_dely"),
     ):
         with pytest.raises(msgspec.ValidationError) as refusal:
