@@ -156,7 +156,7 @@ def moves(control: Any) -> bool:
         return False
     if isinstance(control, Twist):
         return control.v != 0.0 or control.w != 0.0
-    return bool(np.any(np.asarray(control)))
+    return any(control) if isinstance(control, tuple) else bool(np.any(control))
 
 
 def _checked(part: PartT) -> PartT:
