@@ -71,6 +71,7 @@ ALLOWED = ("numpy.random.Generator",)
 
 EXCEPTIONS = {
     ("dynpf/rng.py", "numpy.random.Philox"),
+    ("dynpf/__init__.py", "importlib.import_module"),
     ("dynpf/kernels/__init__.py", "importlib.import_module"),
     # Threads that change no bit of the result, in the number that the caller gives.
     ("dynpf/filters/models.py", "concurrent.futures.ThreadPoolExecutor"),

@@ -24,7 +24,6 @@ Timer = Callable[[int], float]
 BUDGET_S = 1.0  # all rounds of a row together
 TURN_S = 0.02  # one contender's turn, or one update if that takes longer
 ROUNDS = (3, 25)
-LONG_S = 0.3
 TOO_SLOW_S = 2.0  # an update of a comparison that would take longer is left out
 STAGES = ("motion", "likelihood", "normalization", "estimate", "resampling")
 
@@ -117,7 +116,7 @@ def timer(step: Step) -> Timer:
 
 
 def interleaved(timers: Mapping[str, Timer], budget_s: float = BUDGET_S) -> dict[str, Timing]:
-    """Return the time of an update by each, measured in turns after one or two updates each that do not count."""
+    """Return the time of an update by each, measured in turns after two updates each that do not count."""
     once = {name: _warm(seconds) for name, seconds in timers.items()}
     turns = {name: max(1, round(TURN_S / max(took, 1e-7))) for name, took in once.items()}
     a_round = sum(turns[name] * took for name, took in once.items())
@@ -130,9 +129,9 @@ def interleaved(timers: Mapping[str, Timer], budget_s: float = BUDGET_S) -> dict
 
 
 def _warm(seconds: Timer) -> float:
-    """Return what an update takes about; the first, unless it is long, only compiles and allocates."""
-    first = seconds(1)
-    return first if first > LONG_S else seconds(1)
+    """Return what an update takes about: the second one, for the first may compile, load and allocate."""
+    seconds(1)
+    return seconds(1)
 
 
 def _timing(values: Sequence[float]) -> Timing:

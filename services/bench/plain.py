@@ -1,8 +1,10 @@
-"""The baseline: the same updates in NumPy alone, in float32, as one would write them with care but without compiling.
+"""The baseline: the same updates in plain NumPy, in float32, as one would write them without compiling.
 
-A precomputed log-likelihood map, one sine and cosine a particle, blocks that fit the caches, resampling in linear time.
+A precomputed log-likelihood map, one sine and cosine a particle, all particles and beams in one expression, resampling
+in linear time.
 """
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -14,7 +16,7 @@ from dynpf.maps.occupancy import OccupancyGrid
 
 __all__ = ["Beams", "Field", "Landmarks", "Rays", "Updated", "adapted", "distances", "moved", "update"]
 
-BLOCK = 1024  # particles whose beams are looked at together
+BLOCK = 65_536  # particles at once: more would not fit into memory
 
 Float32s = NDArray[np.float32]
 Weigh = Callable[[Float32s], Float32s]
@@ -103,17 +105,19 @@ class Landmarks:
 class Field:
     """Likelihood field: every beam scores by the distance from its end to the nearest wall.
 
-    log(z_hit N(distance; 0, sigma_hit) + z_rand / range_max), tabulated; outside the map only the second part.
+    log(z_hit N(distance; 0, sigma_hit) + z_rand / range_max), tabulated, as far outside the map as walls reach.
     """
 
     def __init__(
         self, grid: OccupancyGrid, *, z_hit: float, z_rand: float, sigma_hit: float, range_max: float, farthest: float
     ) -> None:
         self.grid, self.range_max = grid, range_max
-        gaps = np.minimum(distances(grid) * grid.resolution, farthest)
+        self.margin = math.ceil(farthest / grid.resolution)
+        walls = np.pad(grid.occupied, self.margin)
+        gaps = np.minimum(distances(walls) * grid.resolution, farthest)
         peak = z_hit / (sigma_hit * np.sqrt(2.0 * np.pi))
         table = np.log(peak * np.exp(-0.5 * (gaps / sigma_hit) ** 2) + z_rand / range_max)
-        # One more cell all round is what lies outside.
+        # One more cell all round is what lies farther outside.
         outside = np.log(peak * np.exp(-0.5 * (farthest / sigma_hit) ** 2) + z_rand / range_max)
         self.table = np.pad(table, 1, constant_values=outside).astype(np.float32)
 
@@ -124,13 +128,13 @@ class Field:
         ahead = (ranges[told] * np.cos(angles[told]) * cell)[:, None]
         aside = (ranges[told] * np.sin(angles[told]) * cell)[:, None]
         height, width = self.table.shape
-        flat = self.table.ravel()
+        flat, corner = self.table.ravel(), np.float32(self.margin + 1)
         score = np.empty(poses.shape[1], dtype=np.float32)
         for start in range(0, len(score), BLOCK):
             column, row, heading = in_cells(self.grid, poses[:, start : start + BLOCK])
             cosine, sine = np.cos(heading), np.sin(heading)
-            across = np.clip(column + np.float32(1.0) + cosine * ahead - sine * aside, 0.0, width - 1).astype(np.int32)
-            along = np.clip(row + np.float32(1.0) + sine * ahead + cosine * aside, 0.0, height - 1).astype(np.int32)
+            across = np.clip(column + corner + cosine * ahead - sine * aside, 0.0, width - 1).astype(np.int32)
+            along = np.clip(row + corner + sine * ahead + cosine * aside, 0.0, height - 1).astype(np.int32)
             score[start : start + BLOCK] = np.sum(flat[along * np.int32(width) + across], axis=0)
         return score
 
@@ -141,7 +145,7 @@ class Rays:
     def __init__(self, grid: OccupancyGrid) -> None:
         self.grid = grid
         # The cell's centre may be half a diagonal nearer than where the ray is, and so may the wall's.
-        self.stride = np.maximum(distances(grid) - np.sqrt(2.0), 0.5).astype(np.float32)
+        self.stride = np.maximum(distances(grid.occupied) - np.sqrt(2.0), 0.5).astype(np.float32)
         self.wall = grid.occupied
 
     def ranges(self, x: Float32s, y: Float32s, angles: Float32s, range_max: float) -> Float32s:
@@ -239,9 +243,9 @@ def _needed(bins: NDArray[np.int64], error: float) -> NDArray[np.float64]:
     return needed
 
 
-def distances(grid: OccupancyGrid) -> NDArray[np.float32]:
+def distances(occupied: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Return each cell's distance to the nearest occupied one, centre to centre, in cells, shape (H, W)."""
-    free = np.asarray(~grid.occupied, dtype=np.uint8)
+    free = np.asarray(~occupied, dtype=np.uint8)
     return np.asarray(cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), dtype=np.float32)
 
 

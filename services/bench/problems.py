@@ -141,7 +141,7 @@ def _around(pose: Floats, n: int) -> Float32s:
 
 def _roomiest(grid: OccupancyGrid) -> Floats:
     """Return a pose at the free cell farthest from every wall, heading along neither axis."""
-    gaps = np.where(grid.free, plain.distances(grid), 0.0)
+    gaps = np.where(grid.free, plain.distances(grid.occupied), 0.0)
     row, column = np.unravel_index(np.argmax(gaps), gaps.shape)
     x, y = grid.to_map(int(column) + 0.5, int(row) + 0.5)
     return np.array([x, y, 0.3])

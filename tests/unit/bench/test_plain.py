@@ -10,8 +10,9 @@ from services.bench.problems import RANGE_MAX_M, RANGE_MIN_M, LandmarkProblem, S
 
 
 def box(origin: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> OccupancyGrid:
-    """Return a room of 4 m x 3 m inside walls of 0.4 m, eight cells."""
-    occupied = np.ones((76, 96), dtype=np.bool_)
+    """Return a room of 4 m x 3 m inside walls of one cell, with 0.35 m of nothing around them."""
+    occupied = np.zeros((76, 96), dtype=np.bool_)
+    occupied[7:-7, 7:-7] = True
     occupied[8:-8, 8:-8] = False
     return OccupancyGrid.from_bools(occupied, 0.05, origin)
 
