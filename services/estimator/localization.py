@@ -34,6 +34,7 @@ from services.estimator.health import HealthWatch
 from services.estimator.localizers import Found
 from services.estimator.picture import draw_scene, robot_transform
 from services.estimator.readings import TOPICS, reading_of, size_of
+from services.estimator.rehearsal import example_readings
 from services.estimator.user_components import Classes
 from services.maps import Maps
 from services.node import Output, Received, Result, State, Step
@@ -43,6 +44,7 @@ __all__ = ["LocalizationEstimator"]
 
 NANOSECONDS = 10**9
 SHOWN_PARTICLES = 200
+REHEARSED_PARTICLES = 64
 SHOWN_PERIOD_NS = NANOSECONDS // 5
 SCENE_PERIOD_NS = NANOSECONDS
 
@@ -98,6 +100,7 @@ class LocalizationEstimator:
         self._seed = seed
         self._delay_ns = round(config.odometry_delay * NANOSECONDS)
         self._marks = tuple(landmarks)
+        self._config, self._maps = config, maps
         motion = motion_of(config, maps, classes)
         measurements = measurements_of(config, maps, classes)
         self._control = motion.control
@@ -156,6 +159,21 @@ class LocalizationEstimator:
         self._correct()
         self._predict()
         return Result((*(self._report() if self._belief is not None else ()), *self._logs))
+
+    def rehearse(self) -> None:
+        """See Rehearsing; of a user's measurement models, those take part that give a reading by ``example()``."""
+        stream = Stream.of(self._seed, self.name, 0, "rehearsal")
+        start = self._start.base if isinstance(self._start, FromReadingsStart) else self._start
+        poses = start_poses(start, REHEARSED_PARTICLES, stream, grid=self._grid)
+        poses[:] = poses[:, :1]  # all in one place: what would be read there is believed
+        readings = list(
+            example_readings(self._config, self._models.measurements, self._maps, poses[:, 0], **self._scanner)
+        )
+        if isinstance(self._start, FromReadingsStart):
+            source = pose_source(self._start, grid=self._grid, models=self._models)
+            source.draw(REHEARSED_PARTICLES, readings, stream)
+        control = self._control(Twist(0.01, 0.01, 0.1))
+        self._localizer.rehearse(poses, control, readings, stream)
 
     def freeze(self) -> State:
         """Return the belief, the twists in force and to come, dead reckoning, and what was reported."""

@@ -60,6 +60,9 @@ class Localizer(Protocol):
     def shown(self, belief: Any, most: int) -> Floats:
         """Return poses (3, M), M <= most, that stand for the belief in a picture."""
 
+    def rehearse(self, poses: Floats, control: Any, readings: Sequence[Any], stream: Stream) -> None:
+        """Do once, to a belief that is thrown away, all that the other methods may ever do."""
+
     def freeze(self, belief: Any) -> Mapping[str, Any]:
         """Return the belief as plain state."""
 
@@ -111,6 +114,12 @@ class ParticleLocalizer:
         # Chosen by weight, not by place, so that what is looked at is the posterior.
         return belief.particles[:3, systematic(belief.weights, 0.5, min(most, belief.weights.size))]
 
+    def rehearse(self, poses: Floats, control: Any, readings: Sequence[Any], stream: Stream) -> None:
+        cloud, _ = _rehearsed(self, poses, control, readings, stream)
+        if isinstance(self.filter, ParticleFilter):
+            share = 0.0 if self.filter.rescue is None else 0.5
+            self.filter.resample(cloud, share, readings, stream.part("resample"))
+
     def freeze(self, belief: Cloud) -> Mapping[str, Any]:
         return belief._asdict()
 
@@ -161,8 +170,24 @@ class GaussianLocalizer:
         states = np.concatenate([belief.mean[:, None], belief.mean[:, None] + offsets], axis=1)
         return states[:3, :: math.ceil(states.shape[1] / most)]
 
+    def rehearse(self, poses: Floats, control: Any, readings: Sequence[Any], stream: Stream) -> None:
+        _rehearsed(self, poses, control, readings, stream)
+
     def freeze(self, belief: Gaussian) -> Mapping[str, Any]:
         return belief._asdict()
 
     def thaw(self, state: Mapping[str, Any]) -> Gaussian:
         return Gaussian(np.array(state["mean"]), np.array(state["covariance"]))
+
+
+def _rehearsed(
+    localizer: Localizer, poses: Floats, control: Any, readings: Sequence[Any], stream: Stream
+) -> tuple[Any, Found]:
+    belief = localizer.start(poses, stream.part("start"))
+    belief = localizer.predict(belief, control, stream.part("predict"))
+    localizer.update(belief, None, readings, stream.part("at rest"))
+    belief, found = localizer.update(belief, control, readings, stream.part("update"))
+    localizer.find(belief)
+    localizer.modes(belief)
+    localizer.shown(belief, 1)
+    return belief, found
