@@ -125,8 +125,7 @@ def _aim(
 def _advance(tables, count, reals, integers, values):
     """Leap with all rays until each stands where it is stopped, or has reached its end.
 
-    A stopped ray stays in the last column in which it was free, or in the wall's if it entered that from the side;
-    its row is the wall's.
+    A stopped ray keeps the column and row of the cell that stopped it: its end is not reached.
     """
     alive = _u(0)
     for k in range(count):
