@@ -46,7 +46,8 @@ class HypothesesParams(
     n: Annotated[int, Meta(ge=1)] = 100  # particles
     n_global: Annotated[int, Meta(ge=1)] = 5000  # while the pose is unknown
     motion: CapsuleStepParams = CapsuleStepParams()
-    sigma_map: Positive = 2.5  # of a range, in a map that is right: drawing and particles are no finer
+    sigma_map: Positive = 1.0  # of a range, in a map that is right: drawing and particles are no finer
+    sigma_still: Positive = 1.0  # the same of a wall that has not moved where others have
     sigma_range: NonNegative = 0.0  # of the sensor's noise
     outliers: Annotated[float, Meta(gt=0.0, lt=0.9)] = 0.02  # share of ranges that mean nothing
     change: Share = 0.01  # probability that a map gives way to another within a step
@@ -54,7 +55,9 @@ class HypothesesParams(
     deviation: Positive = 25.0  # of a wall that has moved to where nobody knows
     length: Positive = 35.0  # along the wall over which displacements are alike
     spacing: Positive = 25.0  # of the nodes along the wall
-    growth: NonNegative = 5.0  # of how far an unlisted wall moves on within a step
+    roughness: Positive = 5.0  # of a moved wall about what moves alike
+    growth: NonNegative = 1.0  # of how far an unlisted wall moves on within a step
+    unrest: Share = 0.1  # how much of what is known of whether a wall has moved is forgotten within a step
     first_share: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.3  # probability that an unlisted change is where a beam ends
     settled: Annotated[float, Meta(gt=0.5, le=1.0)] = 0.97  # weight of one cluster that ends a global start
     patience: Annotated[int, Meta(ge=0)] = 7  # readings after which a global start ends anyway
@@ -65,7 +68,7 @@ class Belief(NamedTuple):
 
     ``maps`` (K + 1, N): probabilities of the listed maps and of UNLISTED; ``since`` (K + 1, N): the expected number of
     the reading at which each began to hold. ``displacement`` (N, J) of the nodes of the ``reference`` map's wall, and
-    their covariance (J, J), if UNLISTED holds. ``reading``: how many have been taken. ``settled``: the pose is known.
+    their covariance (J, J), if UNLISTED holds and the node has moved, of which ``chances`` (J,) are the probabilities. ``reading``: how many have been taken. ``settled``: the pose is known.
     """
 
     cloud: Cloud
@@ -73,6 +76,7 @@ class Belief(NamedTuple):
     since: Floats
     displacement: Floats
     covariance: Floats
+    chances: Floats
     reference: int
     reading: int
     settled: bool
@@ -116,6 +120,8 @@ class Hypotheses:
         self._casters = tuple(RayCaster(grid) for grid in self.grids)
         self._walls = tuple(Wall.of(grid, params.spacing, params.length, params.deviation) for grid in self.grids)
         self._sigma = math.hypot(params.sigma_map, params.sigma_range)
+        self._sigma_still = math.hypot(params.sigma_still, params.sigma_range)
+        self._roughness = math.hypot(params.roughness, params.sigma_range)
         self._kernel = GaussianKernel(shrink=True)
         self._angles = np.array(BEAMS, dtype=np.float32)
 
@@ -126,7 +132,7 @@ class Hypotheses:
         maps[0] = 1.0
         prior = self._walls[0].prior
         displacement = np.zeros((poses.shape[1], len(prior)), dtype=np.float32)
-        return Belief(cloud, maps, np.zeros_like(maps), displacement, prior.copy(), 0, 0, known)
+        return Belief(cloud, maps, np.zeros_like(maps), displacement, prior.copy(), self._fresh_chances(0), 0, 0, known)
 
     def anywhere(self, stream: Stream) -> Belief:
         """Return the belief that knows nothing: poses uniform over the first map's inside."""
@@ -185,14 +191,24 @@ class Hypotheses:
         wall = self._walls[reference]
         if reference != belief.reference:
             displacement = np.zeros((len(fresh), len(wall.prior)), dtype=np.float32)
-            return belief._replace(displacement=displacement, covariance=wall.prior.copy(), reference=reference)
+            return belief._replace(
+                displacement=displacement,
+                covariance=wall.prior.copy(),
+                chances=self._fresh_chances(reference),
+                reference=reference,
+            )
         unlisted = belief.cloud.weights * belief.maps[-1]
         share = np.float32(np.sum(unlisted * fresh) / max(float(np.sum(unlisted)), 1e-30))
         moves_on = np.float32((params.growth / params.deviation) ** 2)
         covariance = share * wall.prior + (1 - share) * belief.covariance
         covariance += (1 - share) * moves_on * wall.prior
         displacement = belief.displacement * (1 - fresh)[:, None]
-        return belief._replace(displacement=displacement, covariance=covariance)
+        renewed = share + (1 - share) * np.float32(params.unrest)
+        chances = belief.chances + renewed * (self._fresh_chances(reference) - belief.chances)
+        return belief._replace(displacement=displacement, covariance=covariance, chances=chances)
+
+    def _fresh_chances(self, reference: int) -> Floats:
+        return np.full(len(self._walls[reference].prior), self.params.first_share, dtype=np.float32)
 
     # Likelihoods.
 
@@ -237,10 +253,11 @@ class Hypotheses:
             belief.displacement,
             ancestors,
             belief.covariance,
-            params.deviation**2,
+            belief.chances,
             self._sigma,
+            self._sigma_still,
+            self._roughness,
             params.outliers,
-            params.first_share,
             RANGE_MAX,
             log_likelihood[-1],
             blame,
@@ -279,17 +296,19 @@ class Hypotheses:
         self, belief: Belief, cloud: Cloud, ancestors: Indices, evidence: "_Evidence", maps: Floats
     ) -> Belief:
         """Return the belief of the particles' new poses: maps (K + 1, N) are settled, walls follow the beams."""
-        displacement, covariance = belief.displacement[ancestors], belief.covariance.copy()
+        displacement = belief.displacement[ancestors]
+        covariance, chances = belief.covariance.copy(), belief.chances.copy()
         kernels.colon.follow_walls(
             evidence.blame,
             evidence.stopped_at,
             evidence.places,
             evidence.shares,
             self._walls[belief.reference].following,
-            self._sigma,
+            self._roughness,
             cloud.weights * maps[-1] + np.float32(1e-30),
             displacement,
             covariance,
+            chances,
         )
         return belief._replace(
             cloud=cloud,
@@ -297,6 +316,7 @@ class Hypotheses:
             since=belief.since[:, ancestors],
             displacement=displacement,
             covariance=covariance,
+            chances=chances,
         )
 
     # A global start.

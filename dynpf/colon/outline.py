@@ -25,6 +25,7 @@ UNIT = 30.0
 
 _SPACING = 3.0  # px along the centre line
 _SUBPIXEL_BITS = 4
+_WALL_OFF = 80.0  # px from the centre line, about
 # Where the centre line begins, turns upwards, and ends; the path goes along y = 370 and turns at x = 820.
 _LEFT, _AXIS, _BEND, _BEND_RADIUS, _TOP = 60.0, 370.0, 740.0, 85.0, 575.0
 
@@ -38,7 +39,8 @@ class Family(StrEnum):
 
 
 class Bulge(NamedTuple):
-    """A place where a wall stands out: by ``size`` px at ``place`` px along the centre line, a bell of ``width`` px."""
+    """A place where a wall stands out: by ``size`` px at ``place`` px along the centre line, a bell of
+    ``width`` px along the wall."""
 
     left: bool
     place: float
@@ -72,14 +74,14 @@ class Tube(NamedTuple):
 
     def bore(self, *bulges: Bulge) -> OccupancyGrid:
         """Return the map of the tube with bulges: free within, occupied elsewhere; one unit a pixel, centres whole."""
-        along = _along(self.centre)
+        along, normal = _along(self.centre), _normals(self.centre)
         left, right = self.left.copy(), self.right.copy()
         for bulge in bulges:
-            bell = bulge.size * np.exp(-0.5 * ((along - bulge.place) / bulge.width) ** 2)
-            if bulge.left:
-                left += bell
-            else:
-                right += bell
+            # Measured along the wall, smoothed: on the outer side of a bend it is longer than the centre line.
+            wall = self.centre + _WALL_OFF * normal * (1.0 if bulge.left else -1.0)
+            away = _along(wall) - np.interp(bulge.place, along, _along(wall))
+            side = left if bulge.left else right
+            side += bulge.size * np.exp(-0.5 * (away / bulge.width) ** 2)
         return _grid(_strip(self.centre, left, right))
 
     def round_ended(self, end: RoundEnd) -> OccupancyGrid:
@@ -129,6 +131,13 @@ def _along(line: FloatArray) -> FloatArray:
     return np.append(0.0, np.cumsum(np.hypot(*np.diff(line))))
 
 
+def _normals(line: FloatArray) -> FloatArray:
+    """Return unit vectors (2, M) to the left of a line."""
+    tangent = np.gradient(line, axis=1)
+    normals: FloatArray = np.stack((-tangent[1], tangent[0])) / np.hypot(*tangent)
+    return normals
+
+
 def _folds(along: FloatArray, period: float, start: float, depth: float) -> FloatArray:
     distance = (along - start + 0.5 * period) % period - 0.5 * period
     folds: FloatArray = depth * np.exp(-0.5 * (distance / 9.0) ** 2)
@@ -153,8 +162,7 @@ def _cap(along: FloatArray, half: float) -> FloatArray:
 
 def _strip(centre: FloatArray, left: FloatArray, right: FloatArray) -> NDArray[np.uint8]:
     """Return 1 where a pixel lies between the walls, uint8 (H, W): quadrilaterals between neighbouring points."""
-    tangent = np.gradient(centre, axis=1)
-    normal = np.stack((-tangent[1], tangent[0])) / np.hypot(*tangent)
+    normal = _normals(centre)
     walls = np.stack((centre + left * normal, centre - right * normal))
     corners = np.rint(walls * 2**_SUBPIXEL_BITS).astype(np.int32)
     strip = np.zeros((HEIGHT, WIDTH), dtype=np.uint8)

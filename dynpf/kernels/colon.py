@@ -17,6 +17,7 @@ _ONE_OVER_ROOT_TWO_PI = _f(0.3989422804014327)
 # Most ranges are as good as the noise says, a few are worse: near edges a small error of the pose is a large one of
 # the range.
 _WIDE_SHARE, _WIDE = _f(0.07), _f(6.0)
+_NOWHERE = _i(-1)
 _SLANT = _i(3)  # px over which the wall's slope is taken
 _TINY, _LEAST_BLAME = _f(1e-30), _f(1e-3)
 
@@ -95,10 +96,11 @@ def changed(
     displacement,
     ancestors,
     covariance,
-    prior_variance,
+    chances,
     sigma,
+    sigma_still,
+    roughness,
     outliers,
-    first_share,
     range_max,
     out,
     blame,
@@ -111,13 +113,15 @@ def changed(
     x, y in cells from the middle of cell (0, 0). ``expected`` (B, N): ranges in the reference map. ``beyond`` (H, W):
     how far a cell lies beyond the reference wall; ``node`` and ``share``: between which nodes of the wall it lies, and
     how far towards the one that follows. Displacements of nodes: means (M, J), of which ``ancestors`` (N,) tells each
-    particle's, and one covariance (J, J).
+    particle's, and one covariance (J, J). ``chances`` (J,): probabilities that nodes have moved at all.
+    ``sigma``: of ranges; ``roughness``: of where a wall is about what the nodes say.
 
     For the update of the displacements, (B, N) each: ``blame``, the probability that a moved wall stopped the beam;
-    ``stopped_at``, how far beyond the reference wall that was; ``places`` and ``shares``, between which nodes.
+    ``stopped_at``, how far beyond the reference wall that was; ``places`` and ``shares``, between which nodes:
+    the place -1 where a beam says nothing of a wall.
     """
     sigma, outliers, range_max = _f(sigma), _f(outliers), _f(range_max)
-    first_share, prior_variance = _f(first_share), _f(prior_variance)
+    roughness, sigma_still = _f(roughness), _f(sigma_still)
     height, width = beyond.shape
     out[:] = _ZERO
     for beam in range(read.size):
@@ -126,7 +130,7 @@ def changed(
             for i in range(out.size):
                 blame[beam, i] = _ZERO
                 stopped_at[beam, i] = _ZERO
-                places[beam, i] = _i(0)
+                places[beam, i] = _NOWHERE
                 shares[beam, i] = _ZERO
                 if z == z:
                     out[i] += log(beam_density(expected[beam, i] - z, sigma, outliers, range_max))
@@ -146,11 +150,11 @@ def changed(
             k = following[j]
             moved = (_ONE - f) * displacement[ancestors[i], j] + f * displacement[ancestors[i], k]
             variance = node_variance(covariance, j, k, f)
-            chance = first_share + (_ONE - first_share) * max(_ONE - variance / prior_variance, _ZERO)
+            chance = (_ONE - f) * chances[j] + f * chances[k]
             error = distance - moved
-            spread = np.sqrt(variance + sigma * sigma)
+            spread = np.sqrt(variance + roughness * roughness)
             stopped = chance * (_ONE - outliers) * facing * normal_density(error, spread)
-            still = beam_density(expected[beam, i] - z, sigma, outliers, range_max)
+            still = beam_density(expected[beam, i] - z, sigma_still, outliers, range_max)
             likelihood = stopped + (_ONE - chance) * still + chance * outliers / range_max
             out[i] += log(likelihood)
             blame[beam, i] = stopped / max(likelihood, _TINY)
@@ -160,34 +164,41 @@ def changed(
 
 
 @kernel
-def follow_walls(blame, stopped_at, places, shares, following, sigma, weights, displacement, covariance):
-    """Update displacements (N, J) and their covariance (J, J), in place, by where each beam was stopped.
+def follow_walls(blame, stopped_at, places, shares, following, roughness, weights, displacement, covariance, chances):
+    """Update displacements (N, J), their covariance (J, J) and chances (J,), in place, by where beams were stopped.
 
     A Kalman update a particle and beam, as FastSLAM's of a landmark (Montemerlo et al., 2002), its noise divided by the
-    blame (B, N). The covariance is shared: its update is that of the mean over the particles, by ``weights`` (N,).
+    blame (B, N). Covariance and chances are shared: they follow the mean over the particles, by ``weights`` (N,).
     """
     beams, count = blame.shape
     nodes = covariance.shape[0]
-    noise = _f(sigma) * _f(sigma)
+    noise = _f(roughness) * _f(roughness)
     total = 0.0
     for i in range(count):
         total += np.float64(weights[i])
     for beam in range(beams):
+        seen = np.zeros(nodes)
         observed = np.zeros(nodes)
         blamed = 0.0
         for i in range(count):
             j, f = places[beam, i], shares[beam, i]
-            k = following[j]
-            part = np.float64(weights[i]) * np.float64(blame[beam, i])
-            blamed += part
-            observed[j] += part * np.float64(_ONE - f)
-            observed[k] += part * np.float64(f)
-            if blame[beam, i] > _LEAST_BLAME:
-                moved = (_ONE - f) * displacement[i, j] + f * displacement[i, k]
-                variance = node_variance(covariance, j, k, f)
-                gain = (stopped_at[beam, i] - moved) / (variance + noise / blame[beam, i])
-                at_j, at_k = gain * (_ONE - f), gain * f
-                for n in range(nodes):
-                    displacement[i, n] += at_j * covariance[j, n] + at_k * covariance[k, n]
+            if j >= _i(0):
+                k = following[j]
+                weight = np.float64(weights[i])
+                part = weight * np.float64(blame[beam, i])
+                blamed += part
+                seen[j] += weight * np.float64(_ONE - f)
+                seen[k] += weight * np.float64(f)
+                observed[j] += part * np.float64(_ONE - f)
+                observed[k] += part * np.float64(f)
+                if blame[beam, i] > _LEAST_BLAME:
+                    moved = (_ONE - f) * displacement[i, j] + f * displacement[i, k]
+                    variance = node_variance(covariance, j, k, f)
+                    gain = (stopped_at[beam, i] - moved) / (variance + noise / blame[beam, i])
+                    at_j, at_k = gain * (_ONE - f), gain * f
+                    for n in range(nodes):
+                        displacement[i, n] += at_j * covariance[j, n] + at_k * covariance[k, n]
+        for n in range(nodes):
+            chances[n] = _f(np.float64(chances[n]) + (observed[n] - seen[n] * np.float64(chances[n])) / total)
         if blamed > np.float64(_LEAST_BLAME) * total:
             condition(covariance, observed / blamed, np.float64(noise) * total / blamed)

@@ -36,17 +36,17 @@ def changed(
     following: NDArray[np.int32],
     displacement: Floats,
     covariance: Floats,
-    prior_variance: float,
+    chances: Floats,
     sigma: float,
+    roughness: float,
     outliers: float,
-    first_share: float,
     range_max: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int32], FloatArray]:
     """Return log-likelihoods (N,), blame, where beams were stopped, node and share, each (B, N), of poses (3, N)."""
     beams, count = expected.shape
     total = np.zeros(count)
     blame, stopped_at, shares = (np.zeros((beams, count)) for _ in range(3))
-    places = np.zeros((beams, count), dtype=np.int32)
+    places = np.full((beams, count), -1, dtype=np.int32)
     height, width = beyond.shape
     for b in np.flatnonzero(~np.isnan(read)):
         still = beam_density(expected[b] - read[b], sigma, outliers, range_max)
@@ -64,8 +64,8 @@ def changed(
         stopped_at[b] = _between_cells(beyond, column, row)
         places[b], shares[b] = node[r, c], share[r, c]
         moved, variance = _at_nodes(displacement, covariance, places[b], following[places[b]], shares[b])
-        chance = first_share + (1.0 - first_share) * np.maximum(1.0 - variance / prior_variance, 0.0)
-        spread = np.sqrt(variance + sigma**2)
+        chance = (1.0 - shares[b]) * chances[places[b]] + shares[b] * chances[following[places[b]]]
+        spread = np.sqrt(variance + roughness**2)
         stopped = chance * (1.0 - outliers) * facing * _normal(stopped_at[b] - moved, spread)
         likelihood = stopped + (1.0 - chance) * still + chance * outliers / range_max
         total += np.log(likelihood)
