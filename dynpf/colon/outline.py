@@ -157,7 +157,8 @@ def _waves(along: FloatArray, random: np.random.Generator) -> FloatArray:
 def _cap(along: FloatArray, half: float) -> FloatArray:
     """Return the factor that rounds both ends."""
     to_end = np.minimum(along, along[-1] - along).clip(max=half) / half
-    return np.sqrt(1.0 - (1.0 - to_end) ** 2)
+    cap: FloatArray = np.sqrt(1.0 - (1.0 - to_end) ** 2)
+    return cap
 
 
 def _strip(centre: FloatArray, left: FloatArray, right: FloatArray) -> NDArray[np.uint8]:

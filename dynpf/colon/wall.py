@@ -41,7 +41,7 @@ class Wall(NamedTuple):
         # Between the middles of two cells, one in the wall and one not, is the wall's surface: half a cell from each.
         beyond = np.where(free, 0.5 - distance_field(~free, 1.0), distance_field(free, 1.0) - 0.5)
         contours, _ = cv2.findContours(free.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-        rings = [_ring(contour[:, 0], spacing) for contour in contours]
+        rings = [_ring(contour[:, 0].astype(np.int32), spacing) for contour in contours]
         first = np.cumsum([0, *(ring.nodes for ring in rings)])
         points = np.concatenate([ring.points for ring in rings])
         node = np.concatenate([ring.node + start for ring, start in zip(rings, first, strict=False)])

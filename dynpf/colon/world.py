@@ -158,4 +158,5 @@ def _read(caster: RayCaster, pose: FloatArray, capsule: Capsule, random: np.rand
     exact = caster.ranges(np.full(angles.size, pose[0]), np.full(angles.size, pose[1]), angles, RANGE_MAX)
     read = np.clip(exact + capsule.sigma_range * random.standard_normal(angles.size), 0.0, RANGE_MAX)
     anything = random.uniform(size=angles.size) < capsule.outlier_fraction
-    return np.where(anything, random.uniform(0.0, RANGE_MAX, angles.size), read)
+    ranges: FloatArray = np.where(anything, random.uniform(0.0, RANGE_MAX, angles.size), read)
+    return ranges

@@ -76,7 +76,7 @@ def listed(expected, read, sigma, outliers, range_max, out):
     sigma, outliers, range_max = _f(sigma), _f(outliers), _f(range_max)
     out[:] = _ZERO
     for beam in range(read.size):
-        if read[beam] == read[beam]:
+        if not np.isnan(read[beam]):
             for i in range(out.size):
                 out[i] += log(beam_density(expected[beam, i] - read[beam], sigma, outliers, range_max))
 
@@ -98,7 +98,6 @@ def changed(
     covariance,
     chances,
     sigma,
-    sigma_still,
     roughness,
     outliers,
     range_max,
@@ -121,7 +120,7 @@ def changed(
     the place -1 where a beam says nothing of a wall.
     """
     sigma, outliers, range_max = _f(sigma), _f(outliers), _f(range_max)
-    roughness, sigma_still = _f(roughness), _f(sigma_still)
+    roughness = _f(roughness)
     height, width = beyond.shape
     out[:] = _ZERO
     for beam in range(read.size):
@@ -132,7 +131,7 @@ def changed(
                 stopped_at[beam, i] = _ZERO
                 places[beam, i] = _NOWHERE
                 shares[beam, i] = _ZERO
-                if z == z:
+                if not np.isnan(z):
                     out[i] += log(beam_density(expected[beam, i] - z, sigma, outliers, range_max))
             continue
         for i in range(out.size):
@@ -154,7 +153,7 @@ def changed(
             error = distance - moved
             spread = np.sqrt(variance + roughness * roughness)
             stopped = chance * (_ONE - outliers) * facing * normal_density(error, spread)
-            still = beam_density(expected[beam, i] - z, sigma_still, outliers, range_max)
+            still = beam_density(expected[beam, i] - z, sigma, outliers, range_max)
             likelihood = stopped + (_ONE - chance) * still + chance * outliers / range_max
             out[i] += log(likelihood)
             blame[beam, i] = stopped / max(likelihood, _TINY)

@@ -9,6 +9,7 @@ __all__ = ["beam_density", "changed", "follow_walls", "listed"]
 
 WIDE_SHARE, WIDE = 0.07, 6.0
 SLANT = 3
+LEAST_BLAME = 1e-3
 
 
 def beam_density(error: Floats, sigma: float, outliers: float, range_max: float) -> FloatArray:
@@ -25,7 +26,7 @@ def listed(expected: Floats, read: Floats, sigma: float, outliers: float, range_
     return total
 
 
-def changed(
+def changed(  # noqa: PLR0917 - as the kernel takes them
     poses: Floats,
     angles: Floats,
     read: Floats,
@@ -73,36 +74,38 @@ def changed(
     return total, blame, stopped_at, places, shares
 
 
-def follow_walls(
+def follow_walls(  # noqa: PLR0917 - likewise
     blame: Floats,
     stopped_at: Floats,
     places: NDArray[np.int32],
     shares: Floats,
     following: NDArray[np.int32],
-    sigma: float,
+    roughness: float,
     weights: Floats,
     displacement: Floats,
     covariance: Floats,
-) -> tuple[FloatArray, FloatArray]:
-    """Return displacements (N, J) and their covariance (J, J) after where each beam was stopped."""
-    displacement, covariance = displacement.astype(float), covariance.astype(float)
-    particles = np.arange(len(displacement))
-    for b in range(len(blame)):
-        following_b = following[places[b]]
-        observes = np.zeros(displacement.shape)
+    chances: Floats,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return displacements (N, J), their covariance (J, J) and chances (J,) after where each beam was stopped."""
+    mean, shared, moved = (np.array(a, dtype=np.float64) for a in (displacement, covariance, chances))
+    weights = weights / weights.sum()
+    for b in np.flatnonzero((places >= 0).all(axis=1)):
+        observes = np.zeros(mean.shape)
+        particles = np.arange(len(mean))
         observes[particles, places[b]] += 1.0 - shares[b]
-        observes[particles, following_b] += shares[b]
-        cross = observes @ covariance
+        observes[particles, following[places[b]]] += shares[b]
+        cross = observes @ shared
         variance = np.sum(cross * observes, axis=1)
-        noise = np.divide(sigma**2, blame[b], out=np.full(len(particles), np.inf), where=blame[b] > 1e-3)
+        noise = np.divide(roughness**2, blame[b], out=np.full(len(mean), np.inf), where=blame[b] > LEAST_BLAME)
         gain = cross / (variance + noise)[:, None]
-        displacement += gain * (stopped_at[b] - np.sum(observes * displacement, axis=1))[:, None]
+        mean += gain * (stopped_at[b] - np.sum(observes * mean, axis=1))[:, None]
         blamed = np.sum(weights * blame[b])
-        if blamed > 1e-3 * np.sum(weights):
-            mean = np.sum((weights * blame[b])[:, None] * observes, axis=0) / blamed
-            shared = covariance @ mean
-            covariance -= np.outer(shared, shared) / (mean @ shared + sigma**2 * np.sum(weights) / blamed)
-    return displacement, covariance
+        observed = np.sum((weights * blame[b])[:, None] * observes, axis=0)
+        moved += observed - np.sum(weights[:, None] * observes, axis=0) * moved
+        if blamed > LEAST_BLAME:
+            together = shared @ (observed / blamed)
+            shared -= np.outer(together, together) / (observed @ together / blamed + roughness**2 / blamed)
+    return mean, shared, moved
 
 
 def _normal(error: Floats, sigma: FloatArray | float) -> FloatArray:
