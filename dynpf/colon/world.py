@@ -71,10 +71,13 @@ CASES = {1: Case("a", "a"), 2: Case("b", "a"), 3: Case("b", "b"), 4: Case("a", "
 """Static; the map changes unnoticed; both change; only the model changes; the map changes to one that is in no list."""
 
 
-def timeline(after: str, route: Route = ROUTE, *between: str) -> MapTimeline[str]:
-    """Return which map holds at which reading (0: at the start), with maps ``between`` for a reading each."""
+def timeline(before: str, *after: str, route: Route = ROUTE) -> MapTimeline[str]:
+    """Return which map holds at which reading (0: at the start): ``before``, and those ``after`` the change in turn.
+
+    Each of them holds for one reading, the last one from then on.
+    """
     first = route.change + 1
-    steps = [(0.0, "a"), *((float(first + i), name) for i, name in enumerate((*between, after)))]
+    steps = [(0.0, before), *((float(first + i), name) for i, name in enumerate(after))]
     return MapTimeline(tuple(step for i, step in enumerate(steps) if i == 0 or step[1] != steps[i - 1][1]))
 
 

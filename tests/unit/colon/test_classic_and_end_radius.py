@@ -35,8 +35,10 @@ def bulging() -> dict[str, OccupancyGrid]:
 @pytest.mark.parametrize("case", [1, 2, 3, 4])
 @pytest.mark.parametrize("count", [1, 20])
 def test_colons_filter_ends_in_every_case(bulging: dict[str, OccupancyGrid], case: int, count: int) -> None:
-    told, classic = timeline(CASES[case].told), Classic(bulging)
-    run = simulate({name: RayCaster(grid) for name, grid in bulging.items()}, timeline(CASES[case].true), Capsule(), 1)
+    told, classic = timeline("a", CASES[case].told), Classic(bulging)
+    run = simulate(
+        {name: RayCaster(grid) for name, grid in bulging.items()}, timeline("a", CASES[case].true), Capsule(), 1
+    )
     cloud = classic.start(START[:, :count], Stream.of(1, "start", 0))
     for step, ranges in enumerate(run.ranges.T):
         motion = run.motions[step - 1] if step else None
@@ -56,7 +58,7 @@ def test_colons_filter_goes_on_where_no_particle_is_in_the_map(bulging: dict[str
 
 def run_with(radius: float) -> Run:
     casters = {"a": RayCaster(ended(105.0)), "x": RayCaster(ended(radius))}
-    return simulate(casters, timeline("x"), Capsule(), seed=2)
+    return simulate(casters, timeline("a", "x"), Capsule(), seed=2)
 
 
 @pytest.mark.parametrize("radius", [105.0, 118.0, 135.0])

@@ -101,10 +101,10 @@ def test_a_gap_in_the_outline_is_told() -> None:
 
 
 def test_maps_change_before_the_eighth_motion() -> None:
-    assert timeline(CASES[1].true).changes == ()
-    change = timeline(CASES[5].true)
+    assert timeline("a", CASES[1].true).changes == ()
+    change = timeline("a", CASES[5].true)
     assert [change.at(step) for step in (7, 8, 15)] == ["a", "c", "c"]
-    growing = timeline("c", ROUTE, "x", "y")
+    growing = timeline("a", "x", "y", "c")
     assert [growing.at(step) for step in (7, 8, 9, 10)] == ["a", "x", "y", "c"]
 
 
@@ -115,28 +115,32 @@ def casters() -> dict[str, RayCaster]:
 
 
 def test_without_noise_the_capsule_is_on_the_route_and_reads_the_true_map(casters: dict[str, RayCaster]) -> None:
-    run = simulate(casters, timeline("b"), Capsule(), seed=1)
+    run = simulate(casters, timeline("a", "b"), Capsule(), seed=1)
     np.testing.assert_allclose(run.poses, PATH)
     assert run.maps == ("a",) * 8 + ("b",) * 8
     for step in (0, 9):
         angles = PATH[2, step] + np.array(BEAMS)
         exact = casters[run.maps[step]].ranges(*(np.full(5, v) for v in PATH[:2, step]), angles, 500.0)
         np.testing.assert_array_equal(run.ranges[:, step], exact)
-    assert np.abs(run.ranges[:, 8:] - simulate(casters, timeline("a"), Capsule(), seed=1).ranges[:, 8:]).max() > 20.0
+    assert (
+        np.abs(run.ranges[:, 8:] - simulate(casters, timeline("a", "a"), Capsule(), seed=1).ranges[:, 8:]).max() > 20.0
+    )
 
 
 def test_noise_has_the_size_asked_for(casters: dict[str, RayCaster]) -> None:
-    exact = simulate(casters, timeline("a"), Capsule(), seed=0).ranges
-    noisy = np.stack([simulate(casters, timeline("a"), Capsule(sigma_range=3.0), seed=s).ranges for s in range(20)])
+    exact = simulate(casters, timeline("a", "a"), Capsule(), seed=0).ranges
+    noisy = np.stack(
+        [simulate(casters, timeline("a", "a"), Capsule(sigma_range=3.0), seed=s).ranges for s in range(20)]
+    )
     errors = (noisy - exact)[:, exact < 480.0]
     assert np.std(errors) == pytest.approx(3.0, rel=0.1)
-    lost = simulate(casters, timeline("a"), Capsule(outlier_fraction=1.0), seed=3).ranges
+    lost = simulate(casters, timeline("a", "a"), Capsule(outlier_fraction=1.0), seed=3).ranges
     assert lost.std() > 100.0
 
 
 def test_a_noisy_capsule_is_steered_along_the_route_and_stays_in_the_tube(casters: dict[str, RayCaster]) -> None:
     for seed in range(5):
-        run = simulate(casters, timeline("a"), Capsule(sigma=0.1, sigma_theta=0.1), seed=seed)
+        run = simulate(casters, timeline("a", "a"), Capsule(sigma=0.1, sigma_theta=0.1), seed=seed)
         off = np.hypot(*(run.poses[:2] - PATH[:2]))
         assert 0.0 < off.max() < 1.0
         assert np.std(run.poses[2, :14]) > 0.03

@@ -25,7 +25,7 @@ def maps() -> dict[str, OccupancyGrid]:
 @pytest.fixture(scope="module")
 def runs(maps: dict[str, OccupancyGrid]) -> dict[int, Run]:
     casters = {name: RayCaster(grid) for name, grid in maps.items()}
-    return {case: simulate(casters, timeline(CASES[case].true), Capsule(), seed=case) for case in CASES}
+    return {case: simulate(casters, timeline("a", CASES[case].true), Capsule(), seed=case) for case in CASES}
 
 
 @pytest.fixture(scope="module")
