@@ -49,7 +49,7 @@ def test_the_other_studies_say_what_they_measured(
 ) -> None:
     rows = rows_of(capsys, name, "--trials", "1", *FEW[2:], *(word for each in settings for word in ("--set", each)))
     kinds = {(row["case"], row["filter"], row["n"], row["start"], row["noise"]) for row in rows}
-    assert len(kinds) == {"colon-particles": 4 + 4 + 1, "colon-growth": 4 * 3, "colon-hypotheses": 7 + 4}[name]
+    assert len(kinds) == {"colon-particles": 4 + 4 + 1, "colon-growth": 4 * 3, "colon-hypotheses": 7 + 5}[name]
     assert all(np.isfinite(row["error_theta_rad_mean"]) for row in rows)
     if name == "colon-growth":
         assert max(row["error_radius_percent_mean"] for row in rows if row["filter"] == "end_radius") < 2.0
