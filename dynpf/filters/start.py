@@ -137,7 +137,7 @@ class FromReadings:
         evidence, _ = self.models.believable(candidates, equal, readings)
         if not evidence:
             return np.ascontiguousarray(candidates[:, :: self.params.candidates])
-        for model, reading in evidence:
+        for model, reading, _ in evidence:
             if isinstance(model, SamplesPoses):
                 candidates = model.poses(reading, total, stream.part("poses"))
                 break

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from dynpf.se2 import FloatArray, Floats
 
@@ -69,6 +69,10 @@ class LinearMeasurement:
     def noise(self, reading: Observation) -> Floats:  # noqa: ARG002
         """Return R, shape (M, M)."""
         return self.covariance
+
+    def angular(self, reading: Observation) -> NDArray[np.bool_]:  # noqa: ARG002
+        """Return that nothing is an angle, shape (M,)."""
+        return np.zeros(len(self.matrix), dtype=np.bool_)
 
 
 def _tells(reading: Observation) -> bool:

@@ -67,6 +67,10 @@ class PolarLines:
             return None
         return reading if kept.all() else Lines(*(np.asarray(values)[kept] for values in reading))
 
+    def count(self, reading: Lines) -> int:
+        """Return the number of lines."""
+        return len(reading.rho)
+
     def log_likelihood(self, particles: Floats, reading: Lines) -> Floats:
         """Return the log-density of all the lines for each particle, shape (N,), float32.
 

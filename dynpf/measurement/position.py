@@ -5,6 +5,7 @@ from typing import Annotated, NamedTuple
 import msgspec
 import numpy as np
 from msgspec import Meta
+from numpy.typing import NDArray
 
 from dynpf.params import validated
 from dynpf.se2 import Floats
@@ -77,3 +78,7 @@ class GaussianPosition:
     def noise(self, reading: Position) -> Floats:  # noqa: ARG002
         """Return the covariance of the position (m^2), shape (2, 2)."""
         return np.array([[self._xx, self._xy], [self._xy, self._yy]])
+
+    def angular(self, reading: Position) -> NDArray[np.bool_]:  # noqa: ARG002
+        """Return that neither coordinate is an angle, shape (2,)."""
+        return np.zeros(2, dtype=np.bool_)

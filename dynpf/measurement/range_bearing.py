@@ -6,7 +6,7 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dynpf import kernels
 from dynpf.maps.landmarks import LandmarkMap
@@ -74,6 +74,10 @@ class RangeBearing:
             return None
         return RangeBearingReadings(*(np.asarray(values)[kept] for values in reading))
 
+    def count(self, reading: RangeBearingReadings) -> int:
+        """Return the number of landmarks."""
+        return len(reading.ranges)
+
     def log_likelihood(self, particles: Floats, reading: RangeBearingReadings) -> Floats:
         """Return the tempered log-density of all the readings for each particle, shape (N,), float32.
 
@@ -137,6 +141,10 @@ class RangeBearing:
         variances[1::2] = params.sigma_bearing**2
         return np.diag(variances / params.tempering)
 
+    def angular(self, reading: RangeBearingReadings) -> NDArray[np.bool_]:
+        """Return which rows of the innovation are angles: every second one, the bearings, shape (2K,)."""
+        return np.tile((False, True), len(reading.ranges))
+
     def poses(self, reading: RangeBearingReadings, count: int, stream: Stream) -> NDArray[np.float32]:
         """Return poses (3, count) from which the first reading that tells something could have been seen.
 
@@ -182,7 +190,8 @@ class RangeBearing:
 
     def _tells(self, reading: RangeBearingReadings) -> NDArray[np.bool_]:
         landmarks, ranges, bearings = _arrays(reading)
-        return np.isfinite(ranges) & np.isfinite(bearings) & np.isin(landmarks, self._ids)
+        known = np.array([landmark in self.landmarks for landmark in landmarks.tolist()], dtype=np.bool_)
+        return known & np.isfinite(ranges) & np.isfinite(bearings)
 
     def _offsets(self, states: Floats, reading: RangeBearingReadings) -> tuple[Floats, Floats]:
         """Return how far along x and y each landmark lies from each state, shapes (K, N), in the states' precision."""
@@ -192,9 +201,19 @@ class RangeBearing:
 
 
 def _arrays(reading: RangeBearingReadings) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
-    """Return the readings as the kernels take them, copied: a read-only array would be compiled for anew."""
-    landmarks = np.array(reading.landmarks, dtype=np.int64)
-    ranges, bearings = np.array(reading[1:], dtype=np.float32)
-    if landmarks.shape != ranges.shape:
-        raise ValueError(f"{landmarks.size} landmarks but {ranges.size} ranges: a reading needs one of each")
+    """Return the readings as the kernels take them; raises ValueError where the arrays differ in length."""
+    landmarks = _array(reading.landmarks, np.dtype(np.int64))
+    ranges, bearings = _array(reading.ranges, np.dtype(np.float32)), _array(reading.bearings, np.dtype(np.float32))
+    if not landmarks.shape == ranges.shape == bearings.shape:
+        sizes = f"{landmarks.size} landmarks, {ranges.size} ranges and {bearings.size} bearings"
+        raise ValueError(f"{sizes}: a reading needs one of each")
     return landmarks, ranges, bearings
+
+
+def _array(values: ArrayLike, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return an array as it is if the kernels take it, else a copy: for a read-only one they would compile anew."""
+    if isinstance(values, np.ndarray) and values.dtype == dtype:
+        flags = values.flags
+        if flags.writeable and flags.c_contiguous:
+            return values
+    return np.array(values, dtype=dtype)

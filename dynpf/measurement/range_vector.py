@@ -63,6 +63,10 @@ class RangeVectorModel:
         """Return the reading if a beam of it tells something, else None; raises ValueError as the likelihood does."""
         return reading if np.isfinite(self._capped(reading)).any() else None
 
+    def count(self, reading: RangeVector) -> int:
+        """Return the number of ranges."""
+        return len(reading.ranges)
+
     def log_likelihood(self, particles: Floats, reading: RangeVector) -> Floats:
         """Return the tempered log-likelihood for each particle, shape (N,), float32: -inf outside the map.
 

@@ -67,6 +67,10 @@ class UnknownLandmarks:
             return None
         return reading if kept.all() else type(reading)(*(np.asarray(values)[kept] for values in reading))
 
+    def count(self, reading: UnlabelledReadings | RangeBearingReadings) -> int:
+        """Return the number of landmarks."""
+        return len(reading.ranges)
+
     def log_likelihood(self, particles: Floats, reading: UnlabelledReadings | RangeBearingReadings) -> Floats:
         """Return the tempered log-density of all the readings for each particle, shape (N,), float32.
 
