@@ -1,6 +1,7 @@
 """The capsule's five ranges: what a map lets expect, and how likely that makes what was read."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +12,21 @@ from dynpf.filters.estimate import Mode, modes
 from dynpf.maps.raycast import RayCaster
 from dynpf.se2 import Floats
 
-__all__ = ["ANGLES", "checked_ranges", "dominant_mode", "expected_ranges", "listed_log_likelihood"]
+__all__ = ["ANGLES", "Noise", "checked_ranges", "dominant_mode", "expected_ranges", "listed_log_likelihood"]
+
+
+class Noise(NamedTuple):
+    """Standard deviations of most ranges and of a few, px, and the share that is anything up to the cap."""
+
+    sigma: float
+    wide: float
+    outliers: float
+
+    @classmethod
+    def of(cls, sigma_map: float, sigma_range: float, outliers: float) -> "Noise":
+        """Return a sensor's noise in a map that is right to within ``sigma_map``, near its edges to six times that."""
+        return cls(math.hypot(sigma_map, sigma_range), math.hypot(6.0 * sigma_map, sigma_range), outliers)
+
 
 ANGLES = np.array(BEAMS, dtype=np.float32)
 
@@ -32,13 +47,10 @@ def expected_ranges(caster: RayCaster, poses: Floats) -> Floats:
     return caster.ranges(x, y, directions, RANGE_MAX).reshape(ANGLES.size, poses.shape[1])
 
 
-def listed_log_likelihood(expected: Floats, read: Floats, sigma: float, outliers: float) -> Floats:
-    """Return the log-likelihood (N,) of ranges (B,) where ``expected`` (B, N) are right, up to their noise.
-
-    ``sigma`` (px) of most of them, six times that of a few; ``outliers``: the share that is anything up to the cap.
-    """
+def listed_log_likelihood(expected: Floats, read: Floats, noise: Noise) -> Floats:
+    """Return the log-likelihood (N,) of ranges (B,) where ``expected`` (B, N) are right, up to their noise."""
     log_likelihood = np.empty(expected.shape[1], dtype=np.float32)
-    kernels.colon.listed(expected, read, sigma, outliers, RANGE_MAX, log_likelihood)
+    kernels.colon.listed(expected, read, *noise, RANGE_MAX, log_likelihood)
     return log_likelihood
 
 

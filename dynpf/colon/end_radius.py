@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Meta
 
 from dynpf.colon.annealing import annealed
-from dynpf.colon.beams import ANGLES, checked_ranges, dominant_mode, expected_ranges, listed_log_likelihood
+from dynpf.colon.beams import ANGLES, Noise, checked_ranges, dominant_mode, expected_ranges, listed_log_likelihood
 from dynpf.filters.cloud import Cloud, uniform_cloud, weighted_cloud
 from dynpf.filters.resampling import Indices
 from dynpf.maps.occupancy import OccupancyGrid
@@ -68,7 +68,7 @@ class EndRadius:
         self.radii = np.array(sorted(members), dtype=np.float32)
         self._casters = tuple(RayCaster(members[radius]) for radius in sorted(members))
         self._motion = CapsuleStep(params.motion)
-        self._sigma = math.hypot(params.sigma_map, params.sigma_range)
+        self._noise = Noise.of(params.sigma_map, params.sigma_range, params.outliers)
 
     def start(self, poses: Floats, radius: float) -> Cloud:
         """Return the cloud at poses (3, N) where the radius is known."""
@@ -88,7 +88,7 @@ class EndRadius:
 
         def likelihood(particles: Floats, _: Indices) -> tuple[Floats, None]:
             expected = self._expected(particles)
-            return listed_log_likelihood(expected, read, self._sigma, self.params.outliers), None
+            return listed_log_likelihood(expected, read, self._noise), None
 
         found = annealed(weighted, likelihood, self.params.n, stream).cloud
         return found, self._finding(found, before)

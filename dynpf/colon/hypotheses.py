@@ -17,7 +17,7 @@ from msgspec import Meta
 
 from dynpf import kernels
 from dynpf.colon.annealing import annealed, bearable_share
-from dynpf.colon.beams import ANGLES, checked_ranges, dominant_mode, expected_ranges, listed_log_likelihood
+from dynpf.colon.beams import ANGLES, Noise, checked_ranges, dominant_mode, expected_ranges, listed_log_likelihood
 from dynpf.colon.wall import Wall
 from dynpf.colon.world import RANGE_MAX
 from dynpf.filters.cloud import Cloud, gathered, uniform_cloud, weighted_cloud
@@ -144,7 +144,8 @@ class Hypotheses:
         self.walls = tuple(Wall.of(grid, params.spacing, params.length, params.deviation) for grid in self.grids)
         self._motion = CapsuleStep(params.motion)
         self._casters = tuple(RayCaster(grid) for grid in self.grids)
-        self._sigma = math.hypot(params.sigma_map, params.sigma_range)
+        self._noise = Noise.of(params.sigma_map, params.sigma_range, params.outliers)
+        self._search_noise = Noise.of(params.search.sigma, params.sigma_range, params.search.outliers)
         self._roughness = math.hypot(params.roughness, params.sigma_range)
 
     def start(self, poses: Floats, *, known: bool = True) -> Belief:
@@ -236,12 +237,11 @@ class Hypotheses:
 
     def _evidence(self, particles: Floats, belief: Belief, ancestors: Indices, read: Floats) -> _Evidence:
         """Return what the ranges say under every hypothesis at particles whose walls are the ancestors'."""
-        params, wall = self.params, self.walls[belief.reference]
-        shape = (ANGLES.size, particles.shape[1])
+        wall, shape = self.walls[belief.reference], (ANGLES.size, particles.shape[1])
         expected = [expected_ranges(caster, particles) for caster in self._casters]
         log_likelihood = np.empty((len(self.names), particles.shape[1]), dtype=np.float32)
         for index, ranges in enumerate(expected):
-            log_likelihood[index] = listed_log_likelihood(ranges, read, self._sigma, params.outliers)
+            log_likelihood[index] = listed_log_likelihood(ranges, read, self._noise)
         column, row = self.grids[0].to_cells(particles[0], particles[1])
         blame, stopped_at, shares = (np.empty(shape, dtype=np.float32) for _ in range(3))
         places = np.empty(shape, dtype=np.int32)
@@ -260,9 +260,10 @@ class Hypotheses:
             ancestors,
             belief.covariance,
             belief.chances,
-            self._sigma,
+            self._noise.sigma,
+            self._noise.wide,
             self._roughness,
-            params.outliers,
+            self._noise.outliers,
             RANGE_MAX,
             log_likelihood[-1],
             blame,
@@ -301,8 +302,7 @@ class Hypotheses:
         """Update a belief whose pose may be anywhere: by the first map alone, and by no more than leaves many."""
         cloud, search = belief.cloud, self.params.search
         expected = expected_ranges(self._casters[0], cloud.particles)
-        sigma = math.hypot(search.sigma, self.params.sigma_range)
-        log_likelihood = listed_log_likelihood(expected, read, sigma, search.outliers)
+        log_likelihood = listed_log_likelihood(expected, read, self._search_noise)
         share = bearable_share(cloud.log_weights, log_likelihood, 1.0, search.kept)
         cloud, _ = weighted_cloud(cloud.particles, cloud.log_weights + np.float32(share) * log_likelihood)
         finding = self._finding(belief._replace(cloud=cloud))

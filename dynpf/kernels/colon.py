@@ -16,7 +16,7 @@ _ZERO, _HALF, _ONE, _TWO = _f(0.0), _f(0.5), _f(1.0), _f(2.0)
 _ONE_OVER_ROOT_TWO_PI = _f(0.3989422804014327)
 # Most ranges are as good as the noise says, a few are worse: near edges a small error of the pose is a large one of
 # the range.
-_WIDE_SHARE, _WIDE = _f(0.07), _f(6.0)
+_WIDE_SHARE = _f(0.07)
 _NOWHERE = _i(-1)
 _SLANT = _i(3)  # px over which the wall's slope is taken
 _TINY, _LEAST_BLAME = _f(1e-30), _f(1e-3)
@@ -29,9 +29,9 @@ def normal_density(error, sigma):
 
 
 @device
-def beam_density(error, sigma, outliers, range_max):
+def beam_density(error, sigma, wide, outliers, range_max):
     narrow = (_ONE - _WIDE_SHARE - outliers) * normal_density(error, sigma)
-    return narrow + _WIDE_SHARE * normal_density(error, _WIDE * sigma) + outliers / range_max
+    return narrow + _WIDE_SHARE * normal_density(error, wide) + outliers / range_max
 
 
 @device
@@ -71,14 +71,14 @@ def condition(covariance, observed, noise):
 
 
 @kernel
-def listed(expected, read, sigma, outliers, range_max, out):
+def listed(expected, read, sigma, wide, outliers, range_max, out):
     """Write the log-likelihood of ranges ``read`` (B,) where ``expected`` (B, N) are right, to ``out`` (N,)."""
-    sigma, outliers, range_max = _f(sigma), _f(outliers), _f(range_max)
+    sigma, wide, outliers, range_max = _f(sigma), _f(wide), _f(outliers), _f(range_max)
     out[:] = _ZERO
     for beam in range(read.size):
         if not np.isnan(read[beam]):
             for i in range(out.size):
-                out[i] += log(beam_density(expected[beam, i] - read[beam], sigma, outliers, range_max))
+                out[i] += log(beam_density(expected[beam, i] - read[beam], sigma, wide, outliers, range_max))
 
 
 @kernel
@@ -98,6 +98,7 @@ def changed(
     covariance,
     chances,
     sigma,
+    wide,
     roughness,
     outliers,
     range_max,
@@ -113,13 +114,13 @@ def changed(
     how far a cell lies beyond the reference wall; ``node`` and ``share``: between which nodes of the wall it lies, and
     how far towards the one that follows. Displacements of nodes: means (M, J), of which ``ancestors`` (N,) tells each
     particle's, and one covariance (J, J). ``chances`` (J,): probabilities that nodes have moved at all.
-    ``sigma``: of ranges; ``roughness``: of where a wall is about what the nodes say.
+    ``sigma``, ``wide``: of most ranges and of a few; ``roughness``: of where a wall is about what the nodes say.
 
     For the update of the displacements, (B, N) each: ``blame``, the probability that a moved wall stopped the beam;
     ``stopped_at``, how far beyond the reference wall that was; ``places`` and ``shares``, between which nodes:
     the place -1 where a beam says nothing of a wall.
     """
-    sigma, outliers, range_max = _f(sigma), _f(outliers), _f(range_max)
+    sigma, wide, outliers, range_max = _f(sigma), _f(wide), _f(outliers), _f(range_max)
     roughness = _f(roughness)
     height, width = beyond.shape
     out[:] = _ZERO
@@ -132,7 +133,7 @@ def changed(
                 places[beam, i] = _NOWHERE
                 shares[beam, i] = _ZERO
                 if not np.isnan(z):
-                    out[i] += log(beam_density(expected[beam, i] - z, sigma, outliers, range_max))
+                    out[i] += log(beam_density(expected[beam, i] - z, sigma, wide, outliers, range_max))
             continue
         for i in range(out.size):
             sine, cosine = sincos(theta[i] + angles[beam])
@@ -153,7 +154,7 @@ def changed(
             error = distance - moved
             spread = np.sqrt(variance + roughness * roughness)
             stopped = chance * (_ONE - outliers) * facing * normal_density(error, spread)
-            still = beam_density(expected[beam, i] - z, sigma, outliers, range_max)
+            still = beam_density(expected[beam, i] - z, sigma, wide, outliers, range_max)
             likelihood = stopped + (_ONE - chance) * still + chance * outliers / range_max
             out[i] += log(likelihood)
             blame[beam, i] = stopped / max(likelihood, _TINY)

@@ -7,22 +7,24 @@ from dynpf.se2 import FloatArray, Floats
 
 __all__ = ["beam_density", "changed", "follow_walls", "listed"]
 
-WIDE_SHARE, WIDE = 0.07, 6.0
+WIDE_SHARE = 0.07
 SLANT = 3
 LEAST_BLAME = 1e-3
 
 
-def beam_density(error: Floats, sigma: float, outliers: float, range_max: float) -> FloatArray:
+def beam_density(error: Floats, sigma: float, wide: float, outliers: float, range_max: float) -> FloatArray:
     """Return the density of a range's error: two Gaussians about zero, and anything up to the cap."""
     narrow = (1.0 - WIDE_SHARE - outliers) * _normal(error, sigma)
-    return narrow + WIDE_SHARE * _normal(error, WIDE * sigma) + outliers / range_max
+    return narrow + WIDE_SHARE * _normal(error, wide) + outliers / range_max
 
 
-def listed(expected: Floats, read: Floats, sigma: float, outliers: float, range_max: float) -> FloatArray:
+def listed(  # noqa: PLR0917 - as the kernel takes them
+    expected: Floats, read: Floats, sigma: float, wide: float, outliers: float, range_max: float
+) -> FloatArray:
     """Return the log-likelihood (N,) of ranges (B,) where ``expected`` (B, N) are right."""
     known = ~np.isnan(read)
     errors = expected[known] - read[known, None]
-    total: FloatArray = np.log(beam_density(errors, sigma, outliers, range_max)).sum(axis=0)
+    total: FloatArray = np.log(beam_density(errors, sigma, wide, outliers, range_max)).sum(axis=0)
     return total
 
 
@@ -39,6 +41,7 @@ def changed(  # noqa: PLR0917 - as the kernel takes them
     covariance: Floats,
     chances: Floats,
     sigma: float,
+    wide: float,
     roughness: float,
     outliers: float,
     range_max: float,
@@ -50,7 +53,7 @@ def changed(  # noqa: PLR0917 - as the kernel takes them
     places = np.full((beams, count), -1, dtype=np.int32)
     height, width = beyond.shape
     for b in np.flatnonzero(~np.isnan(read)):
-        still = beam_density(expected[b] - read[b], sigma, outliers, range_max)
+        still = beam_density(expected[b] - read[b], sigma, wide, outliers, range_max)
         if read[b] >= range_max:
             total += np.log(still)
             continue

@@ -55,13 +55,15 @@ def test_a_listed_map_is_as_likely_as_the_textbook_says(seed: int, sigma: float,
     rng = np.random.default_rng(seed)
     expected = rng.uniform(0.0, 30.0, (BEAMS, COUNT)).astype(np.float32)
     read, out = ranges(rng), np.empty(COUNT, dtype=np.float32)
-    kernels.colon.listed(expected, read, sigma, outliers, 30.0, out)
-    np.testing.assert_allclose(out, textbook.listed(expected, read, sigma, outliers, 30.0), rtol=1e-5, atol=1e-4)
+    kernels.colon.listed(expected, read, sigma, 5.0 * sigma, outliers, 30.0, out)
+    np.testing.assert_allclose(
+        out, textbook.listed(expected, read, sigma, 5.0 * sigma, outliers, 30.0), rtol=1e-5, atol=1e-4
+    )
 
 
 def test_the_density_of_a_range_is_one_in_all_but_for_the_cap() -> None:
     errors = np.linspace(-200.0, 200.0, 400_001)
-    total = np.trapezoid(textbook.beam_density(errors, 2.0, 0.1, 400.0), errors)
+    total = np.trapezoid(textbook.beam_density(errors, 2.0, 12.0, 0.1, 400.0), errors)
     assert total == pytest.approx(1.0, abs=1e-6)
 
 
@@ -72,10 +74,12 @@ def changed(rng: np.random.Generator, held: Walls, sigma: float, roughness: floa
     read, expected = ranges(rng), rng.uniform(0.0, 30.0, (BEAMS, COUNT)).astype(np.float32)
     out = [np.empty(COUNT, dtype=np.float32), *(np.empty((BEAMS, COUNT), dtype=np.float32) for _ in range(2))]
     out += [np.empty((BEAMS, COUNT), dtype=np.int32), np.empty((BEAMS, COUNT), dtype=np.float32)]
-    kernels.colon.changed(*poses, angles, read, expected, *held, sigma, roughness, 0.05, 30.0, *out)
+    kernels.colon.changed(*poses, angles, read, expected, *held, sigma, 5.0 * sigma, roughness, 0.05, 30.0, *out)
     map_tables, (displacement, ancestors), rest = held[:4], held[4:6], held[6:]
     own = displacement[ancestors]
-    told = textbook.changed(poses, angles, read, expected, *map_tables, own, *rest, sigma, roughness, 0.05, 30.0)
+    told = textbook.changed(
+        poses, angles, read, expected, *map_tables, own, *rest, sigma, 5.0 * sigma, roughness, 0.05, 30.0
+    )
     return out, list(told)
 
 
