@@ -5,6 +5,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+import msgspec
 import numpy as np
 
 from dynpf.colon import (
@@ -46,7 +47,7 @@ class Setup(NamedTuple):
 
 NOISES: dict[Noise, Setup] = {
     "none": Setup(Capsule(), 0.0, 0.002),
-    "3px_5pct": Setup(Capsule(sigma_range=3.0, outlier_fraction=0.05), 3.0, 0.06),
+    "3px_5pct": Setup(Capsule(sigma_range=3.0, outlier_fraction=0.05), 3.0, 0.08),
     "10px": Setup(Capsule(sigma_range=10.0), 10.0, 0.01),
     "robot": Setup(Capsule(sigma=0.1, sigma_theta=0.1), 0.0, 0.002),
 }
@@ -173,13 +174,9 @@ def follow(trial: Trial, happened: Run) -> tuple[Track, ...]:
 @lru_cache(maxsize=8)
 def _hypotheses(place: Place, noise: Noise, n: int, scheduled: bool) -> Hypotheses:
     setup = NOISES[noise]
-    params = HypothesesParams(
-        n=n,
-        sigma_range=setup.sigma_range,
-        outliers=setup.outliers,
-        change=0.0 if scheduled else 0.01,
-        told=1.0 if scheduled else 0.5,
-    )
+    params = HypothesesParams(n=n, sigma_range=setup.sigma_range, outliers=setup.outliers)
+    if scheduled:
+        params = msgspec.structs.replace(params, change=0.0, told=1.0)
     return Hypotheses(params, {name: grid(place, name) for name in "ab"})
 
 

@@ -115,7 +115,7 @@ def test_a_reading_that_tells_nothing_changes_no_weight(hypotheses: Hypotheses) 
     belief = hypotheses.start(START)
     after, finding = hypotheses.update(belief, None, np.full(5, np.nan), Stream.of(1, "test", 0))
     np.testing.assert_allclose(after.cloud.weights, 0.01, rtol=1e-5)
-    assert finding.maps["a"] == pytest.approx(0.99, abs=1e-4)
+    assert finding.maps["a"] == pytest.approx(1.0 - hypotheses.params.change, abs=1e-4)
 
 
 def test_bad_usage_is_told(hypotheses: Hypotheses, maps: dict[str, OccupancyGrid]) -> None:
