@@ -1,0 +1,85 @@
+"""A likelihood brought in by degrees, so that few particles follow a sharp one (Neal, 2001: annealed importance
+sampling): each layer takes as large a share of it as leaves half of the effective particles, chooses survivors, and
+sets copies apart by a kernel that keeps mean and covariance (Liu and West, 2001).
+"""
+
+import math
+from collections.abc import Callable
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from dynpf import kernels
+from dynpf.filters.cloud import Cloud, gathered, weighted_cloud
+from dynpf.filters.regularization import GaussianKernel
+from dynpf.filters.resampling import Indices, systematic
+from dynpf.rng import Stream
+from dynpf.se2 import Floats
+
+__all__ = ["Annealed", "annealed", "bearable_share"]
+
+_MOST_LAYERS = 12
+_KERNEL = GaussianKernel(shrink=True)
+
+EvidenceT = TypeVar("EvidenceT")
+
+
+class Annealed(NamedTuple, Generic[EvidenceT]):
+    """A cloud (D, n) under all of the likelihood, of which of the first particles each is a copy (n,), what the
+    likelihood found at it, and how many layers it took.
+    """
+
+    cloud: Cloud
+    ancestors: Indices
+    evidence: EvidenceT
+    layers: int
+
+
+def annealed(
+    cloud: Cloud,
+    likelihood: Callable[[Floats, Indices], tuple[Floats, EvidenceT]],
+    count: int,
+    stream: Stream,
+) -> Annealed[EvidenceT]:
+    """Weigh a cloud by a likelihood, layer by layer, each layer with ``count`` particles.
+
+    ``likelihood`` takes particles (D, N) and their ancestors (N,), and returns log-likelihoods (N,) and what else it
+    found. At the twelfth layer what is still left of it is let go: it would take an outlier for the truth.
+    """
+    particles, log_weights = cloud.particles, cloud.log_weights
+    ancestors = np.arange(particles.shape[1], dtype=np.int32)
+    left = 1.0
+    for layer in range(1, _MOST_LAYERS + 1):
+        log_likelihood, evidence = likelihood(particles, ancestors)
+        share = bearable_share(log_weights, log_likelihood, left)
+        weighted, _ = weighted_cloud(particles, log_weights + np.float32(share) * log_likelihood)
+        left -= share
+        if left <= 0.0 or layer == _MOST_LAYERS:
+            break
+        draws = stream.part(f"layer {layer}")
+        chosen = systematic(weighted.weights, draws.part("resampling").uniform(), count)
+        particles = _KERNEL.spread(gathered(particles, chosen), weighted, draws.part("kernel"))
+        ancestors = ancestors[chosen]
+        log_weights = np.full(count, -math.log(count), dtype=np.float32)
+    return Annealed(weighted, ancestors, evidence, layer)
+
+
+def bearable_share(log_weights: Floats, log_likelihood: Floats, left: float, kept: float = 0.5) -> float:
+    """Return the largest share, up to ``left``, of log-likelihoods (N,) that leaves N_eff at ``kept`` of N."""
+    weights = np.empty_like(log_weights)
+
+    def is_too_much(share: float) -> bool:
+        _, total, squares = kernels.cloud.normalize(log_weights + np.float32(share) * log_likelihood, weights)
+        return bool(total * total < kept * log_weights.size * squares)
+
+    if not is_too_much(left):
+        return left
+    low, high = 0.0, left
+    for _ in range(16):
+        middle = 0.5 * (low + high)
+        if is_too_much(middle):
+            high = middle
+        else:
+            low = middle
+    # Weights that were as thin to begin with bear nothing: a little is taken, and resampling evens them out.
+    return max(low, 1e-3 * left)

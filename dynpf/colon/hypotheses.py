@@ -1,0 +1,341 @@
+"""Localization in a map that may change: which map holds is part of what is estimated.
+
+A particle is a pose with what it implies about the map: probabilities over the listed maps and "none of these", and
+there a Gaussian over how far the walls of a reference map have moved. All of that is updated in closed form, so that
+only poses are sampled (Rao-Blackwellization; Murphy and Russell, 2001), as FastSLAM does for landmarks (Montemerlo et
+al., 2002). What the walls have in common with all particles, the covariance and whether a part has moved at all, is
+kept once.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, NamedTuple
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from dynpf import kernels
+from dynpf.colon.annealing import annealed, bearable_share
+from dynpf.colon.beams import ANGLES, Noise, checked_ranges, dominant_mode, expected_ranges, listed_log_likelihood
+from dynpf.colon.wall import Wall
+from dynpf.colon.world import RANGE_MAX
+from dynpf.filters.cloud import Cloud, gathered, uniform_cloud, weighted_cloud
+from dynpf.filters.resampling import Indices, systematic
+from dynpf.maps.occupancy import OccupancyGrid
+from dynpf.maps.raycast import RayCaster
+from dynpf.motion.capsule import CapsuleMotion, CapsuleStep, CapsuleStepParams
+from dynpf.params import validated
+from dynpf.rng import Stream
+from dynpf.se2 import FloatArray, Floats
+
+__all__ = ["UNLISTED", "Belief", "Finding", "Hypotheses", "HypothesesParams", "SearchParams"]
+
+UNLISTED = "none of these"
+
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+Positive = Annotated[float, Meta(gt=0.0)]
+NonNegative = Annotated[float, Meta(ge=0.0)]
+OutlierShare = Annotated[float, Meta(gt=0.0, lt=0.9)]
+
+
+class SearchParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How a pose is found that may be anywhere: with many particles and a blunt likelihood; px.
+
+    To believe all of the first readings would lock onto one of many places that look alike, often the reverse heading.
+    """
+
+    n: Annotated[int, Meta(ge=1)] = 5000
+    sigma: Positive = 30.0  # of a range
+    outliers: OutlierShare = 0.05
+    kept: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.2  # share of the effective particles that a reading leaves
+    jitter: NonNegative = 4.0  # by which copies are set apart
+    settled: Annotated[float, Meta(gt=0.5, le=1.0)] = 0.97  # weight of one cluster that ends the search
+    place: Positive = 20.0  # how far a cluster may be spread then
+    heading: Positive = 0.5  # rad, likewise
+    patience: Annotated[int, Meta(ge=0)] = 7  # readings after which the search ends anyway
+
+
+class HypothesesParams(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="colon_hypotheses"
+):
+    """Lengths in map units (px)."""
+
+    n: Annotated[int, Meta(ge=1)] = 100  # particles
+    motion: CapsuleStepParams = CapsuleStepParams()
+    sigma_map: Positive = 1.0  # of a range, in a map that is right: particles are no denser
+    sigma_range: NonNegative = 0.0  # of the sensor's noise
+    outliers: OutlierShare = 0.002  # share of ranges that mean nothing
+    change: Share = 0.005  # probability that a map gives way to another within a step
+    told: Share = 0.5  # the same when the filter has been told so
+    deviation: Positive = 25.0  # of a wall that has moved to where nobody knows
+    length: Positive = 35.0  # along the wall over which displacements are alike
+    spacing: Positive = 25.0  # of the nodes along the wall
+    roughness: Positive = 3.0  # of where a moved wall is about what its nodes say
+    growth: NonNegative = 1.0  # of how far a moved wall moves on within a step
+    moved: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.3  # share of the wall that has moved in an unlisted map
+    unrest: Share = 0.1  # how much of what is known of whether a wall has moved is forgotten within a step
+    search: SearchParams = SearchParams()
+
+
+class Belief(NamedTuple):
+    """All that the filter knows: a cloud of poses (3, N), and what each implies about the map.
+
+    ``maps`` (K + 1, N): probabilities of the listed maps and of UNLISTED; ``since`` (K + 1, N): the expected number of
+    the reading at which each began to hold. If UNLISTED holds: ``displacement`` (N, J) of the nodes of the
+    ``reference`` map's wall, their covariance (J, J), and ``chances`` (J,), the probabilities that they have moved at
+    all. ``reading``: how many have been taken. ``settled``: the pose is known.
+    """
+
+    cloud: Cloud
+    maps: Floats
+    since: Floats
+    displacement: Floats
+    covariance: Floats
+    chances: Floats
+    reference: int
+    reading: int
+    settled: bool
+
+
+class Finding(NamedTuple):
+    """What an update found.
+
+    ``pose`` (3,) and ``covariance`` (3, 3): of the heaviest cluster, of weight ``mass``. ``maps``: the posterior over
+    the listed maps and UNLISTED. ``changed_at``: the expected number of the reading from which on the likeliest of
+    them holds; 0 if it always did. ``displacement`` (J,): how far the nodes of the ``reference`` map's wall have moved
+    if UNLISTED holds, 0 where they more likely have not.
+    """
+
+    pose: FloatArray
+    covariance: FloatArray
+    mass: float
+    maps: dict[str, float]
+    changed_at: float
+    reference: str
+    displacement: FloatArray
+
+
+class _Evidence(NamedTuple):
+    """Log-likelihoods (K + 1, N) under every hypothesis; the rest (B, N): see ``kernels.colon.changed``."""
+
+    log_likelihood: Floats
+    blame: Floats
+    stopped_at: Floats
+    places: Indices
+    shares: Floats
+
+
+class Hypotheses:
+    """A filter over poses and maps; it has no state: beliefs go in and come out."""
+
+    def __init__(self, params: HypothesesParams, maps: Mapping[str, OccupancyGrid]) -> None:
+        """Take the listed maps by name, each the bore of a tube; the first is the one that holds at the start.
+
+        Raises ValueError for a parameter out of range, and where no map is listed or they are not of one frame.
+        """
+        self.params = validated(params)
+        if not maps:
+            raise ValueError("no map is listed: expected one at least")
+        self.names = (*maps, UNLISTED)
+        self.grids = tuple(maps.values())
+        if len({(grid.cells.shape, grid.resolution, grid.origin) for grid in self.grids}) > 1:
+            raise ValueError(f"the maps {', '.join(maps)} differ in size, resolution or origin: expected the same")
+        self.walls = tuple(Wall.of(grid, params.spacing, params.length, params.deviation) for grid in self.grids)
+        self._motion = CapsuleStep(params.motion)
+        self._casters = tuple(RayCaster(grid) for grid in self.grids)
+        self._noise = Noise.of(params.sigma_map, params.sigma_range, params.outliers)
+        self._search_noise = Noise.of(params.search.sigma, params.sigma_range, params.search.outliers)
+        self._roughness = math.hypot(params.roughness, params.sigma_range)
+
+    def start(self, poses: Floats, *, known: bool = True) -> Belief:
+        """Return the belief at poses (3, N) of equal weight; ``known``: they are of one place, not from anywhere."""
+        cloud = uniform_cloud(np.ascontiguousarray(poses, dtype=np.float32))
+        maps = np.zeros((len(self.names), poses.shape[1]), dtype=np.float32)
+        maps[0] = 1.0
+        return Belief(cloud, maps, np.zeros_like(maps), *self._unmoved(0, poses.shape[1]), 0, 0, known)
+
+    def anywhere(self, stream: Stream) -> Belief:
+        """Return the belief that knows nothing: poses uniform over the first map's inside."""
+        return self.start(self.grids[0].sample_free(self.params.search.n, stream), known=False)
+
+    def update(
+        self, belief: Belief, motion: CapsuleMotion | None, ranges: Floats, stream: Stream, told: str | None = None
+    ) -> tuple[Belief, Finding]:
+        """Return the belief after a motion (None: none) and ranges (B,) at its end, and what was found.
+
+        ``told``: the name of a listed map that is said to hold from now on, whether or not that is true. Ranges that
+        are NaN tell nothing. Raises ValueError for another number of ranges, or a name that is not listed.
+        """
+        read = checked_ranges(ranges)
+        if told is not None and told not in self.names[:-1]:
+            raise ValueError(f"told of map {told!r}: expected one of {', '.join(self.names[:-1])}")
+        cloud = belief.cloud
+        if motion is not None:
+            particles = self._motion.propagate(cloud.particles, motion, stream.part("motion"))
+            cloud = cloud._replace(particles=particles)
+        moved = belief._replace(cloud=cloud, reading=belief.reading + 1)
+        if not belief.settled:
+            return self._search(moved, read, stream)
+        return self._follow(self._expect_change(moved, told), read, stream)
+
+    def _expect_change(self, belief: Belief, told: str | None) -> Belief:
+        """Let every map give way to the others."""
+        params, count = self.params, len(self.names)
+        transition = np.full((count, count), params.change / (count - 1), dtype=np.float32)
+        np.fill_diagonal(transition, 1.0 - params.change)
+        if told is not None:
+            transition *= 1.0 - params.told
+            transition[:, self.names.index(told)] += params.told
+        maps = np.einsum("kn,kl->ln", belief.maps, transition)
+        fresh = 1 - np.diag(transition)[:, None] * belief.maps / np.maximum(maps, np.float32(1e-30))
+        since = belief.since + fresh * (np.float32(belief.reading - 1) - belief.since)
+        return self._expect_moving(belief._replace(maps=maps, since=since), fresh[-1])
+
+    def _expect_moving(self, belief: Belief, fresh: Floats) -> Belief:
+        """Mix what is known of walls with what is of a change that has only just happened, of probability (N,)."""
+        params, weights = self.params, belief.cloud.weights
+        posterior = np.einsum("n,kn->k", weights, belief.maps)
+        likeliest = int(posterior[:-1].argmax())
+        if likeliest != belief.reference and posterior[likeliest] > _SURE:
+            displacement, covariance, chances = self._unmoved(likeliest, fresh.size)
+            return belief._replace(
+                displacement=displacement, covariance=covariance, chances=chances, reference=likeliest
+            )
+        _, prior, unknown = self._unmoved(belief.reference, 0)
+        unlisted = weights * belief.maps[-1]
+        renewed = np.float32(np.sum(unlisted * fresh) / max(float(np.sum(unlisted)), 1e-30))
+        moves_on = (1 - renewed) * np.float32((params.growth / params.deviation) ** 2)
+        forgotten = renewed + (1 - renewed) * np.float32(params.unrest)
+        return belief._replace(
+            displacement=belief.displacement * (1 - fresh)[:, None],
+            covariance=(renewed + moves_on) * prior + (1 - renewed) * belief.covariance,
+            chances=belief.chances + forgotten * (unknown - belief.chances),
+        )
+
+    def _unmoved(self, reference: int, count: int) -> tuple[Floats, Floats, Floats]:
+        """Return displacements, covariance and chances where nothing is known of the walls of a map."""
+        prior = self.walls[reference].prior
+        displacement = np.zeros((count, len(prior)), dtype=np.float32)
+        return displacement, prior.copy(), np.full(len(prior), self.params.moved, dtype=np.float32)
+
+    def _follow(self, belief: Belief, read: Floats, stream: Stream) -> tuple[Belief, Finding]:
+        """Update a belief of which the pose is known."""
+        with np.errstate(divide="ignore"):
+            log_maps = np.log(belief.maps)
+
+        def likelihood(particles: Floats, ancestors: Indices) -> tuple[Floats, tuple[Floats, _Evidence]]:
+            evidence = self._evidence(particles, belief, ancestors, read)
+            joint = log_maps[:, ancestors] + evidence.log_likelihood
+            total = np.logaddexp.reduce(joint, axis=0)
+            return total, (np.exp(joint - total), evidence)
+
+        found = annealed(belief.cloud, likelihood, self.params.n, stream)
+        maps, evidence = found.evidence
+        learned = self._learn(belief, found.cloud, found.ancestors, evidence, maps)
+        return learned, self._finding(learned)
+
+    def _evidence(self, particles: Floats, belief: Belief, ancestors: Indices, read: Floats) -> _Evidence:
+        """Return what the ranges say under every hypothesis at particles whose walls are the ancestors'."""
+        wall, shape = self.walls[belief.reference], (ANGLES.size, particles.shape[1])
+        expected = [expected_ranges(caster, particles) for caster in self._casters]
+        log_likelihood = np.empty((len(self.names), particles.shape[1]), dtype=np.float32)
+        for index, ranges in enumerate(expected):
+            log_likelihood[index] = listed_log_likelihood(ranges, read, self._noise)
+        column, row = self.grids[0].to_cells(particles[0], particles[1])
+        blame, stopped_at, shares = (np.empty(shape, dtype=np.float32) for _ in range(3))
+        places = np.empty(shape, dtype=np.int32)
+        kernels.colon.changed(
+            (column - 0.5).astype(np.float32),
+            (row - 0.5).astype(np.float32),
+            particles[2],
+            ANGLES,
+            read,
+            expected[belief.reference],
+            wall.beyond,
+            wall.node,
+            wall.share,
+            wall.following,
+            belief.displacement,
+            ancestors,
+            belief.covariance,
+            belief.chances,
+            self._noise.sigma,
+            self._noise.wide,
+            self._roughness,
+            self._noise.outliers,
+            RANGE_MAX,
+            log_likelihood[-1],
+            blame,
+            stopped_at,
+            places,
+            shares,
+        )
+        return _Evidence(log_likelihood, blame, stopped_at, places, shares)
+
+    def _learn(self, belief: Belief, cloud: Cloud, ancestors: Indices, evidence: _Evidence, maps: Floats) -> Belief:
+        """Return the belief at the particles' new poses: maps (K + 1, N) are settled, walls follow the beams."""
+        displacement = belief.displacement[ancestors]
+        covariance, chances = belief.covariance.copy(), belief.chances.copy()
+        kernels.colon.follow_walls(
+            evidence.blame,
+            evidence.stopped_at,
+            evidence.places,
+            evidence.shares,
+            self.walls[belief.reference].following,
+            self._roughness,
+            cloud.weights * maps[-1] + np.float32(1e-30),
+            displacement,
+            covariance,
+            chances,
+        )
+        return belief._replace(
+            cloud=cloud,
+            maps=maps,
+            since=belief.since[:, ancestors],
+            displacement=displacement,
+            covariance=covariance,
+            chances=chances,
+        )
+
+    def _search(self, belief: Belief, read: Floats, stream: Stream) -> tuple[Belief, Finding]:
+        """Update a belief whose pose may be anywhere: by the first map alone, and by no more than leaves many."""
+        cloud, search = belief.cloud, self.params.search
+        expected = expected_ranges(self._casters[0], cloud.particles)
+        log_likelihood = listed_log_likelihood(expected, read, self._search_noise)
+        share = bearable_share(cloud.log_weights, log_likelihood, 1.0, search.kept)
+        cloud, _ = weighted_cloud(cloud.particles, cloud.log_weights + np.float32(share) * log_likelihood)
+        finding = self._finding(belief._replace(cloud=cloud))
+        ends = self._is_one_place(finding) or belief.reading > search.patience
+        chosen = systematic(cloud.weights, stream.part("resampling").uniform(), self.params.n if ends else search.n)
+        poses = gathered(cloud.particles, chosen)
+        if not ends:
+            poses[:2] += np.float32(search.jitter) * stream.part("jitter").normals(2, chosen.size)
+        return self.start(poses, known=ends)._replace(reading=belief.reading), finding
+
+    def _is_one_place(self, finding: Finding) -> bool:
+        """Return whether a cluster is all that is left, and small: touching cells may also cover the whole tube."""
+        search, variance = self.params.search, np.diag(finding.covariance)
+        small = variance[0] + variance[1] < search.place**2 and variance[2] < search.heading**2
+        return finding.mass >= search.settled and bool(small)
+
+    def _finding(self, belief: Belief) -> Finding:
+        best = dominant_mode(belief.cloud)
+        joint = belief.cloud.weights.astype(np.float64) * belief.maps
+        posterior = joint.sum(axis=1) / joint.sum()
+        likeliest = int(posterior.argmax())
+        changed_at = float(np.sum(joint[likeliest] * belief.since[likeliest]) / joint[likeliest].sum())
+        unlisted = (joint[-1] + 1e-30) / np.sum(joint[-1] + 1e-30)
+        displacement = np.where(belief.chances > 0.5, np.einsum("n,nj->j", unlisted, belief.displacement), 0.0)
+        return Finding(
+            best.mean,
+            best.covariance,
+            best.mass,
+            dict(zip(self.names, posterior.tolist(), strict=True)),
+            changed_at,
+            self.names[belief.reference],
+            displacement,
+        )
+
+
+_SURE = 0.97  # the posterior from which on a listed map is the one that unknown changes start from

@@ -1,0 +1,165 @@
+"""COLON's experiment: the route, the maps of its five cases, and a capsule that moves and reads five ranges."""
+
+import math
+from typing import Annotated, NamedTuple
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from dynpf.maps.occupancy import OccupancyGrid
+from dynpf.maps.raycast import RayCaster
+from dynpf.maps.timeline import MapTimeline
+from dynpf.motion.capsule import CapsuleMotion
+from dynpf.params import validated
+from dynpf.rng import generator
+from dynpf.se2 import FloatArray
+
+__all__ = ["BEAMS", "CASES", "RANGE_MAX", "ROUTE", "Capsule", "Case", "Route", "Run", "simulate", "timeline"]
+
+BEAMS = tuple(math.radians(degrees) for degrees in (-60.0, -30.0, 0.0, 30.0, 60.0))
+"""Directions of the five range finders, rad from the heading."""
+RANGE_MAX = 500.0
+"""px: where ranges are capped."""
+
+NonNegative = Annotated[float, Meta(ge=0.0)]
+
+
+class Route(NamedTuple):
+    """Where the capsule starts, how it moves, and before which motion the maps change (COLON's t5)."""
+
+    start: tuple[float, float, float]
+    motions: tuple[CapsuleMotion, ...]
+    change: int
+
+    def poses(self) -> FloatArray:
+        """Return the poses (3, T + 1) of a capsule that moves without noise, headings not wrapped."""
+        poses = [np.array(self.start)]
+        for motion in self.motions:
+            poses.append(moved(poses[-1], motion))
+        return np.stack(poses, axis=1)
+
+
+ROUTE = Route(
+    (150.0, 370.0, 0.0),
+    tuple(
+        CapsuleMotion(rho, turn)
+        for rho, turn in (
+            *[(100.0, 0.0)] * 4,
+            *[(50.0, 0.0)] * 3,
+            *[(20.0, 0.0)] * 3,
+            (10.0, 0.0),
+            (20.0, 0.0),
+            (30.0, 0.0),
+            (20.0, 0.5 * math.pi),
+            (20.0, 0.0),
+        )
+    ),
+    change=7,
+)
+"""COLON, myPF.m: from (150, 370, 0) to (820, 410, pi/2)."""
+
+
+class Case(NamedTuple):
+    """The map that becomes true at the change, and the one that the filter is told; before, both are "a"."""
+
+    true: str
+    told: str
+
+
+CASES = {1: Case("a", "a"), 2: Case("b", "a"), 3: Case("b", "b"), 4: Case("a", "b"), 5: Case("c", "b")}
+"""Static; the map changes unnoticed; both change; only the model changes; the map changes to one that is in no list."""
+
+
+def timeline(before: str, *after: str, route: Route = ROUTE) -> MapTimeline[str]:
+    """Return which map holds at which reading (0: at the start): ``before``, and those ``after`` the change in turn.
+
+    Each of them holds for one reading, the last one from then on.
+    """
+    first = route.change + 1
+    steps = [(0.0, before), *((float(first + i), name) for i, name in enumerate(after))]
+    return MapTimeline(tuple(step for i, step in enumerate(steps) if i == 0 or step[1] != steps[i - 1][1]))
+
+
+class Capsule(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="colon_capsule"
+):
+    """How well the true capsule moves and reads. COLON's does both without noise."""
+
+    sigma: NonNegative = 0.0  # px, of x and of y, a motion
+    sigma_theta: NonNegative = 0.0  # rad a motion
+    sigma_range: NonNegative = 0.0  # px
+    outlier_fraction: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0  # share of ranges that are anything up to the cap
+
+
+class Run(NamedTuple):
+    """What happened: poses (3, T + 1), the motions asked for, ranges (B, T + 1), and the map's name at each reading."""
+
+    poses: FloatArray
+    motions: tuple[CapsuleMotion, ...]
+    ranges: FloatArray
+    maps: tuple[str, ...]
+
+
+def simulate(
+    casters: dict[str, RayCaster], true: MapTimeline[str], capsule: Capsule, seed: int, route: Route = ROUTE
+) -> Run:
+    """Return a run of the capsule; ``casters`` by the names in ``true``, whose times are numbers of readings.
+
+    A capsule that moves with noise is steered: each motion heads for the route's next place from where the capsule
+    is, as far as it is away. Where noise would take it into a wall it is drawn again, and at the 20th time left out.
+    Raises ValueError for a parameter out of range.
+    """
+    validated(capsule)
+    random = generator(seed, "capsule", 0)
+    goals = route.poses()
+    noisy = capsule.sigma > 0.0 or capsule.sigma_theta > 0.0
+    poses, motions, ranges, maps = [goals[:, 0]], [], [], []
+    for step in range(len(route.motions) + 1):
+        caster = casters[true.at(step)]
+        if step > 0:
+            motion = _steered(poses[-1], goals[:, step]) if noisy else route.motions[step - 1]
+            motions.append(motion)
+            poses.append(_blown(poses[-1], motion, capsule, caster.grid, random))
+        maps.append(true.at(step))
+        ranges.append(_read(caster, poses[-1], capsule, random))
+    return Run(np.stack(poses, axis=1), tuple(motions), np.stack(ranges, axis=1), tuple(maps))
+
+
+def moved(pose: FloatArray, motion: CapsuleMotion) -> FloatArray:
+    """Return a pose (3,) after a motion without noise (COLON, myPFmotion); the heading is not wrapped."""
+    heading = pose[2] + motion.turn
+    return np.array([pose[0] + motion.rho * math.cos(heading), pose[1] + motion.rho * math.sin(heading), heading])
+
+
+def _steered(pose: FloatArray, goal: FloatArray) -> CapsuleMotion:
+    way = goal[:2] - pose[:2]
+    turn = math.remainder(math.atan2(way[1], way[0]) - pose[2], 2.0 * math.pi)
+    return CapsuleMotion(float(np.hypot(*way)), turn)
+
+
+def _blown(
+    pose: FloatArray, motion: CapsuleMotion, capsule: Capsule, grid: OccupancyGrid, random: np.random.Generator
+) -> FloatArray:
+    sigmas = np.array([capsule.sigma, capsule.sigma, capsule.sigma_theta])
+    aimed = moved(pose, motion)
+    for _ in range(20):
+        blown = aimed + sigmas * random.standard_normal(3)
+        if _is_free(grid, blown):
+            return blown
+    return aimed
+
+
+def _is_free(grid: OccupancyGrid, pose: FloatArray) -> bool:
+    column, row = (int(cell) for cell in grid.to_cells(pose[0], pose[1]))
+    height, width = grid.cells.shape
+    return 0 <= row < height and 0 <= column < width and bool(grid.free[row, column])
+
+
+def _read(caster: RayCaster, pose: FloatArray, capsule: Capsule, random: np.random.Generator) -> FloatArray:
+    angles = pose[2] + np.array(BEAMS)
+    exact = caster.ranges(np.full(angles.size, pose[0]), np.full(angles.size, pose[1]), angles, RANGE_MAX)
+    read = np.clip(exact + capsule.sigma_range * random.standard_normal(angles.size), 0.0, RANGE_MAX)
+    anything = random.uniform(size=angles.size) < capsule.outlier_fraction
+    ranges: FloatArray = np.where(anything, random.uniform(0.0, RANGE_MAX, angles.size), read)
+    return ranges

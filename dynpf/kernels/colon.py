@@ -1,0 +1,204 @@
+"""COLON: how likely ranges are in a listed map, or in one whose walls have moved by nobody knows how much.
+
+Ranges are read by B beams; beams are rows, particles columns. A range that is NaN tells nothing, and one at the cap
+only that the wall is farther.
+"""
+
+import numpy as np
+
+from dynpf.kernels.compiler import device, kernel
+from dynpf.kernels.elementary import exp, log, sincos
+
+__all__ = ["changed", "follow_walls", "listed"]
+
+_f, _i = np.float32, np.int32
+_ZERO, _HALF, _ONE, _TWO = _f(0.0), _f(0.5), _f(1.0), _f(2.0)
+_ONE_OVER_ROOT_TWO_PI = _f(0.3989422804014327)
+# Most ranges are as good as the noise says, a few are worse: near edges a small error of the pose is a large one of
+# the range.
+_WIDE_SHARE = _f(0.07)
+_NOWHERE = _i(-1)
+_SLANT = _i(3)  # px over which the wall's slope is taken
+_TINY, _LEAST_BLAME = _f(1e-30), _f(1e-3)
+
+
+@device
+def normal_density(error, sigma):
+    scaled = error / sigma
+    return _ONE_OVER_ROOT_TWO_PI / sigma * exp(-_HALF * scaled * scaled)
+
+
+@device
+def beam_density(error, sigma, wide, outliers, range_max):
+    narrow = (_ONE - _WIDE_SHARE - outliers) * normal_density(error, sigma)
+    return narrow + _WIDE_SHARE * normal_density(error, wide) + outliers / range_max
+
+
+@device
+def between_cells(table, column, row):
+    """Return a table's value between the middles of four cells, linearly."""
+    left, below = np.floor(column), np.floor(row)
+    c, r = _i(left), _i(below)
+    right, above = column - left, row - below
+    low = table[r, c] + right * (table[r, c + 1] - table[r, c])
+    high = table[r + 1, c] + right * (table[r + 1, c + 1] - table[r + 1, c])
+    return low + above * (high - low)
+
+
+@device
+def node_variance(covariance, j, k, share):
+    """Return the variance of the displacement between nodes j and k."""
+    rest = _ONE - share
+    return rest * rest * covariance[j, j] + _TWO * rest * share * covariance[j, k] + share * share * covariance[k, k]
+
+
+@device
+def condition(covariance, observed, noise):
+    """Condition a covariance (J, J), in place, on a sum ``observed`` (J,) of its variables, read with ``noise``."""
+    nodes = observed.size
+    cross = np.zeros(nodes)
+    for j in range(nodes):
+        if observed[j] != 0.0:
+            for n in range(nodes):
+                cross[n] += observed[j] * np.float64(covariance[j, n])
+    variance = noise
+    for n in range(nodes):
+        variance += observed[n] * cross[n]
+    for m in range(nodes):
+        scaled = cross[m] / variance
+        for n in range(nodes):
+            covariance[m, n] = _f(np.float64(covariance[m, n]) - scaled * cross[n])
+
+
+@kernel
+def listed(expected, read, sigma, wide, outliers, range_max, out):
+    """Write the log-likelihood of ranges ``read`` (B,) where ``expected`` (B, N) are right, to ``out`` (N,)."""
+    sigma, wide, outliers, range_max = _f(sigma), _f(wide), _f(outliers), _f(range_max)
+    out[:] = _ZERO
+    for beam in range(read.size):
+        if not np.isnan(read[beam]):
+            for i in range(out.size):
+                out[i] += log(beam_density(expected[beam, i] - read[beam], sigma, wide, outliers, range_max))
+
+
+@kernel
+def changed(
+    x,
+    y,
+    theta,
+    angles,
+    read,
+    expected,
+    beyond,
+    node,
+    share,
+    following,
+    displacement,
+    ancestors,
+    covariance,
+    chances,
+    sigma,
+    wide,
+    roughness,
+    outliers,
+    range_max,
+    out,
+    blame,
+    stopped_at,
+    places,
+    shares,
+):
+    """Write the log-likelihood of ranges ``read`` (B,) where the walls may have moved, to ``out`` (N,).
+
+    x, y in cells from the middle of cell (0, 0). ``expected`` (B, N): ranges in the reference map. ``beyond`` (H, W):
+    how far a cell lies beyond the reference wall; ``node`` and ``share``: between which nodes of the wall it lies, and
+    how far towards the one that follows. Displacements of nodes: means (M, J), of which ``ancestors`` (N,) tells each
+    particle's, and one covariance (J, J). ``chances`` (J,): probabilities that nodes have moved at all.
+    ``sigma``, ``wide``: of most ranges and of a few; ``roughness``: of where a wall is about what the nodes say.
+
+    For the update of the displacements, (B, N) each: ``blame``, the probability that a moved wall stopped the beam;
+    ``stopped_at``, how far beyond the reference wall that was; ``places`` and ``shares``, between which nodes:
+    the place -1 where a beam says nothing of a wall.
+    """
+    sigma, wide, outliers, range_max = _f(sigma), _f(wide), _f(outliers), _f(range_max)
+    roughness = _f(roughness)
+    height, width = beyond.shape
+    out[:] = _ZERO
+    for beam in range(read.size):
+        z = read[beam]
+        if not z < range_max:
+            for i in range(out.size):
+                blame[beam, i] = _ZERO
+                stopped_at[beam, i] = _ZERO
+                places[beam, i] = _NOWHERE
+                shares[beam, i] = _ZERO
+                if not np.isnan(z):
+                    out[i] += log(beam_density(expected[beam, i] - z, sigma, wide, outliers, range_max))
+            continue
+        for i in range(out.size):
+            sine, cosine = sincos(theta[i] + angles[beam])
+            column = min(max(x[i] + z * cosine, _f(_SLANT)), _f(width - _SLANT - 2))
+            row = min(max(y[i] + z * sine, _f(_SLANT)), _f(height - _SLANT - 2))
+            c, r = _i(np.rint(column)), _i(np.rint(row))
+            along = beyond[r, c + _SLANT] - beyond[r, c - _SLANT]
+            across = beyond[r + _SLANT, c] - beyond[r - _SLANT, c]
+            slope = np.sqrt(along * along + across * across)
+            facing = abs(along * cosine + across * sine) / max(slope, _ONE)
+            distance = between_cells(beyond, column, row)
+
+            j, f = node[r, c], share[r, c]
+            k = following[j]
+            moved = (_ONE - f) * displacement[ancestors[i], j] + f * displacement[ancestors[i], k]
+            variance = node_variance(covariance, j, k, f)
+            chance = (_ONE - f) * chances[j] + f * chances[k]
+            error = distance - moved
+            spread = np.sqrt(variance + roughness * roughness)
+            stopped = chance * (_ONE - outliers) * facing * normal_density(error, spread)
+            still = beam_density(expected[beam, i] - z, sigma, wide, outliers, range_max)
+            likelihood = stopped + (_ONE - chance) * still + chance * outliers / range_max
+            out[i] += log(likelihood)
+            blame[beam, i] = stopped / max(likelihood, _TINY)
+            stopped_at[beam, i] = distance
+            places[beam, i] = j
+            shares[beam, i] = f
+
+
+@kernel
+def follow_walls(blame, stopped_at, places, shares, following, roughness, weights, displacement, covariance, chances):
+    """Update displacements (N, J), their covariance (J, J) and chances (J,), in place, by where beams were stopped.
+
+    A Kalman update a particle and beam, as FastSLAM's of a landmark (Montemerlo et al., 2002), its noise divided by the
+    blame (B, N). Covariance and chances are shared: they follow the mean over the particles, by ``weights`` (N,).
+    """
+    beams, count = blame.shape
+    nodes = covariance.shape[0]
+    noise = _f(roughness) * _f(roughness)
+    total = 0.0
+    for i in range(count):
+        total += np.float64(weights[i])
+    for beam in range(beams):
+        seen = np.zeros(nodes)
+        observed = np.zeros(nodes)
+        blamed = 0.0
+        for i in range(count):
+            j, f = places[beam, i], shares[beam, i]
+            if j >= _i(0):
+                k = following[j]
+                weight = np.float64(weights[i])
+                part = weight * np.float64(blame[beam, i])
+                blamed += part
+                seen[j] += weight * np.float64(_ONE - f)
+                seen[k] += weight * np.float64(f)
+                observed[j] += part * np.float64(_ONE - f)
+                observed[k] += part * np.float64(f)
+                if blame[beam, i] > _LEAST_BLAME:
+                    moved = (_ONE - f) * displacement[i, j] + f * displacement[i, k]
+                    variance = node_variance(covariance, j, k, f)
+                    gain = (stopped_at[beam, i] - moved) / (variance + noise / blame[beam, i])
+                    at_j, at_k = gain * (_ONE - f), gain * f
+                    for n in range(nodes):
+                        displacement[i, n] += at_j * covariance[j, n] + at_k * covariance[k, n]
+        for n in range(nodes):
+            chances[n] = _f(np.float64(chances[n]) + (observed[n] - seen[n] * np.float64(chances[n])) / total)
+        if blamed > np.float64(_LEAST_BLAME) * total:
+            condition(covariance, observed / blamed, np.float64(noise) * total / blamed)

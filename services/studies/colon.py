@@ -1,0 +1,348 @@
+"""COLON's experiments: particles, cases, growth of the area, and the map as something that is estimated."""
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from dynpf.colon import CASES, UNLISTED, Run
+from dynpf.colon.beams import expected_ranges
+from dynpf.colon.outline import Family
+from dynpf.metrics.quantiles import chi_square_quantile
+from dynpf.se2 import wrap_angle
+from services.errors import UsageError
+from services.studies.colon_figures import draw
+from services.studies.colon_worlds import (
+    RADII,
+    Change,
+    Filter,
+    Noise,
+    Place,
+    Track,
+    Trial,
+    caster,
+    follow,
+    run,
+)
+from services.studies.rows import Row, Sample, summarized
+from services.studies.study import Study
+
+__all__ = ["COLON_STUDIES", "CasesSettings", "change_of", "places"]
+
+_LOST = 30.0  # px off at the end
+_TOLD_APART = 10.0  # px by which a range must differ before a change can be seen (COLON: prototypes saw none smaller)
+
+PRINTED_CASES = {
+    1: (1.0732, 1.5973, 6.2108),
+    2: (4.6165, 11.8877, 64.244),
+    3: (1.208, 1.89962, 7.7777),
+    4: (29.7674, 8.2426, 66.787),
+    5: (11.5448, 7.1043, 30.1985),
+}
+"""COLON, Table 6.1: mean error of x, y and theta in %."""
+PRINTED_PARTICLES = {
+    20: (5.144, 3.581, 16.817),
+    100: (1.208, 1.900, 7.778),
+    500: (0.803, 1.551, 4.901),
+    1000: (0.611, 1.195, 3.645),
+    5000: (0.845, 1.365, 3.997),
+}
+"""COLON, Table 5.1."""
+PRINTED_GROWTH = {"M_1": (0.169, 1.0182, 4.1656), "M_2": (1.2715, 1.3064, 6.2652), "M_3": (2.647, 3.5147, 5.8579)}
+"""COLON, Table 5.3."""
+
+Count = Annotated[int, Meta(ge=1)]
+
+
+class _Common(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    families: tuple[Family, ...] = tuple(Family)
+    tubes: Count = 10  # of a family, in turn
+    maps: tuple[str, ...] = ()  # bitmaps of a, b and, if given, c, in place of the families
+
+    def __post_init__(self) -> None:
+        if self.maps and len(self.maps) not in {2, 3}:
+            raise ValueError(f"maps of {len(self.maps)} files; expected two, a and b, or three with c")
+
+
+class CasesSettings(_Common, frozen=True, kw_only=True):
+    n: Count = 100
+    cases: tuple[int, ...] = tuple(CASES)
+    filters: tuple[Filter, ...] = ("seed", "scheduled", "told", "hypotheses")
+
+
+class ParticlesSettings(_Common, frozen=True, kw_only=True):
+    n: tuple[Count, ...] = (20, 100, 500, 1000, 5000)
+    n_ours: Count = 1000  # the most that ours is run with
+
+
+class GrowthSettings(_Common, frozen=True, kw_only=True):
+    n: Count = 100
+    unlisted: tuple[float, ...] = (112.0, 127.5, 143.0)  # radii in px
+
+
+class HypothesesSettings(_Common, frozen=True, kw_only=True):
+    n: Count = 100
+    noises: tuple[Noise, ...] = ("none", "3px_5pct", "10px", "robot")
+    global_trials: Annotated[int, Meta(ge=0)] = 20  # of a family, at most
+
+
+class Task(NamedTuple):
+    """Trials under the same factors in one place; each has its own seed. A "?" in the name of a map stands for it."""
+
+    case: str
+    trial: Trial
+    numbers: tuple[int, ...]
+
+
+def change_of(case: int) -> Change:
+    return Change("a", (CASES[case].true,), CASES[case].told)
+
+
+def places(settings: _Common, trials: int, seed: int) -> Iterator[tuple[Place, tuple[int, ...]]]:
+    """Yield each place and the numbers of its trials; tubes of a family take turns."""
+    if settings.maps:
+        yield Place(None, 0, settings.maps), tuple(range(trials))
+        return
+    for family in settings.families:
+        for number in range(min(settings.tubes, trials)):
+            yield Place(family, seed + number), tuple(range(number, trials, settings.tubes))
+
+
+def _cases(settings: _Common) -> tuple[int, ...]:
+    return tuple(case for case in CASES if CASES[case].true != "c" or len(settings.maps) != 2)
+
+
+# What a trial measures.
+
+
+def _run_task(task: Task) -> list[Sample]:
+    samples = []
+    for number in task.numbers:
+        seed = task.trial.seed * 100_003 + number
+        change = task.trial.change
+        change = change._replace(true=tuple(name.replace("?", str(seed)) for name in change.true))
+        trial = task.trial._replace(seed=seed, change=change)
+        happened = run(trial)
+        names = ("seed", "seed_program") if trial.filter == "seed" else (trial.filter,)
+        for name, track in zip(names, follow(trial, happened), strict=True):
+            measures = _pose_measures(happened, track) | _map_measures(trial, happened, track)
+            if track.radius is not None:
+                true = float(happened.maps[-1].removeprefix("end "))
+                measures["error_radius_percent"] = 100.0 * abs(track.radius - true) / true
+            samples.append(Sample(_factors(task, name), measures))
+    return samples
+
+
+def _factors(task: Task, name: str) -> dict[str, str | int]:
+    trial = task.trial
+    return {
+        "case": task.case,
+        "tube": trial.place.name,
+        "filter": name,
+        "n": trial.n,
+        "start": "known" if trial.known else "global",
+        "noise": trial.noise,
+    }
+
+
+def _pose_measures(happened: Run, track: Track) -> dict[str, float | bool]:
+    true, pose = happened.poses[:, -1], track.poses[:, -1]
+    off = np.array([pose[0] - true[0], pose[1] - true[1], float(wrap_angle(pose[2] - true[2]))])
+    percent = 100.0 * np.abs(off / true)
+    position = math.hypot(off[0], off[1])
+    measures: dict[str, float | bool] = {
+        "error_x_percent": float(percent[0]),
+        "error_y_percent": float(percent[1]),
+        "error_theta_percent": float(percent[2]),
+        "error_position_px": position,
+        "error_theta_rad": float(abs(off[2])),
+        "lost_percent": position > _LOST,
+    }
+    if track.covariance is not None:
+        distance = float(off @ np.linalg.solve(track.covariance + 1e-9 * np.eye(3), off))
+        measures["covered_90_percent"] = distance < chi_square_quantile(0.9, 3)
+    return measures
+
+
+def _map_measures(trial: Trial, happened: Run, track: Track) -> dict[str, float | bool]:
+    """Return what the posterior over maps is worth: at the end, while nothing has changed, and from the change on."""
+    if not track.maps:
+        return {}
+    final, before = happened.maps[-1], trial.change.before
+    measures: dict[str, float | bool] = {
+        "posterior_truth": track.maps[-1].get(final, track.maps[-1][UNLISTED]),
+        "false_alarm_percent": math.nan,
+        "missed_percent": math.nan,
+        "delay_steps": math.nan,
+    }
+    reported = [step for step, maps in enumerate(track.maps) if maps[before] < 0.5]
+    if final == before:
+        return measures | {"false_alarm_percent": bool(reported)}
+    visible = _first_visible(trial.place, before, happened)
+    if visible is not None:
+        since = [step for step in reported if step >= visible]
+        measures |= {"missed_percent": not since, "delay_steps": float(since[0] - visible) if since else math.nan}
+    return measures
+
+
+def _first_visible(place: Place, before: str, happened: Run) -> int | None:
+    """Return the first reading of which a range is another than before the change."""
+    for step, name in enumerate(happened.maps):
+        pose = happened.poses[:, step : step + 1]
+        now, then = (expected_ranges(caster(place, held), pose) for held in (name, before))
+        if np.abs(now - then).max() > _TOLD_APART:
+            return step
+    return None
+
+
+# The studies.
+
+
+def _beside(
+    printed: dict[str, tuple[float, float, float]], factor: str, start: str
+) -> Callable[[list[Sample]], list[Row]]:
+    """Return what summarizes samples and puts COLON's figures beside them, by the value of a factor."""
+
+    def rows(samples: list[Sample]) -> list[Row]:
+        found = summarized(samples, "tube")
+        for row in found:
+            figures = printed.get(str(row[factor]))
+            if figures is not None and row["start"] == start:
+                names = ("x", "y", "theta")
+                row |= {f"printed_error_{name}_percent": value for name, value in zip(names, figures, strict=True)}
+        return found
+
+    return rows
+
+
+def _case_tasks(settings: CasesSettings, trials: int, seed: int) -> list[Task]:
+    return [
+        Task(str(case), Trial(place, change_of(case), "none", name, settings.n, True, seed), numbers)
+        for place, numbers in places(settings, trials, seed)
+        for case in settings.cases
+        if case in _cases(settings)
+        for name in settings.filters
+    ]
+
+
+def _particle_tasks(settings: ParticlesSettings, trials: int, seed: int) -> list[Task]:
+    kinds: tuple[tuple[Filter, bool], ...] = (("seed", True), ("seed", False), ("told", True))
+    return [
+        Task("3", Trial(place, change_of(3), "none", name, n, known, seed), numbers)
+        for place, numbers in places(settings, trials, seed)
+        for n in settings.n
+        for name, known in kinds
+        if name == "seed" or n <= settings.n_ours
+    ]
+
+
+def _hypothesis_tasks(settings: HypothesesSettings, trials: int, seed: int) -> list[Task]:
+    changes = {str(case): change_of(case) for case in _cases(settings)}
+    if not settings.maps:
+        changes["random"] = Change("a", ("other ?",), "a")
+        changes["growing"] = Change("a", (*(f"b {step / 6:.3f}" for step in range(1, 6)), "b"), "a")
+    tasks = []
+    for place, numbers in places(settings, trials, seed):
+        searching = tuple(number for number in numbers if number < settings.global_trials)
+        for case, change in changes.items():
+            trial = Trial(place, change, "none", "hypotheses", settings.n, True, seed)
+            tasks += [Task(case, trial._replace(noise=noise), numbers) for noise in settings.noises]
+            if searching and case not in {"3", "4"}:  # untold, they are 2 and 1 again
+                tasks.append(Task(case, trial._replace(known=False), searching))
+    return tasks
+
+
+def _growth_tasks(settings: GrowthSettings, trials: int, seed: int) -> list[Task]:
+    if settings.maps:
+        raise UsageError("--set maps: the round ends of colon-growth are made, not drawn")
+    before = f"end {RADII['M_1']:g}"
+    kinds: tuple[Filter, ...] = ("seed", "end_radius")
+    radii = RADII | {f"{radius:g} px": radius for radius in settings.unlisted}
+    return [
+        Task(
+            case,
+            Trial(place, Change(before, (f"end {radius:g}",), before), "none", name, settings.n, True, seed),
+            numbers,
+        )
+        for place, numbers in places(settings, trials, seed)
+        for case, radius in radii.items()
+        for name in kinds
+    ]
+
+
+_FACTORS = (("case", "", "case"), ("tube", "", "tube"), ("filter", "", "filter"), ("n", "", "n"))
+_ERRORS = (
+    ("trials", "", "trials"),
+    ("error % x / y / theta", ".3f", "error_x_percent_mean error_y_percent_mean error_theta_percent_mean"),
+    ("median", ".3f", "error_x_percent_median error_y_percent_median error_theta_percent_median"),
+    ("95 %", ".3f", "error_x_percent_p95 error_y_percent_p95 error_theta_percent_p95"),
+    ("printed", ".3f", "printed_error_x_percent printed_error_y_percent printed_error_theta_percent"),
+    ("px", ".2f", "error_position_px_mean"),
+    ("rad", ".4f", "error_theta_rad_mean"),
+    ("lost %", ".1f", "lost_percent"),
+)
+_MAPS = (
+    ("p(truth)", ".3f", "posterior_truth_mean"),
+    ("false %", ".1f", "false_alarm_percent"),
+    ("missed %", ".1f", "missed_percent"),
+    ("delay", ".2f", "delay_steps_mean"),
+    ("in 90 %", ".0f", "covered_90_percent"),
+)
+_START = ("start", "", "start")
+
+
+def _figures(settings: _Common, seed: int, rows: list[Row], folder: Path) -> list[Path]:
+    return draw(next(places(settings, 1, seed))[0], seed, rows, folder)
+
+
+COLON_STUDIES = {
+    "colon-particles": Study(
+        "COLON's Table 5.1: error against the number of particles",
+        100,
+        ParticlesSettings,
+        _particle_tasks,
+        _run_task,
+        _beside({str(n): figures for n, figures in PRINTED_PARTICLES.items()}, "n", "known"),
+        (*_FACTORS, _START, *_ERRORS),
+        _figures,
+    ),
+    "colon-cases": Study(
+        "COLON's Table 6.1: five cases of maps that change or do not, and models that follow or do not",
+        100,
+        CasesSettings,
+        _case_tasks,
+        _run_task,
+        _beside({str(case): figures for case, figures in PRINTED_CASES.items()}, "case", "known"),
+        (*_FACTORS, *_ERRORS, *_MAPS),
+        _figures,
+    ),
+    "colon-growth": Study(
+        "COLON's Table 5.3: the end of the tube grows; its radius is found",
+        100,
+        GrowthSettings,
+        _growth_tasks,
+        _run_task,
+        _beside(PRINTED_GROWTH, "case", "known"),
+        (
+            *_FACTORS,
+            *_ERRORS,
+            ("radius %", ".2f", "error_radius_percent_mean"),
+            ("95 %", ".2f", "error_radius_percent_p95"),
+        ),
+        _figures,
+    ),
+    "colon-hypotheses": Study(
+        "The map is estimated, and nobody tells the filter anything",
+        100,
+        HypothesesSettings,
+        _hypothesis_tasks,
+        _run_task,
+        lambda samples: summarized(samples, "tube"),
+        (*_FACTORS, ("noise", "", "noise"), _START, *_ERRORS, *_MAPS),
+        _figures,
+    ),
+}

@@ -1,0 +1,94 @@
+"""Figures of the COLON studies. They need matplotlib, which the extra ``figures`` installs."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dynpf.colon import CASES, ROUTE, UNLISTED, Run
+from services.errors import UsageError
+from services.studies.colon_worlds import Change, Place, Track, Trial, follow, grid, run
+from services.studies.rows import Row
+
+__all__ = ["draw"]
+
+_ERRORS = ("error_x_percent", "error_y_percent", "error_theta_percent")
+
+
+def draw(place: Place, seed: int, rows: list[Row], folder: Path) -> list[Path]:
+    """Draw the errors of a study with their intervals and, in one tube, each case over time; return the files.
+
+    Raises UsageError where matplotlib is not installed.
+    """
+    try:
+        import matplotlib  # noqa: PLC0415
+    except ImportError as error:
+        raise UsageError("figures need matplotlib: pip install 'dynpf[figures]'; rows are written") from error
+    matplotlib.use("Agg")
+    from matplotlib import pyplot  # noqa: PLC0415
+
+    written = [_errors(pyplot, rows, folder / "errors.png")]
+    cases = [case for case in CASES if place.family is not None or CASES[case].true in "abc"[: len(place.files)]]
+    trials = {}
+    for case in cases:
+        change = Change("a", (CASES[case].true,), CASES[case].told)
+        trial = Trial(place, change, "none", "hypotheses", 100, True, seed)
+        trials[case] = run(trial), follow(trial, run(trial))[0]
+    written.append(_posteriors(pyplot, trials, folder / "maps-over-time.png"))
+    written.append(_clouds(pyplot, place, trials, folder / "cloud-over-time.png"))
+    return written
+
+
+def _errors(pyplot: Any, rows: list[Row], path: Path) -> Path:
+    """Bars of the mean errors over all tubes, with confidence intervals and the printed figures."""
+    pooled = [row for row in rows if row["tube"] == "all"]
+    labels = [" ".join(str(row[key]) for key in ("case", "filter", "n", "noise", "start")) for row in pooled]
+    figure, axes = pyplot.subplots(1, 3, figsize=(13, 0.25 * len(pooled) + 2), sharey=True, layout="constrained")
+    place = np.arange(len(pooled))
+    for axis, name in zip(axes, _ERRORS, strict=True):
+        means = np.array([row[f"{name}_mean"] for row in pooled])
+        ends = [[row[f"{name}_{end}"] or row[f"{name}_mean"] for row in pooled] for end in ("ci_low", "ci_high")]
+        reach = np.abs(np.array(ends) - means)
+        axis.barh(place, means, xerr=reach, color="tab:blue", alpha=0.7)
+        printed = [row.get(f"printed_{name}", np.nan) for row in pooled]
+        axis.plot(printed, place, "k|", markersize=10, label="printed")
+        axis.set(xscale="log", xlabel=name.replace("_percent", " in %").replace("_", " "))
+    axes[0].set_yticks(place, labels, fontsize=7)
+    axes[0].invert_yaxis()
+    axes[-1].legend()
+    return _saved(pyplot, figure, path)
+
+
+def _posteriors(pyplot: Any, trials: dict[int, tuple[Run, Track]], path: Path) -> Path:
+    """The posterior over maps against the reading, a panel a case."""
+    figure, axes = pyplot.subplots(len(trials), 1, figsize=(7, 1.7 * len(trials)), sharex=True, layout="constrained")
+    for axis, (case, (happened, track)) in zip(np.atleast_1d(axes), trials.items(), strict=True):
+        for name in (*"ab", UNLISTED):
+            axis.plot([maps[name] for maps in track.maps], marker=".", label=name)
+        axis.axvline(ROUTE.change + 0.5, color="grey", linestyle=":")
+        axis.set(title=f"case {case}: from then on the true map is {happened.maps[-1]}", ylim=(-0.05, 1.05))
+        axis.set_ylabel("probability")
+    np.atleast_1d(axes)[0].legend()
+    np.atleast_1d(axes)[-1].set_xlabel("reading")
+    return _saved(pyplot, figure, path)
+
+
+def _clouds(pyplot: Any, place: Place, trials: dict[int, tuple[Run, Track]], path: Path) -> Path:
+    """The tube, the route and the particles at every reading, a panel a case."""
+    figure, axes = pyplot.subplots(len(trials), 1, figsize=(9, 3.2 * len(trials)), layout="constrained")
+    for axis, (case, (happened, track)) in zip(np.atleast_1d(axes), trials.items(), strict=True):
+        axis.contour(grid(place, "a").occupied, levels=[0.5], colors="grey", linewidths=0.8)
+        axis.contour(grid(place, happened.maps[-1]).occupied, levels=[0.5], colors="black", linewidths=0.8)
+        for particles in track.clouds:
+            axis.plot(particles[0], particles[1], ".", color="tab:blue", markersize=2, alpha=0.4)
+        axis.plot(*happened.poses[:2], "k+", label="true")
+        axis.plot(*track.poses[:2], "r.", markersize=4, label="estimate")
+        axis.set(title=f"case {case}", aspect="equal", xlim=(40, 960), ylim=(230, 620))
+    np.atleast_1d(axes)[0].legend()
+    return _saved(pyplot, figure, path)
+
+
+def _saved(pyplot: Any, figure: Any, path: Path) -> Path:
+    figure.savefig(path, dpi=110)
+    pyplot.close(figure)
+    return path
