@@ -26,6 +26,8 @@ __all__ = [
     "SensorResettingParams",
     "Sizing",
     "kld_bound",
+    "log_average",
+    "tells_nothing",
 ]
 
 Positive = Annotated[float, Meta(gt=0.0)]

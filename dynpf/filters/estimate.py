@@ -50,15 +50,13 @@ def pose_estimate(particles: Floats, weights: Floats) -> PoseEstimate:
     """
     if particles.dtype == np.float32:
         mean, covariance = np.empty(3), np.empty((3, 3))
-        kernels.estimate.pose_moments(
+        finite = kernels.estimate.pose_moments(
             particles[0], particles[1], particles[2], np.asarray(weights, dtype=np.float32), mean, covariance
         )
     else:
         mean, covariance = pose_moments(particles[0], particles[1], particles[2], weights)
-    # A sum that is finite has finite terms.
-    if math.isfinite(mean[0] + mean[1] + mean[2] + covariance[0, 0] + covariance[1, 1] + covariance[2, 2]):
-        return PoseEstimate(mean, covariance)
-    return pose_estimate(*_finite(particles, weights))
+        finite = np.isfinite(mean).all() and np.isfinite(covariance).all()
+    return PoseEstimate(mean, covariance) if finite else pose_estimate(*_finite(particles, weights))
 
 
 def mean_and_covariance(states: Floats, weights: Floats) -> tuple[FloatArray, FloatArray]:
@@ -68,9 +66,8 @@ def mean_and_covariance(states: Floats, weights: Floats) -> tuple[FloatArray, Fl
     """
     total = np.sum(weights, dtype=np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
-        shares = weights / total
-        mean = np.sum(shares * states, axis=1)
-        covariance = weighted_covariance(states - mean[:, None], shares)
+        mean: FloatArray = np.asarray(np.sum(weights * states, axis=1, dtype=np.float64) / total)
+        covariance = weighted_covariance(states - mean[:, None], weights) / total
     if np.isfinite(mean).all() and np.isfinite(covariance).all():
         return mean, covariance
     return mean_and_covariance(*_finite(states, weights, rows=states.shape[0]))

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple, Protocol, cast
 import msgspec
 import numpy as np
 
+from dynpf.covariance import cholesky, solve_lower, solve_upper
 from dynpf.filters.cloud import Cloud, gathered, normalized_weights
-from dynpf.filters.gaussian_columns import cholesky, solve_lower, solve_upper
 from dynpf.filters.models import Evidence, Models, Outcome
 from dynpf.filters.resampling import Indices, systematic
 from dynpf.measurement.model import GaussianMeasurement

@@ -61,6 +61,7 @@ def _table_bits(count):
 def occupied(x, y, theta, weights, per_x, per_y, turn_bins):
     """Return how many cells hold a survivor of a comb of N teeth, half a tooth in, through the weights (N,).
 
+    A weight that is negative or not a number counts as zero; without a finite sum above zero there are no survivors.
     Coordinates and weights are float32; ``per_x`` and ``per_y`` are cells a metre, ``turn_bins`` < 2**16 cells a turn.
     """
     count = x.size
@@ -70,7 +71,7 @@ def occupied(x, y, theta, weights, per_x, per_y, turn_bins):
     keys = np.empty(_BLOCK, dtype=np.int64)
     total = _d(0.0)
     for i in range(count):
-        total += _d(max(weights[i], _ZERO))
+        total += _d(weights[i] if weights[i] > _ZERO else _ZERO)
     per_weight = _d(count) / total
     cumulative, tooth, cells = _d(0.0), _d(0.0), 0
     for start in range(0, count, _BLOCK):
@@ -78,7 +79,7 @@ def occupied(x, y, theta, weights, per_x, per_y, turn_bins):
         _fill_keys(x[start:end], y[start:end], theta[start:end], _f(per_x), _f(per_y), _f(turn_bins), keys)
         weight = weights[start:end]
         for j in range(end - start):
-            cumulative += _d(max(weight[j], _ZERO))
+            cumulative += _d(weight[j] if weight[j] > _ZERO else _ZERO)
             after = np.ceil(cumulative * per_weight - _d(0.5))
             if after > tooth and keys[j] != _EMPTY:
                 slot = _slot(table, shift, keys[j])

@@ -38,7 +38,8 @@ def _total(lanes):
 def pose_moments(x, y, theta, weights, mean, covariance):
     """Write the mean (3,) and covariance (3, 3), float64, of poses whose coordinates and weights are (N,) float32.
 
-    The weights need not sum to one. All is NaN where their sum is zero or something is not finite.
+    The weights need not sum to one. Returns whether the result is finite; it is not where the weights' sum is zero or a
+    weight or coordinate is not finite.
     """
     count = x.size
     values = np.ones((5, _LANES), dtype=np.float32)
@@ -84,3 +85,5 @@ def pose_moments(x, y, theta, weights, mean, covariance):
     covariance[1, 0] -= off_x * off_y
     covariance[0, 1] -= off_x * off_y
     covariance[1, 1] -= off_y * off_y
+    # A sum that is finite has finite terms.
+    return np.isfinite(mean[0] + mean[1] + covariance[0, 0] + covariance[1, 1] + covariance[2, 2])

@@ -6,8 +6,9 @@ cell, within k columns it stays in a cone of cells, j + 2 of them in column j. T
 columns of its cone are free, so a ray may leap over them: never past a wall, and usually far. What is left is exact
 traversal, column by column, of at most two cells each (Amanatides and Woo, 1987, visit the same cells).
 
-A leap waits for one byte of memory. Hence the rays advance in step: first all read, then all leap, without branches
-within the loops. Every ray is computed by itself, so the result does not depend on its neighbours.
+A leap waits for one byte of memory, so many rays advance in step: first all read, then all leap. The first leaps are
+made by all of them, so that the loops become vectors; the rays that are still under way then go on in a loop without
+branches. Every ray is computed by itself: the result does not depend on its neighbours.
 """
 
 import numpy as np
@@ -21,6 +22,8 @@ LANES = 512
 """Rays in step: what they need fills half of the fastest cache."""
 FIELDS = 7
 """Numbers kept for a ray, of each kind."""
+TOGETHER = 5
+"""Leaps made by all rays, at rest or not: few need more."""
 
 _f, _i, _u = np.float32, np.int32, np.uint64
 _ZERO, _ONE, _FAR, _TINY = _f(0.0), _f(1.0), _f(1e9), _f(1e-12)
@@ -122,19 +125,34 @@ def _aim(
 
 
 @kernel
-def _advance(tables, count, reals, integers, values):
-    """Leap with all rays until each stands where it is stopped, or has reached its end.
+def _leap(count, nowhere, intercept, slope, cell, stride, end, values, column, row, following):
+    """Leap once with all rays, given the values where they stand, and say which cell each stands in then.
 
-    A stopped ray keeps the column and row of the cell that stopped it: its end is not reached.
+    That is ``nowhere``, a wall, for a ray that has come to rest: it does not move any more. One that is stopped keeps
+    the column and row of the cell that stopped it; one that is not has reached its end.
     """
+    for i in range(count):
+        value = _i(values[i])
+        old_column, old_row = column[i], row[i]
+        new_column = _i(old_column + _i(value & _FARTHEST))
+        # Truncation keeps the first row for a ray that starts in the middle of its column, below it at the left.
+        new_row = max(_i(intercept[i] + slope[i] * _f(new_column)), old_row)
+        from_below = (value > _FARTHEST) & (new_row != old_row)
+        runs = (value != _WALL) & (not from_below) & (new_column < end[i])
+        following[i] = _i(_i(cell[i] + new_column) + _i(new_row * stride[i])) if runs else nowhere
+        column[i] = old_column if from_below else new_column
+        row[i] = new_row
+
+
+@kernel
+def _finish(tables, count, nowhere, reals, integers, values):
+    """Leap on with the rays that have not come to rest, as ``_leap`` does, until all have."""
     alive = _u(0)
     for k in range(count):
-        i = _u(k)
-        integers[i + _TO_COLUMN] = _NONE
-        integers[i + _TO_ROW] = _NONE
-        integers[alive + _TO_ALIVE] = _i(i)
-        integers[alive + _TO_NEXT] = integers[i]
-        alive += _u(integers[i + _TO_END] > _NONE)
+        following = integers[_u(k) + _TO_NEXT]
+        integers[alive + _TO_ALIVE] = _i(k)
+        integers[alive + _TO_NEXT] = following
+        alive += _u(following != nowhere)
     while alive > _u(0):
         for k in range(alive):
             values[_u(k)] = tables[_u(np.uint32(integers[_u(k) + _TO_NEXT]))]
@@ -144,7 +162,6 @@ def _advance(tables, count, reals, integers, values):
             value = _i(values[_u(k)])
             column, row = integers[i + _TO_COLUMN], integers[i + _TO_ROW]
             new_column = column + (value & _FARTHEST)
-            # Truncation keeps the first row for a ray that starts in the middle of its column, below it at the left.
             new_row = max(_i(reals[i] + reals[i + _TO_SLOPE] * _f(new_column)), row)
             runs = new_column < integers[i + _TO_END]
             integers[kept + _TO_NEXT] = integers[i] + new_column + new_row * integers[i + _TO_STRIDE]
@@ -170,9 +187,9 @@ def _measure(count, reach, start_column, start_row, per_column, per_row, entry, 
 def trace(column, row, direction, count, tables, size, reach, reals, integers, values, out):
     """Write to ``out`` the lengths of ``count`` rays, at most LANES, in cells: ``reach`` where nothing stops them.
 
-    Origins are in cells, directions in radians, both in the grid's frame. ``tables`` (8, (H + 2) * W or more): the
-    cones of the grid turned each way. ``size``: W and H. The rest is room: ``reals`` and ``integers``
-    (FIELDS, LANES), ``values`` (LANES,), float32, int32 and uint8.
+    Origins are in cells, directions in radians, both in the grid's frame. ``tables`` (8, more than (H + 2) * W): the
+    cones of the grid turned each way, the last byte of all zero. ``size``: W and H. The rest is room: ``reals`` and
+    ``integers`` (FIELDS, LANES), ``values`` (LANES,), float32, int32 and uint8.
     """
     _aim(
         column,
@@ -193,7 +210,29 @@ def trace(column, row, direction, count, tables, size, reach, reals, integers, v
         integers[_STRIDE],
         integers[_END],
     )
-    _advance(tables.reshape(-1), count, reals.reshape(-1), integers.reshape(-1), values)
+    cells, following = tables.reshape(-1), integers[_NEXT]
+    nowhere = _i(cells.size - 1)
+    for i in range(count):
+        integers[_COLUMN, i] = _NONE
+        integers[_ROW, i] = _NONE
+        following[i] = integers[_CELL, i] if integers[_END, i] > _NONE else nowhere
+    for _ in range(TOGETHER):
+        for i in range(count):
+            values[_u(i)] = cells[_u(np.uint32(following[_u(i)]))]
+        _leap(
+            count,
+            nowhere,
+            reals[_INTERCEPT],
+            reals[_SLOPE],
+            integers[_CELL],
+            integers[_STRIDE],
+            integers[_END],
+            values,
+            integers[_COLUMN],
+            integers[_ROW],
+            following,
+        )
+    _finish(cells, count, nowhere, reals.reshape(-1), integers.reshape(-1), values)
     _measure(
         count,
         reach,

@@ -52,7 +52,8 @@ class RayCaster:
 def _tables(occupied: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return the cones of the grid turned each way: index 4 transposes it, then 2 reverses columns and 1 rows."""
     height, width = occupied.shape
-    table_size = max((height + 2) * width, (width + 2) * height)
+    # The last byte of a table stays zero, as a wall does: where the kernels keep rays that have come to rest.
+    table_size = max((height + 2) * width, (width + 2) * height) + 1
     if 8 * table_size >= 2**31:
         raise ValueError(f"RayCaster: a grid of {width} x {height} cells is too large, the limit is about 2.6e8 cells")
     tables = np.zeros((8, table_size), dtype=np.uint8)

@@ -71,8 +71,9 @@ class BeamModel:
 
     Log densities are taken from a table over the length of the ray, linear between nodes that are at most half a cell
     and an eighth of sigma_hit apart: the value lies between those of the lengths at both nodes. That is within 0.01 of
-    the exact logarithm for the parameters given by default, but for lengths within a node of the reading itself: there
-    p_short sets in, with a jump that the table spreads over one interval. Densities below 1.2e-38 count as that.
+    the exact logarithm for the parameters given by default, but for lengths within two nodes of zero, where p_short is
+    steep, or within one of the reading itself: there p_short sets in, with a jump that the table spreads over one
+    interval. Densities below 1.2e-38 count as that.
     """
 
     def __init__(self, params: BeamParams, grid: OccupancyGrid) -> None:
@@ -89,9 +90,9 @@ class BeamModel:
         table = self._table(reading)
         return table if table.angles.size else None
 
-    def count(self, reading: Scan) -> int:
-        """Return the number of beams."""
-        return len(reading.ranges)
+    def count(self, reading: BeamTable) -> int:
+        """Return how many beams there are in what ``admit`` has returned."""
+        return reading.angles.size
 
     def log_likelihood(self, particles: Floats, reading: Scan | BeamTable) -> Floats:
         """Return log p(scan | particle) to the power of ``tempering``, shape (N,) float32."""

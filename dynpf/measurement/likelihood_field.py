@@ -4,6 +4,7 @@ Nothing is cast: the distance of every cell to the nearest wall is known beforeh
 likelihood. Fast and smooth in the pose; blind to walls that stand between robot and end.
 """
 
+import math
 from typing import Annotated, Literal, NamedTuple
 
 import msgspec
@@ -68,8 +69,9 @@ class LikelihoodField:
     """The model of a scan in an occupancy grid.
 
     Beams without return (at the maximum range) and beams that are not numbers tell nothing; a scan of no other beams is
-    not admitted, and its log-likelihood is zero. A beam that ends outside the grid is as likely as one far from any
-    wall, so a particle off the map is unlikely but possible; one whose pose is not finite is impossible.
+    not admitted, and its log-likelihood is zero. Outside the grid nothing is known but the walls inside it: a beam
+    that ends far out there is as likely as one far from any wall, so a particle off the map is unlikely but possible.
+    One whose pose is not finite is impossible.
     """
 
     def __init__(self, params: LikelihoodFieldParams, grid: OccupancyGrid) -> None:
@@ -78,13 +80,16 @@ class LikelihoodField:
         self.grid = grid
         if not grid.occupied.any():
             raise ValueError("a likelihood field needs a map with an occupied cell; this one has none")
-        self._distances = distance_field(grid.occupied, grid.resolution, params.max_distance)
+        # A beam may end a little outside the grid and still be close to a wall: the field goes on to where none is.
+        outside = math.ceil(params.max_distance / grid.resolution)
+        walls = np.pad(grid.occupied, outside)
+        self._distances = distance_field(walls, grid.resolution, params.max_distance)
         self._kept: tuple[float, Floats] | None = None
         self._mount = np.array([params.sensor_x, params.sensor_y, params.sensor_theta], dtype=np.float32)
         # The table has a border of one cell, and float32 best holds numbers that start at its corner.
         column, row = grid.to_cells(0.0, 0.0)
         self._frame = np.array(
-            [-grid.origin[2], float(column) + 1.0, float(row) + 1.0, 1.0 / grid.resolution], dtype=np.float32
+            [-grid.origin[2], column + outside + 1.0, row + outside + 1.0, 1.0 / grid.resolution], dtype=np.float32
         )
 
     def admit(self, particles: Floats, weights: Floats, reading: Scan) -> BeamEnds | None:

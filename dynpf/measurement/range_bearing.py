@@ -6,7 +6,7 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dynpf import kernels
 from dynpf.maps.landmarks import LandmarkMap
@@ -190,7 +190,8 @@ class RangeBearing:
 
     def _tells(self, reading: RangeBearingReadings) -> NDArray[np.bool_]:
         landmarks, ranges, bearings = _arrays(reading)
-        return np.isfinite(ranges) & np.isfinite(bearings) & np.isin(landmarks, self._ids)
+        known = np.array([landmark in self.landmarks for landmark in landmarks.tolist()], dtype=np.bool_)
+        return known & np.isfinite(ranges) & np.isfinite(bearings)
 
     def _offsets(self, states: Floats, reading: RangeBearingReadings) -> tuple[Floats, Floats]:
         """Return how far along x and y each landmark lies from each state, shapes (K, N), in the states' precision."""
@@ -200,9 +201,19 @@ class RangeBearing:
 
 
 def _arrays(reading: RangeBearingReadings) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
-    """Return the readings as the kernels take them, copied: a read-only array would be compiled for anew."""
-    landmarks = np.array(reading.landmarks, dtype=np.int64)
-    ranges, bearings = np.array(reading[1:], dtype=np.float32)
-    if landmarks.shape != ranges.shape:
-        raise ValueError(f"{landmarks.size} landmarks but {ranges.size} ranges: a reading needs one of each")
+    """Return the readings as the kernels take them; raises ValueError where the arrays differ in length."""
+    landmarks = _array(reading.landmarks, np.dtype(np.int64))
+    ranges, bearings = _array(reading.ranges, np.dtype(np.float32)), _array(reading.bearings, np.dtype(np.float32))
+    if not landmarks.shape == ranges.shape == bearings.shape:
+        sizes = f"{landmarks.size} landmarks, {ranges.size} ranges and {bearings.size} bearings"
+        raise ValueError(f"{sizes}: a reading needs one of each")
     return landmarks, ranges, bearings
+
+
+def _array(values: ArrayLike, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return an array as it is if the kernels take it, else a copy: for a read-only one they would compile anew."""
+    if isinstance(values, np.ndarray) and values.dtype == dtype:
+        flags = values.flags
+        if flags.writeable and flags.c_contiguous:
+            return values
+    return np.array(values, dtype=dtype)

@@ -14,9 +14,9 @@ def pose_moments(x: Floats, y: Floats, theta: Floats, weights: Floats) -> tuple[
     """
     poses = np.array([x, y, theta], dtype=np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
-        shares = weights / np.sum(weights, dtype=np.float64)
-        mean = np.sum(shares * poses, axis=1)
-        mean[2] = np.arctan2(np.sum(shares * np.sin(poses[2])), np.sum(shares * np.cos(poses[2])))
+        total = np.sum(weights, dtype=np.float64)
+        mean = np.sum(weights * poses, axis=1) / total
+        mean[2] = np.arctan2(np.sum(weights * np.sin(poses[2])), np.sum(weights * np.cos(poses[2])))
         deviation = poses - mean[:, None]
         deviation[2] = wrap_angle(deviation[2])
-        return mean, np.einsum("in,jn->ij", shares * deviation, deviation)
+        return mean, np.einsum("in,jn->ij", weights * deviation, deviation) / total

@@ -25,6 +25,7 @@ _COMMANDS = {
     "recover": ("recover", "mend a recording into a new file"),
     "metrics": ("metrics", "a recorded run against the truth in it"),
     "import": ("import_", "make a recording of somebody else's log"),
+    "bench": ("bench", "what updates cost, against plain NumPy and other libraries"),
     "references": ("references", "check or make anew the reference recordings"),
 }
 

@@ -81,7 +81,7 @@ def test_the_table_is_as_close_to_the_density_as_it_says(params):
     table = BeamModel(params, room()).admit(np.zeros((3, 1)), np.ones(1), scan(readings))
     spacing = 1.0 / table.per_length
     assert spacing <= min(0.025, params.sigma_hit / 8) + 1e-9
-    lengths = np.linspace(0.0, RANGE_MAX, 4001)
+    lengths = np.linspace(0.0, RANGE_MAX, 2001)
     nodes = np.linspace(0.0, RANGE_MAX, table.log_densities.shape[1])
     for reading, logs in zip(readings, table.log_densities, strict=True):
         interpolated = np.interp(lengths, nodes, logs)
@@ -148,7 +148,7 @@ def test_what_is_admitted_is_worth_what_the_scan_is_in_any_batches():
     reading = scan(np.random.default_rng(4).uniform(0.1, 9.0, 181))
     whole = model.log_likelihood(poses, reading)
     admitted = model.admit(poses, np.full(1500, 1 / 1500), reading)
-    assert admitted.angles.shape == (20,)
+    assert model.count(admitted) == 20
     pieces = [model.log_likelihood(poses[:, i : i + 333], admitted) for i in range(0, 1500, 333)]
     np.testing.assert_array_equal(np.concatenate(pieces), whole)
 
