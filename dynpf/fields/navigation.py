@@ -290,4 +290,7 @@ def _solved(
     steps = np.array([spacing, spacing, turn], dtype=np.float32)
     layers = round(FRINGE / spacing)
     depths = kernels.fields.march(values, slowness, steps, layers, BEYOND)
+    # A goal may be nearer to a wall than a node is: in its cell V is the distance, and the filter keeps off the wall.
+    beside = (distance <= np.sqrt(2.0) * spacing)[:, :, None] & (depths > 0) & np.isfinite(at_goal)
+    values[beside] = start[beside]
     return Potential(values, slowness, depths, lower, spacing, goal)

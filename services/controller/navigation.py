@@ -119,14 +119,16 @@ class NavigationConstruction:
     # --- mate-part and move-part ----------------------------------------------------------------------------------
 
     def mate(self, scene: Scene, subtask: Subtask) -> Motion | None:
-        """Go to where the part can be approached in the chosen direction, then straight in."""
+        """Go to where the part can be approached in the chosen direction; with the gripper turned, go straight in."""
         part, robot = subtask.part, scene.pose[:2]
         margins = margins_of(scene, self._config)
         offset = scene.parts[part] - robot
         standoff = self._standoff(scene, part)
         to_go = math.hypot(*offset) - self._layout.grip_distance(part)
-        aside = math.remainder(math.atan2(offset[1], offset[0]) - subtask.direction, math.tau)
-        if to_go <= standoff + self._config.dock_slack and abs(aside) <= self._config.dock_angle:
+        bearing = math.atan2(offset[1], offset[0])
+        aside = abs(math.remainder(bearing - subtask.direction, math.tau))
+        turned = abs(math.remainder(bearing - scene.pose[2], math.tau)) <= self._config.grip_angle
+        if turned and aside <= self._config.dock_angle and to_go <= standoff + self._config.dock_slack:
             margins.parts[part] = self._layout.reach
             step = dock_step(robot, scene.parts, part, self._layout, margins=margins, pace=self._pace)
             return Motion(np.append(step, 0.0), to_go)

@@ -213,7 +213,9 @@ class RearrangementController:
         aside = math.remainder(math.atan2(offset[1], offset[0]) - scene.pose[2], math.tau)
         most = self._config.max_turn_rate * self._tick_s
         turn = np.array([0.0, 0.0, min(max(aside, -most), most)])
-        close = self._gap(scene, subtask) <= self._config.grip_gap and abs(aside) <= self._config.grip_angle
+        sigma = float(scene.sigmas_between(self._config.max_sigma)[subtask.part])
+        near = self._config.grip_gap + self._config.grip_sigmas * sigma
+        close = self._gap(scene, subtask) <= near and abs(aside) <= self._config.grip_angle
         return self._follow(motion._replace(step=motion.step + turn), grip=close)
 
     def _follow(self, motion: Motion, *, grip: bool) -> Command:

@@ -104,3 +104,14 @@ def test_without_a_potential_it_only_wins_back_clearance():
     robot = np.array([0.0, RADII[0] + 0.10 + 0.001])
     step = approach_step(potential, robot, parts, layout, margins=margins(layout), pace=PACE, to_go=1.0)
     np.testing.assert_allclose(step, [0.0, MARGIN - 0.001], atol=1e-9)
+
+
+def test_a_part_comes_to_a_goal_nearer_to_a_wall_than_a_node_of_the_grid_is():
+    layout = Layout(RADII[:1], np.zeros((1, 2)), np.ones(2), 0.10, 0.01)
+    goal, parts = np.array([-1.0 + RADII[0] + 0.01, 0.005]), np.zeros((1, 2))
+    obstacles = Obstacles(np.zeros((0, 2)), np.zeros(0), np.ones(2) - CLOSED)
+    potential = carrying_potential(layout, 0, obstacles, goal, COST, arm=0.085, retreat=0.03)
+    pose = np.array([-0.4, 0.3, 2.5])
+    for _ in range(200):
+        pose = pose + carry_step(potential, pose, parts, 0, layout, margins=margins(layout), pace=PACE)
+    np.testing.assert_allclose(layout.held_position(pose, 0), goal, atol=0.002)
