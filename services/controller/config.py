@@ -52,9 +52,9 @@ class RearrangementControllerConfig(
     grip_sigmas: NonNegative = 3.0  # ... this many sigmas of robot and part together
     grip_angle: Positive = 0.15  # how far aside it may then be
     placed: NonNegative = 0.003  # distance from the goal at which a part is put down, plus ...
-    placed_sigmas: NonNegative = 1.0
+    placed_sigmas: NonNegative = 0.75
     reopened: NonNegative = 0.012  # distance at which a part is no longer home, plus ...
-    reopened_sigmas: NonNegative = 2.5
+    reopened_sigmas: NonNegative = 3.5
     leave_gap: NonNegative = 0.03  # gap to a part just put down at which it is left, plus ...
     leave_sigmas: NonNegative = 2.5
     leave_ticks: Ticks = 3

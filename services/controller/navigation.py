@@ -58,7 +58,9 @@ class NavigationConstruction:
 
     # --- next-part ---------------------------------------------------------------------------------------------
 
-    def choose(self, scene: Scene, away: NDArray[np.intp], stalls: NDArray[np.int64]) -> Subtask | None:
+    def choose(
+        self, scene: Scene, away: NDArray[np.intp], stalls: NDArray[np.int64], *, make_way: bool
+    ) -> Subtask | None:
         """Pick the part of steepest descent that has a way home; if none has one, a part that makes way for the first.
 
         Parts that have stalled come after all that can be done about the others.
@@ -69,7 +71,7 @@ class NavigationConstruction:
             for part in ranked:
                 if subtask := self._way(scene, part, self._layout.goals[part]):
                     return subtask
-            for part in ranked:
+            for part in ranked if make_way else ():
                 if subtask := self._make_way(scene, part):
                     return subtask
         return None

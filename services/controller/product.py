@@ -20,7 +20,9 @@ class ProductConstruction:
     def __init__(self, config: RearrangementControllerConfig, layout: Layout, pace: Pace) -> None:
         self._config, self._layout, self._pace = config, layout, pace
 
-    def choose(self, scene: Scene, away: NDArray[np.intp], stalls: NDArray[np.int64]) -> Subtask | None:
+    def choose(
+        self, scene: Scene, away: NDArray[np.intp], stalls: NDArray[np.int64], *, make_way: bool
+    ) -> Subtask | None:
         """Pick the part whose descent is steepest among those that have stalled least and whose goals are free."""
         blocked, blockers = blocked_goals(scene.parts, self._layout, self._config.goal_gap)
         able = away[~blocked[away]]
@@ -28,6 +30,8 @@ class ProductConstruction:
             fewest = able[stalls[able] == stalls[able].min()].tolist()
             part = steepest_part(scene.parts, fewest, self._layout, self._config.next_exponent)
             return Subtask(part, self._layout.goals[part])
+        if not make_way:
+            return None
         makes_room = int(next(part for part in away if blockers[part])) if blockers[away].any() else int(away[0])
         place = free_place(scene.parts, makes_room, self._layout, 2.0 * self._layout.robot_radius)
         return None if place is None else Subtask(makes_room, place, parked=True)

@@ -64,7 +64,8 @@ class RearrangementController:
         self._best = math.inf  # lowest potential of this stage
         self._best_ticks = 0  # ticks since it was last lowered
         self._home_ticks = 0
-        self._wait = 0  # ticks until it is asked again what can be done
+        self._wait = 0  # ticks until it is asked again what can be done ...
+        self._refused = False  # ... after an answer that was: nothing
 
     def step(self, step: Step) -> Result:
         estimate = next((item.message for item in reversed(step.inputs) if isinstance(item.message, Estimate)), None)
@@ -83,6 +84,7 @@ class RearrangementController:
             "best_ticks": self._best_ticks,
             "home_ticks": self._home_ticks,
             "wait": self._wait,
+            "refused": self._refused,
             "construction": self._construction.freeze(),
         }
 
@@ -91,7 +93,7 @@ class RearrangementController:
         self._subtask = None if state["subtask"] is None else Subtask(*state["subtask"])
         self._home, self._stalls = state["home"].copy(), state["stalls"].copy()
         self._mode_ticks, self._home_ticks = state["mode_ticks"], state["home_ticks"]
-        self._wait = state["wait"]
+        self._wait, self._refused = state["wait"], state["refused"]
         self._best, self._best_ticks = state["best"], state["best_ticks"]
         self._construction.thaw(state["construction"])
 
@@ -143,7 +145,9 @@ class RearrangementController:
         self._wait = max(self._wait - 1, 0)
         if not seen.size or self._wait:
             return
-        self._subtask = self._construction.choose(scene, seen, self._stalls)
+        # Nothing is moved out of the way on one tick's evidence: the next estimates may show that there is one.
+        self._subtask = self._construction.choose(scene, seen, self._stalls, make_way=self._refused)
+        self._refused = self._subtask is None
         if self._subtask is None:
             self._wait = self._config.choice_ticks
         else:

@@ -79,8 +79,13 @@ class Construction(Protocol):
     @property
     def progress(self) -> float: ...
 
-    def choose(self, scene: Scene, away: NDArray[np.intp], stalls: NDArray[np.int64]) -> Subtask | None:
-        """Return what to do first about the parts ``away``, those with the fewest stalls before others; or nothing."""
+    def choose(
+        self, scene: Scene, away: NDArray[np.intp], stalls: NDArray[np.int64], *, make_way: bool
+    ) -> Subtask | None:
+        """Return what to do first about the parts ``away``, those with the fewest stalls before others; or nothing.
+
+        ``make_way``: a part may be moved aside for others.
+        """
         ...
 
     def mate(self, scene: Scene, subtask: Subtask) -> Motion | None:
