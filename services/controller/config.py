@@ -32,8 +32,9 @@ class RearrangementControllerConfig(
     standoff: NonNegative = 0.02  # distance before contact at which the robot goes straight in, plus closed_sigmas
     dock_slack: NonNegative = 0.01  # it does so from this much farther off ...
     dock_angle: Positive = 0.15  # ... when it is no more than this aside
+    blur_sigmas: NonNegative = 2.0  # of the bearing, by which a part may seem farther aside than it may be
     anew: Positive = 0.01  # a potential is solved anew when something has moved this far, plus ...
-    anew_sigmas: NonNegative = 2.0
+    anew_sigmas: NonNegative = 4.0  # ... this many of its sigmas
     parking_gaps: Annotated[tuple[Positive, ...], Meta(min_length=1)] = (0.2, 0.1, 0.05)  # around a part that makes way
     choice_ticks: Ticks = 10  # before it is asked again what can be done, when nothing could
 
@@ -45,7 +46,7 @@ class RearrangementControllerConfig(
 
     margin: NonNegative = 0.005  # clearance that is kept, plus ...
     margin_sigmas: NonNegative = 3.0  # ... this many sigmas of robot and part together
-    max_sigma: Positive = 0.02  # a sigma counts for no more than this in a margin
+    max_sigma: Positive = 0.01  # a sigma counts for no more than this in a margin
     clearance_rate: Share = 0.3  # share of a clearance beyond its margin that a tick may use up
 
     grip_gap: NonNegative = 0.04  # gap to the target below which the jaws close, plus ...
@@ -58,7 +59,7 @@ class RearrangementControllerConfig(
     leave_gap: NonNegative = 0.03  # gap to a part just put down at which it is left, plus ...
     leave_sigmas: NonNegative = 2.5
     leave_ticks: Ticks = 3
-    lost_sigma: Positive = 0.05  # a target known no better than this is waited for
+    lost_sigma: Positive = 0.05  # a part known no better than this is waited for
     goal_gap: NonNegative = 0.005  # that a goal must have from the other parts to be free
     stall_ticks: Ticks = 60  # without progress, then another part is tried
     home_ticks: Ticks = 10  # with all parts home, then the task is finished

@@ -128,8 +128,9 @@ class NavigationConstruction:
         standoff = self._standoff(scene, part)
         to_go = math.hypot(*offset) - self._layout.grip_distance(part)
         bearing = math.atan2(offset[1], offset[0])
-        aside = abs(math.remainder(bearing - subtask.direction, math.tau))
-        turned = abs(math.remainder(bearing - scene.pose[2], math.tau)) <= self._config.grip_angle
+        blur = self._config.blur_sigmas * scene.bearing_sigma(part, self._config.max_sigma)
+        aside = abs(math.remainder(bearing - subtask.direction, math.tau)) - blur
+        turned = abs(math.remainder(bearing - scene.pose[2], math.tau)) - blur <= self._config.grip_angle
         if turned and aside <= self._config.dock_angle and to_go <= standoff + self._config.dock_slack:
             margins.parts[part] = self._layout.reach
             step = dock_step(robot, scene.parts, part, self._layout, margins=margins, pace=self._pace)
@@ -192,17 +193,13 @@ class NavigationConstruction:
         if old.part != new.part or len(old.obstacles.kept) != len(new.obstacles.kept):
             return True
         config = self._config
-        sigmas = np.minimum(scene.sigmas, config.max_sigma)
-        others = np.delete(sigmas, new.part) if len(new.obstacles.kept) < len(sigmas) else sigmas
+        sigmas = np.delete(scene.sigmas, new.part) if len(new.obstacles.kept) < len(scene.sigmas) else scene.sigmas
         moved = np.hypot(*(new.obstacles.centres - old.obstacles.centres).T)
-        at_goal = math.dist(old.goal, new.goal)
-        grown = np.abs(new.obstacles.kept - old.obstacles.kept)
-        wall = float(np.abs(new.obstacles.half_size - old.obstacles.half_size).max())
+        kept = [*(new.obstacles.kept - old.obstacles.kept), *(new.obstacles.half_size - old.obstacles.half_size)]
         return bool(
-            np.any(moved > config.anew + config.anew_sigmas * others)
-            or at_goal > config.anew + config.anew_sigmas * sigmas[new.part]
-            or np.any(grown > config.anew)
-            or wall > config.anew
+            np.any(moved > config.anew + config.anew_sigmas * sigmas)
+            or np.any(np.abs(kept) > config.anew)
+            or math.dist(old.goal, new.goal) > 0.5 * config.anew
         )
 
     def _obstacles(self, scene: Scene, parts: NDArray[np.intp]) -> Obstacles:

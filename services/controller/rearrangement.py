@@ -28,6 +28,8 @@ FloatArray = NDArray[np.float64]
 
 Mode = Literal["idle", "mate", "move", "leave"]
 
+ANOTHER_WAY = 0.3  # rise of a potential, in metres, by which it is not the noise of the estimate
+
 
 class RearrangementController:
     """Reads the estimate; commands velocity and gripper and, at the end, that it has finished."""
@@ -128,10 +130,11 @@ class RearrangementController:
                 pass
 
     def _update_home(self, scene: Scene) -> None:
-        """A part comes home when it is placed, and leaves home only when it is clearly elsewhere."""
+        """A part comes home when it is seen to be placed, and leaves home only when it is clearly elsewhere."""
         config = self._config
         distance = np.linalg.norm(scene.parts - self._layout.goals, axis=1)
         placed = distance <= config.placed + config.placed_sigmas * scene.sigmas
+        placed &= scene.sigmas <= config.lost_sigma
         kept = distance <= config.reopened + config.reopened_sigmas * scene.sigmas
         home = np.where(self._home, kept, placed) & (np.arange(len(distance)) != scene.held)
         if np.any(home & ~self._home):
@@ -173,9 +176,11 @@ class RearrangementController:
             self._stalls[subtask.part] += self._mode == "mate"
             self._end()
 
-    def _watch(self, potential: float, progress: float, *, anew: bool) -> None:
-        if anew or potential < self._best - progress:
-            self._best, self._best_ticks = potential, 0 if not anew else self._best_ticks
+    def _watch(self, motion: Motion) -> None:
+        """Count the ticks without progress; a potential made anew may show that the way is another one by now."""
+        another = motion.anew and motion.potential > self._best + ANOTHER_WAY
+        if another or motion.potential < self._best - self._construction.progress:
+            self._best, self._best_ticks = motion.potential, 0
         else:
             self._best_ticks += 1
 
@@ -217,13 +222,14 @@ class RearrangementController:
         aside = math.remainder(math.atan2(offset[1], offset[0]) - scene.pose[2], math.tau)
         most = self._config.max_turn_rate * self._tick_s
         turn = np.array([0.0, 0.0, min(max(aside, -most), most)])
-        sigma = float(scene.sigmas_between(self._config.max_sigma)[subtask.part])
-        near = self._config.grip_gap + self._config.grip_sigmas * sigma
-        close = self._gap(scene, subtask) <= near and abs(aside) <= self._config.grip_angle
+        config = self._config
+        near = config.grip_gap + config.grip_sigmas * float(scene.sigmas_between(config.max_sigma)[subtask.part])
+        blur = config.blur_sigmas * scene.bearing_sigma(subtask.part, config.max_sigma)
+        close = self._gap(scene, subtask) <= near and abs(aside) <= config.grip_angle + blur
         return self._follow(motion._replace(step=motion.step + turn), grip=close)
 
     def _follow(self, motion: Motion, *, grip: bool) -> Command:
-        self._watch(motion.potential, self._construction.progress, anew=motion.anew)
+        self._watch(motion)
         return self._velocity(motion.step, grip=grip)
 
     def _velocity(self, step: FloatArray, *, grip: bool) -> Command:

@@ -40,6 +40,11 @@ class Scene(NamedTuple):
         both: FloatArray = np.minimum(np.hypot(self.robot_sigma, self.sigmas), most)
         return both
 
+    def bearing_sigma(self, part: int, most: float) -> float:
+        """Return the deviation of the direction from robot to ``part``, if positions deviate by ``most`` at most."""
+        distance = float(np.linalg.norm(self.parts[part] - self.pose[:2]))
+        return float(self.sigmas_between(most)[part]) / max(distance, most)
+
 
 def margins_of(scene: Scene, config: RearrangementControllerConfig) -> Margins:
     """Return the clearances to be kept: more where less is known."""

@@ -70,7 +70,7 @@ class Loop:
         ):
             if index in self.lost:
                 old = self.estimate.parts[index]
-                parts.append(PartEstimate(x=old.x, y=old.y, variance=0.2**2, seen=False))
+                parts.append(PartEstimate(x=old.x, y=old.y, variance=1.0, seen=False))
             else:
                 parts.append(PartEstimate(x=float(x), y=float(y), variance=self.sigma**2, seen=True))
         variance = self.sigma**2
