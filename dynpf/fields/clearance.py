@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from dynpf.fields.layout import Layout
 
 __all__ = [
+    "allowed_steps",
     "carrying_bounds",
     "disc_clearances",
     "project_step",
@@ -79,13 +80,28 @@ def project_step(
     only asked that no clearance below its margin shrinks any further, which standing still always meets. ``step`` has
     shape (d,), ``rows`` (n, d), ``clearances`` and ``margins`` (n,); ``rate`` lies in (0, 1].
     """
-    spare = clearances - margins
-    required = -np.where(spare > 0.0, rate * spare, spare)
+    required = _required(clearances, margins, rate)
     for bounds in (required, np.minimum(required, 0.0)):
         projected = _project(step, rows, bounds)
         if projected is not None:
             return projected
     return np.zeros_like(step)
+
+
+def allowed_steps(
+    steps: FloatArray, rows: FloatArray, clearances: FloatArray, margins: FloatArray, rate: float
+) -> NDArray[np.bool_]:
+    """Return which of the steps (k, d) use up no more of any clearance than ``project_step`` allows, shape (k,)."""
+    required = np.minimum(_required(clearances, margins, rate), 0.0)
+    changes: FloatArray = steps @ rows.T
+    allowed: NDArray[np.bool_] = np.all(changes >= required - TOLERANCE, axis=1)
+    return allowed
+
+
+def _required(clearances: FloatArray, margins: FloatArray, rate: float) -> FloatArray:
+    spare = clearances - margins
+    required: FloatArray = np.where(spare > 0.0, -rate * spare, -spare)
+    return required
 
 
 def _project(step: FloatArray, rows: FloatArray, required: FloatArray) -> FloatArray | None:
