@@ -1,12 +1,14 @@
 """``dynpf import``: foreign logs become recordings."""
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from services.importers.log import ImportSummary, Span
     from services.importers.stream import LogStream, StreamSummary
+    from services.recording.header import Attachment
 
 __all__ = ["add_parser"]
 
@@ -24,7 +26,40 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     carmen = formats.add_parser("carmen", help="a CARMEN log, plain, .gz, .xz or .bz2")
     _add_common(carmen, "file with lines such as FLASER, ROBOTLASER1, ODOM")
     carmen.add_argument("--range-max", metavar="M", type=_metres, help="ranges from here on are no return")
+    _add_map(carmen)
     carmen.set_defaults(run=_import_carmen)
+
+    rosbag = formats.add_parser("rosbag", help="a ROS 1 bag, or a ROS 2 bag in sqlite3 or MCAP")
+    _add_common(rosbag, ".bag, .mcap or .db3 file, or the folder of a ROS 2 bag")
+    rosbag.add_argument("--scan", metavar="TOPIC", help="LaserScan or PointCloud2; else the scanner that sees most")
+    rosbag.add_argument("--odometry", metavar="TOPIC", help="Odometry, or the word tf; else the first by name, or tf")
+    rosbag.add_argument("--truth", metavar="TOPIC", help="reference poses; else the first whose name tells of truth")
+    rosbag.add_argument("--base", metavar="FRAME", help="the robot's frame; else base_footprint, base_link, ...")
+    rosbag.add_argument("--odom-frame", metavar="FRAME", default="odom", help="odometry's frame in tf (odom)")
+    place = ("X", "Y", "THETA")
+    rosbag.add_argument(
+        "--truth-offset",
+        metavar=place,
+        nargs=3,
+        type=_number,
+        default=(0.0, 0.0, 0.0),
+        help="where the map lies in the truth's frame (m, m, rad)",
+    )
+    rosbag.add_argument("--truth-shift", metavar="S", type=_number, default=0.0, help="s, added to the truth's stamps")
+    band = ("LOW", "HIGH")
+    rosbag.add_argument(
+        "--heights",
+        metavar=band,
+        nargs=2,
+        type=_number,
+        help="of a cloud, the points between these heights make the scan (m)",
+    )
+    _add_map(rosbag)
+    rosbag.set_defaults(run=_import_rosbag)
+
+    world = formats.add_parser("map", help="a map of map_server, as the attachment of a recording without messages")
+    _add_common(world, "YAML file; its image beside it")
+    world.set_defaults(run=_import_map)
 
 
 def _add_common(parser: argparse.ArgumentParser, source: str) -> None:
@@ -33,10 +68,24 @@ def _add_common(parser: argparse.ArgumentParser, source: str) -> None:
     parser.add_argument("--json", action="store_true", help="print the summary as one JSON document")
 
 
+def _add_map(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--map", metavar="YAML", type=Path, help="a map of map_server to be attached")
+
+
 def _metres(text: str) -> float:
-    value = float(text)
-    if not 0.0 < value < float("inf"):
+    value = _number(text)
+    if value <= 0.0:
         raise argparse.ArgumentTypeError(f"{text} is not a number of metres above 0")
+    return value
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text} is not a finite number")
     return value
 
 
@@ -58,7 +107,39 @@ def _import_mrclam(args: argparse.Namespace) -> int:
 def _import_carmen(args: argparse.Namespace) -> int:
     from services.importers.carmen import import_carmen
 
-    return _write(import_carmen(args.source, range_max=args.range_max), args)
+    return _write(import_carmen(args.source, range_max=args.range_max, attachments=_map(args)), args)
+
+
+def _import_rosbag(args: argparse.Namespace) -> int:
+    from services.cli.extras import needing
+    from services.importers.clouds import FlattenParams
+
+    with needing("rosbags", extra="ros", what="reading ROS bags"):
+        from services.importers.rosbag import BagChoice, import_rosbag
+    low, high = args.heights or (FlattenParams().low, FlattenParams().high)
+    choice = BagChoice(
+        scan=args.scan,
+        odometry=args.odometry,
+        truth=args.truth,
+        base=args.base,
+        odom_frame=args.odom_frame,
+        truth_offset=tuple(args.truth_offset),
+        truth_shift=args.truth_shift,
+        flatten=FlattenParams(low=low, high=high),
+    )
+    return _write(import_rosbag(args.source, choice, attachments=_map(args)), args)
+
+
+def _import_map(args: argparse.Namespace) -> int:
+    from services.importers.maps import import_map
+
+    return _write(import_map(args.source), args)
+
+
+def _map(args: argparse.Namespace) -> "tuple[Attachment, ...]":
+    from services.importers.maps import map_attachments
+
+    return () if args.map is None else map_attachments(args.map)
 
 
 def _write(log: "LogStream", args: argparse.Namespace) -> int:
