@@ -61,6 +61,11 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     _add_common(world, "YAML file; its image beside it")
     world.set_defaults(run=_import_map)
 
+    tum = formats.add_parser("tum", help="reference poses as lines of time, position and quaternion")
+    _add_common(tum, "text file, plain, .gz, .xz or .bz2")
+    tum.add_argument("--log", metavar="LOG.mcap", type=Path, help="an imported log, whose reference the poses become")
+    tum.set_defaults(run=_import_tum)
+
 
 def _add_common(parser: argparse.ArgumentParser, source: str) -> None:
     parser.add_argument("source", metavar="SOURCE", type=Path, help=source)
@@ -134,6 +139,12 @@ def _import_map(args: argparse.Namespace) -> int:
     from services.importers.maps import import_map
 
     return _write(import_map(args.source), args)
+
+
+def _import_tum(args: argparse.Namespace) -> int:
+    from services.importers.tum import import_tum
+
+    return _write(import_tum(args.source, args.log), args)
 
 
 def _map(args: argparse.Namespace) -> "tuple[Attachment, ...]":
