@@ -7,7 +7,7 @@ from services.cli.main import main
 from services.errors import RunError, StepError, UsageError
 
 COMMANDS = ["list", "run", "service", "health", "replay", "play", "diff", "info", "doctor", "recover"]
-COMMANDS += ["metrics", "import"]
+COMMANDS += ["metrics", "import", "export"]
 
 
 def fail(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:

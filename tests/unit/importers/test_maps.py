@@ -12,7 +12,10 @@ from services.recording.reader import read_recording
 REAL = Path(__file__).parents[3] / "../shared/data"
 real = pytest.mark.skipif(not REAL.is_dir(), reason=f"the maps are not at {REAL}")
 
-YAML = "image: house.pgm\nresolution: 0.1\norigin: [-1.0, 2.0, 0.5]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+YAML = (
+    "image: house.pgm\nresolution: 0.1\norigin: [-1.0, 2.0, 0.5]\n"
+    "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+)
 IMAGE = b"P5\n3 1\n255\n\x00\xfe\xcd"
 
 
