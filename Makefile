@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 SCENARIO ?= parts-3-easy
 
 .DELETE_ON_ERROR:
-.PHONY: run test test-container check format docs lock hooks clean
+.PHONY: run test test-container check format docs peers lock hooks clean
 
 run: .venv/.project
 	$(BIN)/dynpf run $(SCENARIO)
@@ -38,12 +38,16 @@ docs: .venv/.dev
 	$(BIN)/python -m docs.reference
 	$(BIN)/python -m docs.figures
 
+# The libraries that `dynpf bench` and tests/unit/peers compare with, in an environment of their own.
+peers: .venv-peers/.installed
+
 # Keeps the versions that are locked, as far as pyproject.toml lets it; `make lock UPGRADE=1` takes the newest.
-COMPILE = $(BIN)/uv pip compile pyproject.toml --quiet --universal --python-version 3.11 --generate-hashes --fork-strategy fewest \
+COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --fork-strategy fewest \
 	--no-emit-index-url --no-emit-find-links --custom-compile-command 'make lock' $(if $(UPGRADE),--upgrade)
 lock: .venv/.dev
-	$(COMPILE) --group build --output-file requirements.lock
-	$(COMPILE) --group build --group dev --constraint requirements.lock --output-file requirements-dev.lock
+	$(COMPILE) pyproject.toml --group build --output-file requirements.lock
+	$(COMPILE) pyproject.toml --group build --group dev --constraint requirements.lock --output-file requirements-dev.lock
+	$(COMPILE) benchmarks/peers.in --output-file requirements-peers.lock
 
 # Every commit then has to pass `make check`.
 HOOK = $(shell git rev-parse --git-path hooks)/pre-commit
@@ -53,7 +57,7 @@ hooks:
 	chmod +x $(HOOK)
 
 clean:
-	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
+	rm -rf .venv .venv-peers .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
 	find checks docs dynpf protocol services tests -name __pycache__ -prune -exec rm -rf {} +
 
 .venv/.runtime: requirements.lock
@@ -70,4 +74,15 @@ clean:
 
 .venv/.dev: .venv/.project requirements-dev.lock
 	@$(PIP) install --require-hashes --requirement requirements-dev.lock
+	@touch $@
+
+# NumPy 1 has no wheels for Python 3.13 and later.
+OLD_ENOUGH := import ensurepip, sys, venv; sys.exit(not (3, 11) <= sys.version_info < (3, 13))
+.venv-peers/.installed: requirements-peers.lock
+	@python=$$(for python in $(PYTHON) python3.11 python3.12; do \
+		"$$python" -c '$(OLD_ENOUGH)' 2>/dev/null && echo "$$python" && exit; done; exit 1) || { echo "the peers need Python" \
+		"3.11 or 3.12 with its venv module; name one: make peers PYTHON=/path/to/python3" >&2; exit 1; }; \
+	echo "Installing the locked peers for $$("$$python" --version) into .venv-peers"; \
+	"$$python" -m venv --clear .venv-peers
+	@.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes --requirement requirements-peers.lock
 	@touch $@

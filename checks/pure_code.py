@@ -17,8 +17,8 @@ PURE = (
     "dynpf",
     "protocol",
     "services/errors.py",
+    "services/maps.py",
     "services/node.py",
-    "services/errors.py",
     "services/task.py",
     "services/simulator",
     "services/vision",
@@ -71,6 +71,7 @@ ALLOWED = ("numpy.random.Generator",)
 
 EXCEPTIONS = {
     ("dynpf/rng.py", "numpy.random.Philox"),
+    ("dynpf/__init__.py", "importlib.import_module"),
     ("dynpf/kernels/__init__.py", "importlib.import_module"),
     # Threads that change no bit of the result, in the number that the caller gives.
     ("dynpf/filters/models.py", "concurrent.futures.ThreadPoolExecutor"),

@@ -18,6 +18,7 @@ from msgspec import inspect as types
 from protocol.journal import JournalEntry
 from protocol.messages import LogLevel
 from protocol.topics import TOPICS, Delivery
+from services.estimator.config import UserComponent
 from services.scenario import Scenario
 
 __all__ = ["PAGES", "scenarios", "topics"]
@@ -45,9 +46,60 @@ takes a scenario takes a path, too. `--set KEY=VALUE` overrides a key: `--set es
 here, or a value outside its range, is refused with the file, the key and what was expected.
 
 Lengths are in metres, angles in radians, times in seconds, unless a key says otherwise; `_px` are pixels.
-A node takes part in a run if its table is there. `kind` chooses between the nodes that can do the job.
+A node takes part in a run if its table is there. `kind` chooses between the nodes that can do the job, and between the
+components of the estimator. A component whose other keys keep their defaults may be written as its kind alone:
+`proposal = "optimal"`; and where a list of tables is expected, one may stand alone.
 
 ## The file
+"""
+
+OWN_COMPONENTS = """\
+## Your own components
+
+Where a table below says `kind = "package.module:Name"`, a class of yours can stand in the place of the library's: a
+motion or measurement model, a resampling scheme, a proposal, a regularization, an adaptation, or a whole filter. The
+module is looked for on the Python path: name its folder in the environment variable `PYTHONPATH`, which the processes
+of a run inherit.
+
+```toml
+[estimator.motion]
+kind = "drift.models:Drift"
+rate = 0.05
+```
+
+```python
+# drift/models.py
+import msgspec
+
+
+class DriftParams(msgspec.Struct, frozen=True):
+    rate: float = 0.1  # m per square root of a second
+
+
+class Drift:
+    Params = DriftParams
+
+    def __init__(self, params): ...
+    def particles(self, poses, stream): ...
+    def propagate(self, particles, control, stream): ...
+```
+
+- The other keys of the table are the parameters. If the class has a msgspec struct `Params`, they are checked by its
+  types and ranges, and the class is called with the struct; without, it is called with the keys as keywords.
+- It must have the methods of its part, as the protocols in `dynpf` define them: `MotionModel` (or `GaussianMotion`, for
+  filters and proposals that need it), `MeasurementModel` (or `GaussianMeasurement`), `Resampling`, `Proposal`,
+  `Regularization`, `Sizing` or `Recovery`. A filter has `start`, `predict` and `update`, as `ParticleFilter` has.
+- The class attribute `uses` names what it is given besides, as keywords: of a motion or measurement model `landmarks`,
+  `grid` and `segments`, the maps of the run; of a filter `motion`, `measurements`, `proposal` and `resampling`.
+- A measurement model names the type of its readings in the class attribute `reading`: `RangeBearingReadings`,
+  `UnlabelledReadings`, `Scan`, `RangeVector`, `Lines` or `Position`.
+- A motion model is given a `Twist`, or a `Displacement` if its class attribute `control` is that type.
+- It draws from the stream that it is given and from nothing else, reads no clock and no file, and keeps no state
+  between calls: else a replay is not the same run.
+
+A recording holds the names of such modules and a digest of their source (of the whole package, if the module is in
+one), but not the code. `dynpf replay` refuses to go on without the module, and says when it is not the one that was
+recorded. Processes that join a run must have the same.
 """
 
 TIMES = {"Timestamp", "Duration"}
@@ -99,7 +151,7 @@ def scenarios() -> str:
     """Return the reference of the keys of a scenario."""
     lines = [SCENARIOS_HEAD]
     info = _struct(Scenario)
-    lines += _described(info, {})
+    lines += [*_described(info, {}), "", OWN_COMPONENTS.rstrip()]
     for path, inner in _sections(info, ""):
         kind = f', kind = "{inner.tag}"' if inner.tag is not None else ""
         lines += ["", f"## `{path}`{kind}", "", *_described(inner, {})]
@@ -143,6 +195,8 @@ def _pieces(info: types.Type) -> Structs:
 def _described(info: types.StructType, links: Structs) -> list[str]:
     """Return a struct's docstring and the table of its fields."""
     lines = [*inspect.cleandoc(info.cls.__doc__ or "").splitlines(), ""] if info.cls.__doc__ else []
+    if info.cls is UserComponent:
+        return lines[:-1]
     if not info.fields:
         return [*lines, "No keys."]
     notes = _notes(info.cls)
@@ -244,7 +298,12 @@ def _default(field: types.Field) -> str:
 
 
 def _notes(kind: type) -> dict[str, str]:
-    """Return what the source says beside, above or, as a text, below each field of a struct."""
+    """Return what the source says beside, above or, as a text, below each field of a struct; inherited ones first."""
+    bases = [base for base in reversed(kind.__mro__) if issubclass(base, msgspec.Struct) and base is not msgspec.Struct]
+    return {name: note for base in bases for name, note in _own_notes(base).items()}
+
+
+def _own_notes(kind: type) -> dict[str, str]:
     source = textwrap.dedent(inspect.getsource(kind))
     comments = {
         token.start[0]: token.string.lstrip("# ")

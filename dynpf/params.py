@@ -3,6 +3,7 @@
 from typing import Any, TypeVar
 
 import msgspec
+import numpy as np
 
 __all__ = ["validated"]
 
@@ -14,7 +15,7 @@ def validated(params: P) -> P:
 
     Raises ValueError with the struct, the parameter, its value and what was expected.
     """
-    built: Any = msgspec.to_builtins(params)
+    built: Any = msgspec.to_builtins(params, enc_hook=_plain)
     try:
         msgspec.convert(built, type(params))
     except msgspec.ValidationError as error:
@@ -23,6 +24,12 @@ def validated(params: P) -> P:
         value = _value(built, name) if name else built
         raise ValueError(f"{type(params).__name__}.{name} = {value!r}: {what[0].lower()}{what[1:]}") from None
     return params
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{value!r} is a {type(value).__name__}; expected a number, a text or a sequence of such")
 
 
 def _value(built: Any, path: str) -> Any:

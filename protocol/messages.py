@@ -28,6 +28,8 @@ __all__ = [
     "LandmarkReading",
     "LandmarkReadings",
     "LaserScan",
+    "LineReading",
+    "LineReadings",
     "Log",
     "LogLevel",
     "Message",
@@ -40,6 +42,7 @@ __all__ = [
     "Pose",
     "PoseInFrame",
     "PosesInFrame",
+    "PositionFix",
     "Quaternion",
     "RobotState",
     "SceneEntity",
@@ -367,6 +370,29 @@ class LandmarkReadings(Message, frozen=True, kw_only=True):
 
     schema_name = "dynpf.LandmarkReadings"
     readings: Annotated[tuple[LandmarkReading, ...], Meta(max_length=256)]
+
+
+class LineReading(Part, frozen=True, kw_only=True):
+    """A straight piece of wall, in polar form: the line's distance, and the direction in which it is nearest."""
+
+    rho: NonNegative  # m, from the robot to the line
+    alpha: Angle  # rad, of the line's normal from the robot's heading, left is positive
+    length: NonNegative  # m, of the piece that was seen
+
+
+class LineReadings(Message, frozen=True, kw_only=True):
+    """Lines extracted from one scan, all taken at the message's stamp."""
+
+    schema_name = "dynpf.LineReadings"
+    readings: Annotated[tuple[LineReading, ...], Meta(max_length=256)]
+
+
+class PositionFix(Message, frozen=True, kw_only=True):
+    """A measured position in the map, such as a satellite receiver's or a tracker's."""
+
+    schema_name = "dynpf.PositionFix"
+    x: float  # m
+    y: float  # m
 
 
 class Gripper(Message, frozen=True, kw_only=True):

@@ -149,6 +149,20 @@ _ROWS = (
         description="Ranges of a scanning sensor on the robot",
     ),
     Topic(
+        name="sensors/lines",
+        type=messages.LineReadings,
+        publishers=("sensors",),
+        triggers=("estimator",),
+        description="Straight pieces of wall in view, in polar form",
+    ),
+    Topic(
+        name="sensors/position",
+        type=messages.PositionFix,
+        publishers=("sensors",),
+        triggers=("estimator",),
+        description="Measured position of the robot in the map",
+    ),
+    Topic(
         name="sensors/gripper",
         type=messages.Gripper,
         publishers=("sensors",),

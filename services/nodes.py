@@ -6,7 +6,9 @@ from services.controller.waypoints import WaypointController
 from services.errors import ScenarioError
 from services.estimator.config import LocalizationConfig, RearrangementConfig
 from services.estimator.localization import LocalizationEstimator
+from services.estimator.readings import TOPICS
 from services.estimator.rearrangement import RearrangementEstimator
+from services.maps import Maps, open_maps
 from services.node import Node
 from services.scenario import Scenario
 from services.sensors.config import LogSensorsConfig, SimulatedSensorsConfig
@@ -16,10 +18,13 @@ from services.simulator.config import RoomConfig, WorkspaceConfig
 from services.simulator.room import RoomSimulator
 from services.simulator.workspace import WorkspaceSimulator
 from services.task import RearrangementTask
+from services.user_code import find_class
 from services.vision.config import VisionConfig
 from services.vision.node import VisionNode
 
-__all__ = ["build_node", "build_nodes"]
+__all__ = ["build_node", "build_nodes", "user_classes"]
+
+READING_TOPICS = frozenset(TOPICS.values())
 
 
 def build_nodes(scenario: Scenario) -> dict[str, Node]:
@@ -27,7 +32,12 @@ def build_nodes(scenario: Scenario) -> dict[str, Node]:
 
     Raises ScenarioError where a section does not fit the rest, or a fault lies on a way that nothing takes.
     """
-    nodes = {name: build_node(scenario, name) for name in scenario.nodes}
+    maps = _maps(scenario)
+    nodes = {name: _built(scenario, name, maps) for name in scenario.nodes}
+    if isinstance(scenario.estimator, LocalizationConfig) and "sensors" in nodes:
+        unheard = {one for one in nodes["estimator"].reads - nodes["sensors"].writes if one in READING_TOPICS}
+        for topic in sorted(unheard):
+            raise ScenarioError(f"estimator.measurement: reads {topic}, which the sensors of this run do not write")
     for place, fault in enumerate(scenario.faults):
         if fault.topic not in nodes[fault.to].reads:
             known = ", ".join(sorted(nodes[fault.to].reads))
@@ -37,27 +47,63 @@ def build_nodes(scenario: Scenario) -> dict[str, Node]:
 
 def build_node(scenario: Scenario, name: str) -> Node:
     """Return one node of a run in its first state; raises ScenarioError where its section does not fit the rest."""
+    return _built(scenario, name, _maps(scenario))
+
+
+def user_classes(scenario: Scenario) -> dict[str, type]:
+    """Return the user's classes that a scenario names, by name; raises ScenarioError for one that is not there."""
+    if not isinstance(scenario.estimator, LocalizationConfig):
+        return {}
+    return {name: find_class(name, key) for key, name in scenario.estimator.user_classes}
+
+
+def _maps(scenario: Scenario) -> Maps:
+    marks = scenario.landmarks if scenario.landmarks or scenario.needs_log else None
     try:
-        return _build(scenario, name)
+        return open_maps(scenario.map, marks, lambda path: _content(scenario, path))
+    except ValueError as error:
+        raise ScenarioError(f"map: {error}") from error
+
+
+def _content(scenario: Scenario, path: str) -> bytes:
+    """Return what is in a file that the scenario names, which has been read with it."""
+    file = scenario.files.get(path.rpartition("/")[2])
+    if file is None or not file.data:
+        raise ScenarioError(f"map.file: the content of {path} did not come along with the scenario")
+    return file.data
+
+
+def _built(scenario: Scenario, name: str, maps: Maps) -> Node:
+    try:
+        return _build(scenario, name, maps)
     except ValueError as error:
         raise ScenarioError(f"{name}: {error}") from error
 
 
-def _build(scenario: Scenario, name: str) -> Node:
+def _build(scenario: Scenario, name: str, maps: Maps) -> Node:
     seed, tick_s, landmarks = scenario.seed, scenario.tick_s, scenario.landmarks
     match getattr(scenario, name):
         case WorkspaceConfig() as config:
             return WorkspaceSimulator(config=config, seed=seed, tick_s=tick_s, task=_task(scenario, name))
         case RoomConfig() as config:
-            return RoomSimulator(config=config, seed=seed, tick_s=tick_s, landmarks=landmarks)
+            return RoomSimulator(config=config, seed=seed, tick_s=tick_s, landmarks=landmarks, maps=maps)
         case SimulatedSensorsConfig() as config:
-            return SimulatedSensors(config=config, seed=seed, tick_s=tick_s, task=scenario.task, landmarks=landmarks)
+            return SimulatedSensors(
+                config=config, seed=seed, tick_s=tick_s, task=scenario.task, landmarks=landmarks, maps=maps
+            )
         case LogSensorsConfig() as config:
             return LogSensors(config=config, seed=seed, tick_s=tick_s, landmarks=landmarks)
         case RearrangementConfig() as config:
             return RearrangementEstimator(config=config, seed=seed, tick_s=tick_s, task=_task(scenario, name))
         case LocalizationConfig() as config:
-            return LocalizationEstimator(config=config, seed=seed, landmarks=landmarks)
+            return LocalizationEstimator(
+                config=config,
+                seed=seed,
+                landmarks=landmarks,
+                maps=maps,
+                classes=user_classes(scenario),
+                scan_range_max=_scan_range_max(scenario),
+            )
         case RearrangementControllerConfig() as config:
             return RearrangementController(config=config, seed=seed, tick_s=tick_s, task=_task(scenario, name))
         case WaypointsConfig() as config:
@@ -66,6 +112,11 @@ def _build(scenario: Scenario, name: str) -> Node:
             return VisionNode(config=config, seed=seed)
         case missing:
             raise ScenarioError(f"{name}: takes no part in this run ({missing!r})")
+
+
+def _scan_range_max(scenario: Scenario) -> float | None:
+    sensors = scenario.sensors
+    return sensors.scan.range_max if isinstance(sensors, SimulatedSensorsConfig) and sensors.scan is not None else None
 
 
 def _task(scenario: Scenario, name: str) -> RearrangementTask:

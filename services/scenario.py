@@ -6,11 +6,12 @@ they meet and what a recording carries.
 """
 
 import difflib
+import hashlib
 import json
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path, PurePath
 from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
@@ -19,14 +20,17 @@ from msgspec import Meta
 from protocol.topics import NODES, TOPICS
 from services.controller.config import RearrangementControllerConfig, WaypointsConfig
 from services.errors import ScenarioError
-from services.estimator.config import LocalizationConfig, RearrangementConfig
+from services.estimator.config import LocalizationConfig, RearrangementConfig, UserComponent
 from services.faults import Fault
+from services.maps import BitmapConfig, OccupancyConfig, SegmentsConfig, open_maps
 from services.sensors.config import LogSensorsConfig, SimulatedSensorsConfig
 from services.simulator.config import RoomConfig, WorkspaceConfig
 from services.task import Landmark, RearrangementTask
+from services.user_code import source_digests
 from services.vision.config import VisionConfig
 
 __all__ = [
+    "File",
     "LogFacts",
     "Scenario",
     "find_scenario",
@@ -36,9 +40,18 @@ __all__ = [
     "parse_scenario",
     "resolved_json",
     "scenario_files",
+    "whole_json",
+    "with_what_it_names",
 ]
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
+
+
+class File(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
+    """A file that a scenario names: what is in it. A recording carries the content as an attachment."""
+
+    sha256: str
+    data: bytes = b""
 
 
 class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -52,7 +65,10 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     needs_log: bool = False  # the sensors process plays an imported log
     log_digest: str = ""  # content digest of that log, filled in when it is given
     state_digest_ticks: Annotated[int, Meta(ge=1)] = 10  # a digest of each node's state every so many steps
+    files: dict[str, File] = {}  # the files that it names, with their SHA-256, filled in when they are read
+    user_code: dict[str, str] = {}  # modules of your own that it names, with a SHA-256 of their source, filled in, too
     task: RearrangementTask | None = None
+    map: OccupancyConfig | BitmapConfig | SegmentsConfig | None = None
     landmarks: tuple[Landmark, ...] = ()
     simulator: WorkspaceConfig | RoomConfig | None = None
     vision: VisionConfig | None = None
@@ -125,12 +141,17 @@ def load_scenario(
         raw["seed"] = seed
     if clock is not None:
         raw["clock"] = clock
-    return parse_scenario(raw, str(path))
+    return with_what_it_names(parse_scenario(raw, str(path)), str(path), lambda name: (path.parent / name).read_bytes())
 
 
 def parse_scenario(raw: Mapping[str, Any], where: str) -> Scenario:
-    """Return the scenario in ``raw``; raises ScenarioError naming ``where`` and every problem."""
-    problems = list(_unknown_keys(msgspec.inspect.type_info(Scenario), raw, ""))
+    """Return the scenario in ``raw``; raises ScenarioError naming ``where`` and every problem.
+
+    No file that it names is read, and no class of the user's looked for.
+    """
+    info = msgspec.inspect.type_info(Scenario)
+    raw = _folded(info, raw)
+    problems = list(_unknown_keys(info, raw, ""))
     if problems:
         raise ScenarioError("\n".join(f"{where}: {problem}" for problem in problems))
     try:
@@ -143,9 +164,54 @@ def parse_scenario(raw: Mapping[str, Any], where: str) -> Scenario:
     return scenario
 
 
+def with_what_it_names(scenario: Scenario, where: str, read: Callable[[str], bytes]) -> Scenario:
+    """Return the scenario with the files that it names in it, and with the digests of the user's modules.
+
+    ``read`` gives a file by its path as the scenario has it. In the result files go by their bare names, so that the
+    same files in another folder make the same scenario; by its bare name, a file is taken from the scenario if that
+    holds it.
+    Raises ScenarioError for a file that cannot be read or is no map, and for a module that is not there.
+    """
+    estimator = scenario.estimator
+    try:
+        code = source_digests(estimator.user_classes) if isinstance(estimator, LocalizationConfig) else {}
+    except ScenarioError as error:
+        raise ScenarioError(f"{where}: {error}") from error
+    scenario = msgspec.structs.replace(scenario, user_code=code)
+    if not isinstance(scenario.map, OccupancyConfig | BitmapConfig):
+        return msgspec.structs.replace(scenario, files={})
+    path = PurePath(scenario.map.file)
+    bare_name = path.parent == PurePath()
+    held = {name: file.data for name, file in scenario.files.items() if file.data and bare_name}
+    found: dict[str, bytes] = {}
+
+    def take(name: str) -> bytes:
+        bare = PurePath(name).name
+        found[bare] = held[bare] if bare in held else read(str(path.parent / name))
+        return found[bare]
+
+    try:
+        open_maps(scenario.map, None, take)
+    except OSError as error:
+        raise ScenarioError(f"{where}: map.file: {scenario.map.file!r} cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise ScenarioError(f"{where}: map.file: {error}") from error
+    return msgspec.structs.replace(
+        scenario,
+        map=msgspec.structs.replace(scenario.map, file=path.name),
+        files={name: File(sha256=hashlib.sha256(data).hexdigest(), data=data) for name, data in found.items()},
+    )
+
+
 def resolved_json(scenario: Scenario) -> str:
-    """Return the scenario with all its defaults as JSON text with sorted keys."""
-    return msgspec.json.encode(scenario, order="sorted").decode()
+    """Return the scenario with all its defaults as JSON text with sorted keys; of files, the digests alone."""
+    files = {name: File(sha256=file.sha256) for name, file in scenario.files.items()}
+    return whole_json(msgspec.structs.replace(scenario, files=files))
+
+
+def whole_json(scenario: Scenario) -> str:
+    """Return the resolved scenario with the content of its files: what another process needs to run it."""
+    return msgspec.json.encode(_unfolded(msgspec.to_builtins(scenario)), order="sorted").decode()
 
 
 def first_difference(ours: str, theirs: str) -> tuple[str, Any, Any] | None:
@@ -167,6 +233,50 @@ def _take_from_log(raw: dict[str, Any], log: LogFacts) -> None:
     if log.start is not None and isinstance(start, dict) and start.get("kind") == "known":
         for key, value in zip(("x", "y", "theta"), log.start, strict=True):
             start.setdefault(key, value)
+
+
+def _folded(info: Any, value: Any) -> Any:
+    """Return ``value`` as msgspec takes it.
+
+    A table whose kind is a user's class becomes a UserComponent; where tables of different kinds may stand, the kind
+    alone is a table of nothing else; and where a list of such is expected, one alone is a list of one.
+    """
+    match info, value:
+        case msgspec.inspect.Metadata(), _:
+            return _folded(info.type, value)
+        case msgspec.inspect.UnionType(), dict():
+            structs = [one for one in info.types if isinstance(one, msgspec.inspect.StructType)]
+            kind = value.get("kind")
+            if isinstance(kind, str) and ":" in kind and any(one.cls is UserComponent for one in structs):
+                parameters = {key: child for key, child in value.items() if key != "kind"}
+                return {"kind": UserComponent.__struct_config__.tag, "name": kind, "parameters": parameters}
+            chosen = [one for one in structs if one.tag is None or one.tag == kind]
+            return _folded(chosen[0], value) if chosen else value
+        case msgspec.inspect.UnionType(), str() if any(_tagged(one) for one in info.types):
+            return _folded(info, {"kind": value})
+        case msgspec.inspect.StructType(), dict():
+            fields = {field.encode_name: field.type for field in info.fields}
+            return {key: _folded(fields.get(key), child) for key, child in value.items()}
+        case msgspec.inspect.VarTupleType(item_type=msgspec.inspect.UnionType()), dict() | str():
+            return [_folded(info.item_type, value)]
+        case msgspec.inspect.VarTupleType(), list():
+            return [_folded(info.item_type, child) for child in value]
+    return value
+
+
+def _tagged(info: Any) -> bool:
+    return isinstance(info, msgspec.inspect.StructType) and info.tag is not None
+
+
+def _unfolded(value: Any) -> Any:
+    """Return the tables of user's classes as they stand in a scenario file."""
+    if isinstance(value, list):
+        return [_unfolded(child) for child in value]
+    if not isinstance(value, dict):
+        return value
+    if value.get("kind") == UserComponent.__struct_config__.tag:
+        return {"kind": value["name"], **value["parameters"]}
+    return {key: _unfolded(child) for key, child in value.items()}
 
 
 def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
@@ -288,12 +398,17 @@ def _contradictions(scenario: Scenario) -> Iterator[str]:
             yield f"faults.{place}.to: {fault.to!r} is not a node of this run{_nearest(fault.to, nodes)}"
     if isinstance(scenario.simulator, WorkspaceConfig) and scenario.task is None:
         yield "task: missing; the workspace simulator needs the parts and their goals"
-    if isinstance(scenario.estimator, LocalizationConfig) and not scenario.landmarks and not scenario.needs_log:
-        yield "landmarks: missing; the landmark filter needs a map"
+    if isinstance(scenario.estimator, LocalizationConfig):
+        for key, name in scenario.estimator.user_classes:
+            if not re.fullmatch(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*", name):
+                yield f"{key}: {name!r}; expected package.module:Name"
 
 
 def override_resolved(resolved: str, overrides: Sequence[str], where: str) -> Scenario:
-    """Return the scenario that a recording carries, with overrides applied; raises ScenarioError naming ``where``."""
+    """Return the scenario that a recording carries, with overrides applied, but without the content of its files.
+
+    Raises ScenarioError naming ``where``.
+    """
     raw = json.loads(resolved)
     for override in overrides:
         _apply(raw, override)

@@ -26,13 +26,15 @@ class Cloud(NamedTuple):
     memory: tuple[float, ...] = ()
 
 
-def uniform_cloud(particles: Floats) -> Cloud:
+def uniform_cloud(particles: Floats, memory: tuple[float, ...] = ()) -> Cloud:
     """Return the particles (D, N) at equal weights; raises ValueError when there are none."""
     count = particles.shape[1]
     if count == 0:
         raise ValueError(f"a cloud needs at least one particle; got shape {particles.shape}")
-    share = np.full(count, 1.0 / count, dtype=np.float32)
-    return Cloud(particles, share, np.full(count, -math.log(count), dtype=np.float32), float(count))
+    weights, log_weights = np.empty((2, count), dtype=np.float32)
+    weights.fill(1.0 / count)
+    log_weights.fill(-math.log(count))
+    return Cloud(particles, weights, log_weights, float(count), False, memory)
 
 
 def weighted_cloud(particles: Floats, log_weights: Floats) -> tuple[Cloud, float]:

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dynpf.covariance import semidefinite_root
 from dynpf.measurement.model import MeasurementModel
 from dynpf.se2 import FloatArray, wrap_angle
 
@@ -17,7 +18,6 @@ __all__ = [
     "joseph",
     "judged",
     "predict",
-    "square_root",
     "symmetric_offsets",
     "update",
     "wrap_rows",
@@ -109,25 +109,8 @@ def judged(vector: FloatArray, covariance: FloatArray, gate: float | None) -> In
 
 def symmetric_offsets(covariance: FloatArray, spread: float) -> FloatArray:
     """Return offsets from the mean, shape (D, 2 D): the columns of sqrt(spread P), then their negatives."""
-    root = np.sqrt(spread) * square_root(covariance)
+    root = np.sqrt(spread) * semidefinite_root(covariance)
     return np.concatenate((root, -root), axis=1)
-
-
-def square_root(covariance: FloatArray) -> FloatArray:
-    """Return L with L L^T = P, shape (D, D): Cholesky's, or the eigenvectors' where P is singular.
-
-    Raises ValueError when P has an eigenvalue that is negative by more than rounding.
-    """
-    try:
-        return np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh(covariance)
-        if values[0] < -1e-9 * max(values[-1], 0.0):
-            raise ValueError(
-                f"a covariance has no negative eigenvalues; {covariance.tolist()} has {values[0]}"
-            ) from None
-        root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))
-        return root
 
 
 def wrap_rows(values: FloatArray, angles: tuple[int, ...]) -> FloatArray:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dynpf.measurement.model import MeasurementModel
+from dynpf.measurement.model import Batched, MeasurementModel
 from dynpf.motion.model import MotionModel
 from dynpf.rng import Stream
 from dynpf.se2 import Floats
@@ -34,10 +34,11 @@ class Outcome(StrEnum):
 
 
 class Evidence(NamedTuple):
-    """The believable part of a reading, and the model that takes it."""
+    """The believable part of a reading, the model that takes it, and how many readings it holds (see Batched)."""
 
     model: MeasurementModel[Any]
     reading: Any
+    readings: int
 
 
 class Models:
@@ -51,6 +52,7 @@ class Models:
             raise ValueError(f"threads = {threads}: expected at least 1")
         self.motion = motion
         self.measurements = dict(measurements)
+        self._batched = {taken for taken, model in measurements.items() if isinstance(model, Batched)}
         self.threads = threads
         self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
 
@@ -73,7 +75,8 @@ class Models:
             admitted = model.admit(particles, weights, reading)
             outcomes.append(Outcome.REFUSED if admitted is None else Outcome.USED)
             if admitted is not None:
-                evidence.append(Evidence(model, admitted))
+                count = model.count(admitted) if type(reading) in self._batched else 1
+                evidence.append(Evidence(model, admitted, count))
         return evidence, outcomes
 
     def log_likelihood(self, particles: Floats, evidence: Sequence[Evidence]) -> Floats:
@@ -81,13 +84,13 @@ class Models:
 
         def of_piece(piece: Floats, _: int) -> Floats:
             total = evidence[0].model.log_likelihood(piece, evidence[0].reading)
-            for model, reading in evidence[1:]:
-                total = total + model.log_likelihood(piece, reading)
+            for other in evidence[1:]:
+                total = total + other.model.log_likelihood(piece, other.reading)
             return total
 
         return self._over_columns(particles, of_piece)
 
-    def _model_of(self, reading: Any) -> MeasurementModel[Any]:
+    def _model_of(self, reading: Any) -> Any:
         try:
             return self.measurements[type(reading)]
         except KeyError:

@@ -78,8 +78,8 @@ class ParticleFilter(Generic[EstimateT]):
 
     def start(self, poses: Floats, stream: Stream) -> Cloud:
         """Return a cloud of equal weights at the given poses (3, N); raises ValueError when there are none."""
-        cloud = uniform_cloud(self.models.motion.particles(poses, stream))
-        return cloud if self.rescue is None else cloud._replace(memory=self.rescue.recovery.begin())
+        memory = () if self.rescue is None else self.rescue.recovery.begin()
+        return uniform_cloud(self.models.motion.particles(poses, stream), memory)
 
     def predict(self, cloud: Cloud, control: Any, stream: Stream) -> Cloud:
         """Return the cloud after a control, without readings."""
@@ -99,8 +99,8 @@ class ParticleFilter(Generic[EstimateT]):
         resampled, survivors, anew, share = weighted, proposed.ancestors, 0, 0.0
         if proposed.log_weights is not None:
             if self.rescue is not None:
-                memory, share = self.rescue.recovery.assess(weighted.memory, log_evidence)
-                resampled = weighted._replace(memory=memory)
+                memory, share = self.rescue.recovery.assess(weighted.memory, log_evidence, proposed.readings)
+                resampled = resampled._replace(memory=memory)
             if share > 0.0 or self.resampling.due(weighted):
                 resampled, chosen, anew = self.resample(resampled, share, readings, stream)
                 survivors = chosen if survivors is None else survivors[chosen]
@@ -115,7 +115,8 @@ class ParticleFilter(Generic[EstimateT]):
         reading that can be believed it is 0.
         """
         proposed = self.proposal.propose(self.models, cloud, control, readings, stream)
-        carried = cloud._replace(particles=proposed.particles, moved=cloud.moved or moves(control))
+        moved = cloud.moved or moves(control)
+        carried = Cloud(proposed.particles, cloud.weights, cloud.log_weights, cloud.n_eff, moved, cloud.memory)
         if proposed.log_weights is None:
             return carried, proposed, 0.0
         weighted, log_evidence = weighted_cloud(proposed.particles, proposed.log_weights)
@@ -124,7 +125,8 @@ class ParticleFilter(Generic[EstimateT]):
                 Outcome.IMPOSSIBLE if each is Outcome.USED else each for each in proposed.outcomes
             ]
             return carried, proposed._replace(outcomes=impossible), log_evidence
-        return weighted._replace(moved=carried.moved, memory=cloud.memory), proposed, log_evidence
+        particles, weights, log_weights, n_eff, *_ = weighted
+        return Cloud(particles, weights, log_weights, n_eff, moved, cloud.memory), proposed, log_evidence
 
     def resample(
         self, cloud: Cloud, share: float, readings: Sequence[Any], stream: Stream
@@ -145,7 +147,7 @@ class ParticleFilter(Generic[EstimateT]):
             poses = self.rescue.source.draw(anew, readings, stream.part("anew"))
             fresh = self.models.motion.particles(poses, stream.part("fresh"))
             particles = np.concatenate([particles, fresh], axis=1)
-        return uniform_cloud(particles)._replace(memory=cloud.memory), chosen, anew
+        return uniform_cloud(particles, cloud.memory), chosen, anew
 
 
 def moves(control: Any) -> bool:
@@ -154,7 +156,7 @@ def moves(control: Any) -> bool:
         return False
     if isinstance(control, Twist):
         return control.v != 0.0 or control.w != 0.0
-    return bool(np.any(np.asarray(control)))
+    return any(control) if isinstance(control, tuple) else bool(np.any(control))
 
 
 def _checked(part: PartT) -> PartT:

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple, Protocol, cast
 import msgspec
 import numpy as np
 
+from dynpf.covariance import cholesky, solve_lower, solve_upper
 from dynpf.filters.cloud import Cloud, gathered, normalized_weights
-from dynpf.filters.gaussian_columns import cholesky, solve_lower, solve_upper
 from dynpf.filters.models import Evidence, Models, Outcome
 from dynpf.filters.resampling import Indices, systematic
 from dynpf.measurement.model import GaussianMeasurement
@@ -36,6 +36,7 @@ class Proposed(NamedTuple):
     particles: Floats
     log_weights: Floats | None
     outcomes: list[Outcome]
+    readings: int = 0  # that the log-weights speak of, each of a batch by itself
     ancestors: Indices | None = None
 
 
@@ -62,7 +63,9 @@ class Prior(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="
         evidence, outcomes = models.believable(particles, cloud.weights, readings)
         if not evidence:
             return Proposed(particles, None, outcomes)
-        return Proposed(particles, cloud.log_weights + models.log_likelihood(particles, evidence), outcomes)
+        return Proposed(
+            particles, cloud.log_weights + models.log_likelihood(particles, evidence), outcomes, _count(evidence)
+        )
 
 
 class Auxiliary(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="auxiliary"):
@@ -89,7 +92,9 @@ class Auxiliary(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_fie
         ancestors = systematic(first_stage, stream.part("ancestors").uniform())
         particles = models.propagate(gathered(cloud.particles, ancestors), control, stream.part("motion"))
         surprise = models.log_likelihood(particles, evidence) - promise[ancestors]
-        return Proposed(particles, surprise + (log_sum - math.log(ancestors.size)), outcomes, ancestors)
+        return Proposed(
+            particles, surprise + (log_sum - math.log(ancestors.size)), outcomes, _count(evidence), ancestors
+        )
 
 
 class Optimal(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="optimal"):
@@ -106,7 +111,7 @@ class Optimal(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field
             return guided
         # log N(z; h, H Q H^T + R), by the determinant lemma on the posterior of the noise.
         log_predictive = guided.log_density_at_mean + 0.5 * guided.mahalanobis_gain - guided.log_root_determinant
-        return Proposed(guided.drawn, cloud.log_weights + log_predictive, guided.outcomes)
+        return Proposed(guided.drawn, cloud.log_weights + log_predictive, guided.outcomes, _count(guided.evidence))
 
 
 class LocalLinearization(
@@ -125,7 +130,7 @@ class LocalLinearization(
             return guided
         likelihood = models.log_likelihood(guided.drawn, guided.evidence)
         log_weights = cloud.log_weights + likelihood + guided.log_prior_over_proposal
-        return Proposed(guided.drawn, log_weights, guided.outcomes)
+        return Proposed(guided.drawn, log_weights, guided.outcomes, _count(guided.evidence))
 
 
 class _Guided(NamedTuple):
@@ -163,7 +168,7 @@ def _guide(
     precision[np.arange(size), np.arange(size)] = 1.0
     pull = np.zeros((size, count))
     log_density = np.zeros(count)
-    for model, reading in evidence:
+    for model, reading, _ in evidence:
         _require(model, ("innovation", "jacobian", "noise"), needed_by)
         gaussian = cast(GaussianMeasurement[Any], model)
         innovation = gaussian.innovation(expected, reading).astype(np.float64)
@@ -193,6 +198,10 @@ def _guide(
         log_root_determinant,
         log_ratio,
     )
+
+
+def _count(evidence: Sequence[Evidence]) -> int:
+    return sum(each.readings for each in evidence)
 
 
 def _require(model: object, methods: tuple[str, ...], proposal: Proposal) -> None:

@@ -6,9 +6,9 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from dynpf.covariance import semidefinite_root
 from dynpf.filters.cloud import Cloud
 from dynpf.filters.estimate import weighted_covariance
-from dynpf.filters.gaussian_columns import cholesky
 from dynpf.rng import Stream
 from dynpf.se2 import FloatArray, Floats, circular_mean, wrap_angle
 
@@ -47,7 +47,7 @@ class GaussianKernel(
         deviation = self._deviation(survivors, mean)
         if self.shrink:
             deviation *= np.sqrt(1.0 - width**2)
-        root = cholesky(covariance[..., None])[..., 0]
+        root = semidefinite_root(covariance)
         noise = np.einsum("de,en->dn", width * root, stream.normals(size, count))
         spread: Floats = (mean[:, None] + deviation + noise).astype(survivors.dtype)
         return spread

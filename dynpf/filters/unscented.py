@@ -14,12 +14,11 @@ predicted belief, so that they include the process noise.
 """
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Generic, Protocol, TypeVar, runtime_checkable
+from typing import Annotated, Any, Generic, TypeVar
 
 import msgspec
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from dynpf.filters import kalman
 from dynpf.filters.kalman import Gaussian, Innovation
@@ -28,7 +27,7 @@ from dynpf.motion.model import GaussianMotion
 from dynpf.params import validated
 from dynpf.se2 import FloatArray, wrap_angle
 
-__all__ = ["AngularMeasurement", "UnscentedKalman", "UnscentedKalmanParams"]
+__all__ = ["UnscentedKalman", "UnscentedKalmanParams"]
 
 ControlT = TypeVar("ControlT")
 
@@ -42,17 +41,6 @@ class UnscentedKalmanParams(
     beta: Annotated[float, Meta(ge=0.0)] = 2.0  # 2 suits a Gaussian belief; at least alpha^2
     kappa: float = 0.0  # more than -D
     angles: tuple[Annotated[int, Meta(ge=0)], ...] = (2,)
-
-
-@runtime_checkable
-class AngularMeasurement(Protocol):
-    """A Gaussian measurement that tells which rows of its innovation are angles; without this none are.
-
-    It matters when the innovation of an angle comes near pi, where neighbouring points fall on both sides of the cut.
-    """
-
-    def angular(self, reading: Any) -> NDArray[np.bool_]:
-        """Return whether each row of the innovation is an angle, shape (M,)."""
 
 
 class UnscentedKalman(Generic[ControlT]):
@@ -105,7 +93,7 @@ class UnscentedKalman(Generic[ControlT]):
         innovations = np.asarray(model.innovation(_around(belief.mean, offsets), reading), dtype=np.float64)
         if not np.isfinite(innovations).all():
             return belief, kalman.judged(innovations[:, 0], np.full_like(noise, np.nan), gate)
-        angular = model.angular(reading) if isinstance(model, AngularMeasurement) else np.zeros(len(noise), dtype=bool)
+        angular = model.angular(reading)
         differences = innovations[:, 1:] - innovations[:, :1]
         differences[angular] = wrap_angle(differences[angular])
         shift = differences.sum(axis=1) / (2.0 * spread)

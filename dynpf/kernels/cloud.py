@@ -26,7 +26,9 @@ def normalize(log_weights, weights):
     """
     count = log_weights.size
     whole = count - count % _LANES
-    lanes = np.full(_LANES, _LOWEST, dtype=np.float32)
+    lanes = np.empty(_LANES, dtype=np.float32)
+    for j in range(_LANES):
+        lanes[j] = _LOWEST
     for start in range(0, whole, _LANES):
         for j in range(_LANES):
             value = log_weights[start + j]

@@ -9,7 +9,7 @@ from dynpf.kernels.philox import BLOCK
 __all__ = ["find_beam_ends", "sum_over_beams"]
 
 _f = np.float32
-_ZERO = _f(0.0)
+_ZERO, _FAR, _IMPOSSIBLE = _f(0.0), _f(1e30), _f(-np.inf)
 
 
 @kernel
@@ -43,6 +43,8 @@ def sum_over_beams(x, y, theta, ends_x, ends_y, table, frame, out):
 
     Beam ends are in cells. ``frame`` (4,) takes the map's frame into the table's: rotation in radians, offset along
     column and row in cells, and cells a metre. The table has a border of one cell, where everything outside ends.
+    A pose that is not finite gets -inf.
+
     Cells are found for one beam and a block of particles at a time, in a loop of their own, and then looked up.
     """
     rows, columns = table.shape
@@ -58,12 +60,20 @@ def sum_over_beams(x, y, theta, ends_x, ends_y, table, frame, out):
     scale = frame[3]
     width = np.int32(columns)
     for start in range(0, x.size, BLOCK):
-        size = min(BLOCK, x.size - start)
+        # Slices: what is indexed from zero becomes a vector.
+        px, py, heading, result = x[start : start + BLOCK], y[start : start + BLOCK], theta[start:], out[start:]
+        size = px.size
         for i in range(size):
-            sine[i], cosine[i] = sincos(theta[start + i] + frame[0])
-            column[i] = (frame_cosine * x[start + i] - frame_sine * y[start + i]) * scale + frame[1]
-            row[i] = (frame_sine * x[start + i] + frame_cosine * y[start + i]) * scale + frame[2]
-            total[i] = _ZERO
+            sine[i], cosine[i] = sincos(heading[i] + frame[0])
+            column[i] = (frame_cosine * px[i] - frame_sine * py[i]) * scale + frame[1]
+            row[i] = (frame_sine * px[i] + frame_cosine * py[i]) * scale + frame[2]
+            # A place that is not a number has no cell: it is taken to the corner, and refused below.
+            somewhere = abs(column[i]) + abs(row[i]) + abs(heading[i]) < _FAR
+            total[i] = _ZERO if somewhere else _IMPOSSIBLE
+            column[i] = column[i] if somewhere else _ZERO
+            row[i] = row[i] if somewhere else _ZERO
+            sine[i] = sine[i] if somewhere else _ZERO
+            cosine[i] = cosine[i] if somewhere else _ZERO
         for beam in range(ends_x.size):
             along, across = ends_x[beam], ends_y[beam]
             for i in range(size):
@@ -75,4 +85,4 @@ def sum_over_beams(x, y, theta, ends_x, ends_y, table, frame, out):
             for i in range(size):
                 total[i] += cells[cell[i]]
         for i in range(size):
-            out[start + i] = total[i]
+            result[i] = total[i]

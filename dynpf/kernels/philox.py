@@ -8,7 +8,7 @@ import numpy as np
 from dynpf.kernels.compiler import device, kernel
 from dynpf.kernels.elementary import log, sincos
 
-__all__ = ["BLOCK", "fill_normals", "fill_uniforms", "normals", "two_words", "words"]
+__all__ = ["BLOCK", "fill_normals", "fill_uniforms", "two_words", "words"]
 
 BLOCK = 256
 """Particles to a block: what a block needs stays in the fastest cache."""
@@ -42,39 +42,39 @@ def words(particle, draw, step_low, step_high, key_low, key_high):
 
 
 @device
-def normals(out, first, step, key, part):
-    """Fill ``out`` (4, n), n <= BLOCK, with normal numbers: draw ``part`` of the particles from ``first`` on.
-
-    Box and Muller's transform of two pairs of words. A loop of their own for the words lets both become vectors.
-    """
-    count = out.shape[1]
-    drawn = np.empty((4, count), dtype=np.uint32)
-    for i in range(count):
-        drawn[0, i], drawn[1, i], drawn[2, i], drawn[3, i] = words(
-            first + i, part, step, step >> _WORD, key, key >> _WORD
-        )
-    for pair in range(0, 4, 2):
-        for i in range(count):
-            # Half a unit is added, so that the logarithm never meets zero.
-            chance = (_f(np.int32(drawn[pair, i] >> _u(1))) + _HALF) * _UNIT_31
-            turn = _f(np.int32(drawn[pair + 1, i] >> _u(8))) * _UNIT_24
-            radius = np.sqrt(_MINUS_TWO * log(chance))
-            sine, cosine = sincos(turn * _TWO_PI)
-            out[pair, i] = radius * cosine
-            out[pair + 1, i] = radius * sine
+def box_muller(for_radius, for_angle, cosines, sines):
+    """Fill ``cosines`` and ``sines`` (n,) with independent standard normal numbers, made of two words each pair."""
+    for i in range(cosines.size):
+        # Half a unit is added, so that the logarithm never meets zero.
+        chance = (_f(np.int32(for_radius[i] >> _u(1))) + _HALF) * _UNIT_31
+        turn = _f(np.int32(for_angle[i] >> _u(8))) * _UNIT_24
+        radius = np.sqrt(_MINUS_TWO * log(chance))
+        sine, cosine = sincos(turn * _TWO_PI)
+        cosines[i] = radius * cosine
+        sines[i] = radius * sine
 
 
 @kernel
 def fill_normals(out, first, step, key):
-    """Fill ``out`` (R, N): row r of column i is number r % 4 of draw r // 4 of particle first + i."""
+    """Fill ``out`` (R, N): row r of column i is number r % 4 of draw r // 4 of particle first + i.
+
+    The words come first, in a loop of their own: both loops then become vectors.
+    """
     rows, count = out.shape
-    four = np.empty((4, BLOCK), dtype=np.float32)
+    step, key = np.uint64(step), np.uint64(key)
+    drawn = np.empty((4, BLOCK), dtype=np.uint32)
+    unwanted = np.empty(BLOCK, dtype=np.float32)
     for start in range(0, count, BLOCK):
         size = min(BLOCK, count - start)
         for row in range(0, rows, 4):
-            normals(four[:, :size], np.int64(first + start), np.uint64(step), np.uint64(key), row // 4)
-            for r in range(min(4, rows - row)):
-                out[row + r, start : start + size] = four[r, :size]
+            for i in range(size):
+                drawn[0, i], drawn[1, i], drawn[2, i], drawn[3, i] = words(
+                    first + start + i, row // 4, step, step >> _WORD, key, key >> _WORD
+                )
+            for pair in range(0, min(4, rows - row), 2):
+                cosines = out[row + pair, start : start + size]
+                sines = out[row + pair + 1, start : start + size] if row + pair + 1 < rows else unwanted[:size]
+                box_muller(drawn[pair], drawn[pair + 1], cosines, sines)
 
 
 @kernel

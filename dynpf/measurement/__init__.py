@@ -1,6 +1,31 @@
 """Measurement models: what a sensor at a pose would read, and how likely a reading is (``MeasurementModel``)."""
 
-from dynpf.measurement.model import MeasurementModel
-from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, RangeBearingReading
+from dynpf.measurement.linear import LinearMeasurement, Observation
+from dynpf.measurement.lines import Lines, PolarLines, PolarLinesParams
+from dynpf.measurement.model import GaussianMeasurement, MeasurementModel
+from dynpf.measurement.position import GaussianPosition, GaussianPositionParams, Position
+from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, RangeBearingReadings
+from dynpf.measurement.range_vector import RangeVector, RangeVectorModel, RangeVectorParams
+from dynpf.measurement.unknown_landmarks import UnknownLandmarks, UnknownLandmarksParams, UnlabelledReadings
 
-__all__ = ["MeasurementModel", "RangeBearing", "RangeBearingParams", "RangeBearingReading"]
+__all__ = [
+    "GaussianMeasurement",
+    "GaussianPosition",
+    "GaussianPositionParams",
+    "LinearMeasurement",
+    "Lines",
+    "MeasurementModel",
+    "Observation",
+    "PolarLines",
+    "PolarLinesParams",
+    "Position",
+    "RangeBearing",
+    "RangeBearingParams",
+    "RangeBearingReadings",
+    "RangeVector",
+    "RangeVectorModel",
+    "RangeVectorParams",
+    "UnknownLandmarks",
+    "UnknownLandmarksParams",
+    "UnlabelledReadings",
+]

@@ -4,6 +4,7 @@ Nothing is cast: the distance of every cell to the nearest wall is known beforeh
 likelihood. Fast and smooth in the pose; blind to walls that stand between robot and end.
 """
 
+import math
 from typing import Annotated, Literal, NamedTuple
 
 import msgspec
@@ -68,8 +69,9 @@ class LikelihoodField:
     """The model of a scan in an occupancy grid.
 
     Beams without return (at the maximum range) and beams that are not numbers tell nothing; a scan of no other beams is
-    not admitted, and its log-likelihood is zero. A beam that ends outside the grid is as likely as one far from any
-    wall, so a particle off the map is unlikely but possible.
+    not admitted, and its log-likelihood is zero. Outside the grid nothing is known but the walls inside it: a beam
+    that ends far out there is as likely as one far from any wall, so a particle off the map is unlikely but possible.
+    One whose pose is not finite is impossible.
     """
 
     def __init__(self, params: LikelihoodFieldParams, grid: OccupancyGrid) -> None:
@@ -78,13 +80,16 @@ class LikelihoodField:
         self.grid = grid
         if not grid.occupied.any():
             raise ValueError("a likelihood field needs a map with an occupied cell; this one has none")
-        self._distances = distance_field(grid.occupied, grid.resolution, params.max_distance)
+        # A beam may end a little outside the grid and still be close to a wall: the field goes on to where none is.
+        outside = math.ceil(params.max_distance / grid.resolution)
+        walls = np.pad(grid.occupied, outside)
+        self._distances = distance_field(walls, grid.resolution, params.max_distance)
         self._kept: tuple[float, Floats] | None = None
         self._mount = np.array([params.sensor_x, params.sensor_y, params.sensor_theta], dtype=np.float32)
         # The table has a border of one cell, and float32 best holds numbers that start at its corner.
         column, row = grid.to_cells(0.0, 0.0)
         self._frame = np.array(
-            [-grid.origin[2], float(column) + 1.0, float(row) + 1.0, 1.0 / grid.resolution], dtype=np.float32
+            [-grid.origin[2], column + outside + 1.0, row + outside + 1.0, 1.0 / grid.resolution], dtype=np.float32
         )
 
     def admit(self, particles: Floats, weights: Floats, reading: Scan) -> BeamEnds | None:
@@ -94,6 +99,10 @@ class LikelihoodField:
             ends = self._agreed(particles, weights, ends, self.params.beam_skip)
         return ends if ends.x.size else None
 
+    def count(self, reading: BeamEnds) -> int:
+        """Return the number of beams."""
+        return int(reading.x.size)
+
     def log_likelihood(self, particles: Floats, reading: Scan | BeamEnds) -> Floats:
         """Return log p(scan | particle), up to a constant with "cubes", shape (N,) float32."""
         ends = self._ends(reading) if isinstance(reading, Scan) else reading
@@ -101,7 +110,7 @@ class LikelihoodField:
             return np.zeros(particles.shape[1], dtype=np.float32)
         total = self._sum(particles, ends, self._table(ends.range_max))
         if self.params.aggregation == "cubes":
-            return np.log1p(total)
+            return np.where(np.isneginf(total), total, np.log1p(np.maximum(total, np.float32(0.0))))
         if self.params.tempering != 1.0:
             total *= np.float32(self.params.tempering)
         return total

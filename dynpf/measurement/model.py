@@ -1,10 +1,13 @@
 """What a filter asks of a measurement model."""
 
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dynpf.se2 import Floats
 
-__all__ = ["GaussianMeasurement", "MeasurementModel"]
+__all__ = ["Batched", "GaussianMeasurement", "MeasurementModel"]
 
 ReadingT_contra = TypeVar("ReadingT_contra", contravariant=True)
 
@@ -23,6 +26,17 @@ class MeasurementModel(Protocol[ReadingT_contra]):
         """Return log p(reading | particle), shape (N,): -inf where impossible, zeros where it tells nothing."""
 
 
+@runtime_checkable
+class Batched(Protocol):
+    """A measurement model whose readings hold several of a kind: the beams of a scan, the landmarks of a glance.
+
+    The likelihood of a batch falls with its size; who compares likelihoods over time needs to know it.
+    """
+
+    def count(self, reading: Any) -> int:
+        """Return how many readings there are in what ``admit`` has returned."""
+
+
 class GaussianMeasurement(MeasurementModel[ReadingT_contra], Protocol[ReadingT_contra]):
     """A reading of M numbers that is an expectation h(x) plus Gaussian noise."""
 
@@ -34,3 +48,6 @@ class GaussianMeasurement(MeasurementModel[ReadingT_contra], Protocol[ReadingT_c
 
     def noise(self, reading: ReadingT_contra) -> Floats:
         """Return the covariance of the reading, shape (M, M)."""
+
+    def angular(self, reading: ReadingT_contra) -> NDArray[np.bool_]:
+        """Return which of the M numbers are angles, shape (M,)."""

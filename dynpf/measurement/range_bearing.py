@@ -1,27 +1,31 @@
-"""Range and bearing to a landmark whose identity the reading tells (LANDMARK section 5)."""
+"""Ranges and bearings to landmarks whose identities the readings tell (LANDMARK section 5)."""
 
-from typing import Annotated, NamedTuple
+import math
+from typing import Annotated, Any, NamedTuple
 
 import msgspec
 import numpy as np
 from msgspec import Meta
+from numpy.typing import ArrayLike, NDArray
 
-from dynpf.filters.estimate import weighted_covariance
+from dynpf import kernels
 from dynpf.maps.landmarks import LandmarkMap
-from dynpf.se2 import FloatArray, wrap_angle
+from dynpf.params import validated
+from dynpf.rng import Stream
+from dynpf.se2 import Floats, wrap_angle
 
-__all__ = ["RangeBearing", "RangeBearingParams", "RangeBearingReading"]
+__all__ = ["RangeBearing", "RangeBearingParams", "RangeBearingReadings"]
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NonNegative = Annotated[float, Meta(ge=0.0)]
 
 
-class RangeBearingReading(NamedTuple):
-    """Distance (m) and direction from the heading (rad, anticlockwise) at which a landmark was seen."""
+class RangeBearingReadings(NamedTuple):
+    """Landmarks seen at one instant: identities, distances (m) and directions from the heading (rad), each (K,)."""
 
-    landmark: int
-    range: float
-    bearing: float
+    landmarks: NDArray[np.integer[Any]]
+    ranges: Floats
+    bearings: Floats
 
 
 class RangeBearingParams(
@@ -33,7 +37,7 @@ class RangeBearingParams(
     sigma_range_per_m: NonNegative = 0.2  # m per m
     sigma_bearing: Positive = 0.018  # rad
     # Squared Mahalanobis distance of the innovation above which a reading is taken for a misread identity.
-    gate: Positive = 25.0
+    gate: Positive | None = 25.0
     # Share of readings that come from anywhere: keeps one bad reading from deciding.
     outlier_fraction: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.01
     outlier_range: Positive = 10.0  # m: an outlier's range is uniform up to here, its bearing over the circle
@@ -44,64 +48,172 @@ class RangeBearingParams(
 class RangeBearing:
     """Independent Gaussian errors of range and bearing, a uniform share of outliers, and an innovation gate.
 
-    The map's correspondence is known. A reading that holds a NaN, or names a landmark outside the map, tells
-    nothing: its log-likelihood is zero for every particle and it is not plausible.
+    A reading that is not finite, or names a landmark outside the map, tells nothing: it is not admitted and adds zero
+    to the log-likelihood of every particle.
     """
 
     def __init__(self, params: RangeBearingParams, landmarks: LandmarkMap) -> None:
-        self.params = params
+        """Raises ValueError for a parameter out of its range."""
+        self.params = validated(params)
         self.landmarks = landmarks
+        self._ids = np.array(landmarks.ids, dtype=np.int64)
+        self._east, self._north = np.array(landmarks.positions, dtype=np.float32, order="C")
 
-    def expected(self, particles: FloatArray, landmark: int) -> tuple[FloatArray, FloatArray]:
-        """Return the range and bearing, each (N,), at which each particle would see a landmark of the map."""
-        x, y = self.landmarks.position(landmark)
-        east, north = x - particles[0], y - particles[1]
-        bearing = np.arctan2(north, east) - particles[2]
-        return np.hypot(east, north), wrap_angle(bearing)
+    def admit(self, particles: Floats, weights: Floats, reading: RangeBearingReadings) -> RangeBearingReadings | None:
+        """Return the readings that tell something and lie within the gate, None if there is none.
 
-    def innovation(self, particles: FloatArray, reading: RangeBearingReading) -> FloatArray:
-        """Return reading minus expectation: range (m) and bearing (rad, the short way), shape (2, N)."""
-        ranges, bearings = self.expected(particles, reading.landmark)
-        return np.stack((reading.range - ranges, wrap_angle(reading.bearing - bearings)))
-
-    def variances(self, reading: RangeBearingReading) -> FloatArray:
-        """Return the variances of range (m^2) and bearing (rad^2), shape (2,)."""
-        params = self.params
-        return np.array(
-            [
-                params.sigma_range**2 + (params.sigma_range_per_m * reading.range) ** 2,
-                params.sigma_bearing**2,
-            ]
-        )
-
-    def log_likelihood(self, particles: FloatArray, reading: RangeBearingReading) -> FloatArray:
-        """Return the tempered log-density of the reading for each particle, shape (N,)."""
-        if not self._tells(reading):
-            return np.zeros(particles.shape[1])
-        params = self.params
-        variances = self.variances(reading)
-        error = self.innovation(particles, reading)
-        distance = error[0] ** 2 / variances[0] + error[1] ** 2 / variances[1]
-        log_density = -0.5 * distance - np.log(2.0 * np.pi * np.sqrt(variances[0] * variances[1]))
-        if params.outlier_fraction > 0.0:
-            log_outlier = np.log(params.outlier_fraction / (params.outlier_range * 2.0 * np.pi))
-            log_density = np.logaddexp(np.log1p(-params.outlier_fraction) + log_density, log_outlier)
-        tempered: FloatArray = params.tempering * log_density
-        return tempered
-
-    def plausible(self, particles: FloatArray, weights: FloatArray, reading: RangeBearingReading) -> bool:
-        """Return whether the particles' mean innovation lies within the gate.
-
-        Its covariance is the spread of the particles' expectations plus the noise of the reading, so a
-        filter that is unsure of its pose accepts what a sure one refuses.
+        A reading is within the gate when its mean innovation over the weighted particles is. Its covariance is the
+        spread of the particles' expectations plus the noise of the reading, so a filter that is unsure of its pose
+        accepts what a sure one refuses. Raises ValueError where arrays differ in length.
         """
-        if not self._tells(reading):
-            return False
-        error = self.innovation(particles, reading)
-        mean = np.sum(weights * error, axis=1)
-        spread = weighted_covariance(error - mean[:, None], weights)
-        covariance = spread + np.diag(self.variances(reading))
-        return float(mean @ np.linalg.solve(covariance, mean)) <= self.params.gate
+        gate = self.params.gate
+        kept = self._tells(reading) if gate is None else self._distances(particles, weights, reading) <= gate
+        if kept.all():
+            return reading if kept.size else None
+        if not kept.any():
+            return None
+        return RangeBearingReadings(*(np.asarray(values)[kept] for values in reading))
 
-    def _tells(self, reading: RangeBearingReading) -> bool:
-        return bool(np.isfinite((reading.range, reading.bearing)).all()) and reading.landmark in self.landmarks
+    def count(self, reading: RangeBearingReadings) -> int:
+        """Return the number of landmarks."""
+        return len(reading.ranges)
+
+    def log_likelihood(self, particles: Floats, reading: RangeBearingReadings) -> Floats:
+        """Return the tempered log-density of all the readings for each particle, shape (N,), float32.
+
+        Finite wherever there is a share of outliers. Raises ValueError where the readings' arrays differ in length.
+        """
+        params = self.params
+        x, y, theta = np.ascontiguousarray(particles[:3], dtype=np.float32)
+        out = np.empty(x.size, dtype=np.float32)
+        kernels.landmarks.log_likelihood(
+            out,
+            x,
+            y,
+            theta,
+            *_arrays(reading),
+            self._ids,
+            self._east,
+            self._north,
+            params.sigma_range,
+            params.sigma_range_per_m,
+            params.sigma_bearing,
+            params.outlier_fraction,
+            params.outlier_range,
+            params.tempering,
+        )
+        return out
+
+    def innovation(self, states: Floats, reading: RangeBearingReadings) -> Floats:
+        """Return range (m) and bearing (rad, the short way) of each reading less their expectations, shape (2K, N).
+
+        Row 2k is the range of reading k and row 2k + 1 its bearing. Raises KeyError for a landmark outside the map.
+        """
+        along, across = self._offsets(states, reading)
+        errors = np.empty((2 * len(along), states.shape[1]), dtype=states.dtype)
+        errors[0::2] = np.asarray(reading.ranges)[:, None] - np.hypot(along, across)
+        errors[1::2] = wrap_angle(np.asarray(reading.bearings)[:, None] - np.arctan2(across, along) + states[2])
+        return errors
+
+    def jacobian(self, states: Floats, reading: RangeBearingReadings) -> Floats:
+        """Return the derivatives of the expectations by the states (D, N), shape (2K, D, N); rows as in innovation.
+
+        At a landmark, where they do not exist, those by x and y are zero. Raises KeyError for a landmark outside the
+        map.
+        """
+        along, across = self._offsets(states, reading)
+        distance = np.maximum(np.hypot(along, across), np.finfo(states.dtype).tiny)
+        cosine, sine = along / distance, across / distance
+        derivatives = np.zeros((2 * len(along), *states.shape), dtype=states.dtype)
+        derivatives[0::2, 0], derivatives[0::2, 1] = -cosine, -sine
+        derivatives[1::2, 0], derivatives[1::2, 1] = sine / distance, -cosine / distance
+        derivatives[1::2, 2] = -1.0
+        return derivatives
+
+    def noise(self, reading: RangeBearingReadings) -> Floats:
+        """Return the covariance (m^2, rad^2) of the readings, shape (2K, 2K), outliers left aside.
+
+        It is divided by the tempering: a Gaussian to the power t is, but for a constant, one of variance 1/t as large.
+        """
+        params = self.params
+        variances = np.empty(2 * len(reading.ranges))
+        variances[0::2] = params.sigma_range**2 + (params.sigma_range_per_m * np.asarray(reading.ranges)) ** 2
+        variances[1::2] = params.sigma_bearing**2
+        return np.diag(variances / params.tempering)
+
+    def angular(self, reading: RangeBearingReadings) -> NDArray[np.bool_]:
+        """Return which rows of the innovation are angles: every second one, the bearings, shape (2K,)."""
+        return np.tile((False, True), len(reading.ranges))
+
+    def poses(self, reading: RangeBearingReadings, count: int, stream: Stream) -> NDArray[np.float32]:
+        """Return poses (3, count) from which the first reading that tells something could have been seen.
+
+        They stand in a ring about the landmark, anywhere on it, as far away as the range and turned as the bearing
+        tells, both with their noise. Raises ValueError where no reading tells anything.
+        """
+        telling = np.flatnonzero(self._tells(reading))
+        if not telling.size:
+            raise ValueError(f"none of the {len(reading.ranges)} readings is finite and of a landmark in the map")
+        landmark, distance, bearing = (values[telling[0]] for values in reading)
+        params = self.params
+        noise = stream.normals(2, count).astype(np.float64)
+        direction = 2.0 * np.pi * stream.part("ring").uniforms(1, count)[0].astype(np.float64)
+        distances = distance + math.hypot(params.sigma_range, params.sigma_range_per_m * distance) * noise[0]
+        east, north = self.landmarks.position(int(landmark))
+        x, y = east - distances * np.cos(direction), north - distances * np.sin(direction)
+        theta = wrap_angle(direction - bearing - params.sigma_bearing * noise[1])
+        return np.stack((x, y, theta)).astype(np.float32)
+
+    def _distances(self, particles: Floats, weights: Floats, reading: RangeBearingReadings) -> Floats:
+        """Return the squared Mahalanobis distance of each reading's mean innovation (K,), NaN if it tells nothing."""
+        params = self.params
+        x, y, theta = np.ascontiguousarray(particles[:3], dtype=np.float32)
+        if weights.shape != x.shape:
+            raise ValueError(f"weights of shape {weights.shape} for {x.size} particles")
+        arrays = _arrays(reading)
+        out = np.empty(arrays[0].size)
+        kernels.landmarks.distances(
+            out,
+            x,
+            y,
+            theta,
+            np.ascontiguousarray(weights, dtype=np.float32),
+            *arrays,
+            self._ids,
+            self._east,
+            self._north,
+            params.sigma_range,
+            params.sigma_range_per_m,
+            params.sigma_bearing,
+        )
+        return out
+
+    def _tells(self, reading: RangeBearingReadings) -> NDArray[np.bool_]:
+        landmarks, ranges, bearings = _arrays(reading)
+        known = np.array([landmark in self.landmarks for landmark in landmarks.tolist()], dtype=np.bool_)
+        return known & np.isfinite(ranges) & np.isfinite(bearings)
+
+    def _offsets(self, states: Floats, reading: RangeBearingReadings) -> tuple[Floats, Floats]:
+        """Return how far along x and y each landmark lies from each state, shapes (K, N), in the states' precision."""
+        positions = [self.landmarks.position(int(landmark)) for landmark in reading.landmarks]
+        east, north = np.array(positions, dtype=states.dtype).reshape(-1, 2).T[:, :, None]
+        return east - states[0], north - states[1]
+
+
+def _arrays(reading: RangeBearingReadings) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
+    """Return the readings as the kernels take them; raises ValueError where the arrays differ in length."""
+    landmarks = _array(reading.landmarks, np.dtype(np.int64))
+    ranges, bearings = _array(reading.ranges, np.dtype(np.float32)), _array(reading.bearings, np.dtype(np.float32))
+    if not landmarks.shape == ranges.shape == bearings.shape:
+        sizes = f"{landmarks.size} landmarks, {ranges.size} ranges and {bearings.size} bearings"
+        raise ValueError(f"{sizes}: a reading needs one of each")
+    return landmarks, ranges, bearings
+
+
+def _array(values: ArrayLike, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return an array as it is if the kernels take it, else a copy: for a read-only one they would compile anew."""
+    if isinstance(values, np.ndarray) and values.dtype == dtype:
+        flags = values.flags
+        if flags.writeable and flags.c_contiguous:
+            return values
+    return np.array(values, dtype=dtype)

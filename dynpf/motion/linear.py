@@ -1,19 +1,16 @@
 """Linear motion with Gaussian noise, of states of any dimension: the model that a Kalman filter solves exactly."""
 
-import math
-
 import msgspec
 import numpy as np
 
+from dynpf.covariance import semidefinite_root
 from dynpf.params import validated
 from dynpf.rng import Stream
 from dynpf.se2 import FloatArray, Floats
 
-__all__ = ["LinearGaussian", "LinearGaussianParams", "semidefinite_root"]
+__all__ = ["LinearGaussian", "LinearGaussianParams"]
 
 Matrix = tuple[tuple[float, ...], ...]
-
-_ROUNDING = 1e-12
 
 
 class LinearGaussianParams(
@@ -40,7 +37,10 @@ class LinearGaussian:
         self._q = _matrix("noise", params.noise, dimension, dimension)
         columns = len(params.input[0]) if params.input else 0
         self._b = _matrix("input", params.input or ((),) * dimension, dimension, columns)
-        self._root = semidefinite_root(self._q)
+        try:
+            self._root = semidefinite_root(self._q)
+        except ValueError as error:
+            raise ValueError(f"noise = {params.noise}: {error}") from None
 
     def particles(self, poses: Floats, stream: Stream) -> Floats:  # noqa: ARG002
         """Return the states (D, N) as they are."""
@@ -67,26 +67,6 @@ class LinearGaussian:
     def covariance(self, states: Floats, control: Floats | None) -> Floats:  # noqa: ARG002
         """Return Q for each column, shape (D, D, N)."""
         return _everywhere(self._q, states)
-
-
-def semidefinite_root(covariance: FloatArray) -> FloatArray:
-    """Return the lower triangular L with L L' = covariance (D, D), which may be singular: columns without noise are 0.
-
-    Cholesky's decomposition; a pivot is zero when rounding explains it, judged by its own element of the diagonal, so
-    that units may differ by any factor. Raises ValueError for a matrix with a negative eigenvalue.
-    """
-    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    left = covariance.copy()
-    root = np.zeros_like(left)
-    for k, own in enumerate(scale):
-        pivot = left[k, k]
-        if pivot > _ROUNDING * own**2:
-            root[k:, k] = left[k:, k] / math.sqrt(pivot)
-            left -= np.outer(root[:, k], root[:, k])
-        # A pivot of zero leaves its whole column zero, if no eigenvalue is negative.
-        elif pivot < -_ROUNDING * own**2 or np.any(np.abs(left[k:, k]) > math.sqrt(_ROUNDING) * own * scale[k:]):
-            raise ValueError(f"noise = {covariance.tolist()}: has a negative eigenvalue, which no covariance has")
-    return root
 
 
 def _matrix(name: str, rows: Matrix, height: int, width: int) -> FloatArray:

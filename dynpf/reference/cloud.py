@@ -20,4 +20,5 @@ def systematic(weights: FloatArray, uniform: float, count: int) -> NDArray[np.in
     """Return for each tooth of the comb the first particle at which the cumulative weights exceed it."""
     cumulative = np.cumsum(weights)
     comb = (np.arange(count) + uniform) * (cumulative[-1] / count)
-    return np.searchsorted(cumulative, np.minimum(comb, np.nextafter(cumulative[-1], 0.0)), side="right")
+    chosen: NDArray[np.intp] = np.searchsorted(cumulative, np.minimum(comb, np.nextafter(cumulative[-1], 0.0)), "right")
+    return chosen

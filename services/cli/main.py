@@ -26,6 +26,7 @@ _COMMANDS = {
     "metrics": ("metrics", "a recorded run against the truth in it"),
     "import": ("import_", "make a recording of somebody else's log"),
     "export": ("export", "write a topic of a recording for other programs"),
+    "bench": ("bench", "what updates cost, against plain NumPy and other libraries"),
     "references": ("references", "check or make anew the reference recordings"),
 }
 

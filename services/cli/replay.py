@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -35,12 +36,13 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
 
 def run(options: argparse.Namespace) -> int:
     from services.recording.reader import read_recording
-    from services.scenario import override_resolved
+    from services.recording.scenario import recorded_scenario
 
     recording = read_recording(options.recording)
     if options.output is not None and options.output.exists():
         raise UsageError(f"{options.output}: the file exists; choose another name")
-    scenario = override_resolved(recording.header.scenario, options.overrides, str(options.recording))
+    scenario = recorded_scenario(recording, options.overrides)
+    _tell_changed_code(recording, scenario)
     if options.overrides and options.node is None:
         return _closed_loop(options, recording, scenario)
     if options.node is not None and options.node not in scenario.nodes:
@@ -48,6 +50,18 @@ def run(options: argparse.Namespace) -> int:
             f"{options.recording}: has no node {options.node!r}; its nodes are {', '.join(scenario.nodes)}"
         )
     return _each_alone(options, recording, scenario)
+
+
+def _tell_changed_code(recording: "Recording", scenario: "Scenario") -> None:
+    """Say which modules of the user's are not those that the recorded run was made with: differences may be theirs."""
+    recorded = json.loads(recording.header.scenario).get("user_code", {})
+    for module, digest in scenario.user_code.items():
+        if (then := recorded.get(module)) not in (None, digest):
+            print(
+                f"dynpf replay: the module {module} has changed since the run was recorded: its source is "
+                f"{digest[:12]}, and was {then[:12]}; what differs may be its doing",
+                file=sys.stderr,
+            )
 
 
 def _each_alone(options: argparse.Namespace, recording: "Recording", scenario: "Scenario") -> int:
@@ -68,10 +82,11 @@ def _each_alone(options: argparse.Namespace, recording: "Recording", scenario: "
 
 def _write(recording: "Recording", scenario: "Scenario", outcomes: Sequence["Replayed"], path: Path) -> None:
     from services.recorder.host import run_header
+    from services.recording.scenario import attachments_of
     from services.recording.writer import RecordingWriter
     from services.runners.replay import write_replayed
 
-    with RecordingWriter(path, run_header(scenario), recording.attachments) as writer:
+    with RecordingWriter(path, run_header(scenario), attachments_of(scenario, recording.attachments)) as writer:
         write_replayed(recording, outcomes, writer)
         whole = recording.end is not None and recording.end.complete
         writer.close(complete=whole, reason=f"replayed from {recording.path.name}")
@@ -108,10 +123,11 @@ def _closed_loop(options: argparse.Namespace, recording: "Recording", scenario: 
     def run_anew(path: Path) -> None:
         from services.played_log import log_records
         from services.recorder.host import run_header
+        from services.recording.scenario import attachments_of
         from services.recording.writer import RecordingWriter
         from services.runners.inline import run_inline
 
-        with RecordingWriter(path, run_header(scenario), recording.attachments) as writer:
+        with RecordingWriter(path, run_header(scenario), attachments_of(scenario, recording.attachments)) as writer:
             run_inline(scenario, log_records(recording), writer)
             writer.close(complete=True, reason=f"run anew from {recording.path.name}")
 

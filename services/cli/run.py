@@ -76,12 +76,14 @@ def _check_output(path: Path) -> None:
 def _run_inline(scenario: Scenario, path: Path, log: "PlayedLog | None") -> None:
     from services.member import StopSignal
     from services.recorder.host import run_header
+    from services.recording.scenario import attachments_of
     from services.recording.writer import RecordingWriter
     from services.runners.inline import run_inline
 
+    attachments = attachments_of(scenario, log.attachments if log else ())
     with (
         StopSignal.installed() as stop,
-        RecordingWriter(path, run_header(scenario), log.attachments if log else ()) as writer,
+        RecordingWriter(path, run_header(scenario), attachments) as writer,
     ):
         run_inline(scenario, log.records if log else [], writer, stopped=lambda: stop.requested)
         writer.close(complete=True, reason=stop.reason or "finished")

@@ -70,9 +70,11 @@ def _run(options: argparse.Namespace) -> int:
         elif options.name == "recorder":
             from services.cli.run import default_output
             from services.recorder.host import run_recorder
+            from services.recording.scenario import attachments_of
 
             path = options.output or default_output(Path(options.scenario).stem, scenario.seed)
-            end = run_recorder(scenario, options.connect, path, log.attachments if log else (), stop)
+            attachments = attachments_of(scenario, log.attachments if log else ())
+            end = run_recorder(scenario, options.connect, path, attachments, stop)
             if not options.quiet:
                 say("recorder", f"{path} is complete: {end.reason}")
         else:

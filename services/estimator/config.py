@@ -1,36 +1,106 @@
 """What a scenario says about the estimator, in the table ``[estimator]``; ``kind`` chooses which one runs; SI units."""
 
-from typing import Annotated, Literal
+from collections.abc import Iterator
+from typing import Annotated, Any
 
 import msgspec
 from msgspec import Meta
 
-from dynpf.filters.sir import SystematicParams
-from dynpf.filters.start import KnownStart
+from dynpf.filters.adaptation import AugmentedParams, KldParams, SensorResettingParams
+from dynpf.filters.extended import ExtendedKalmanParams
+from dynpf.filters.proposal import Auxiliary, LocalLinearization, Optimal, Prior
+from dynpf.filters.regularization import GaussianKernel
+from dynpf.filters.resampling import Multinomial, Residual, Stratified, Systematic
+from dynpf.filters.start import FromReadingsStart, KnownStart, UniformStart
+from dynpf.filters.unscented import UnscentedKalmanParams
+from dynpf.measurement.beam import BeamParams
+from dynpf.measurement.likelihood_field import LikelihoodFieldParams
+from dynpf.measurement.lines import PolarLinesParams
+from dynpf.measurement.position import GaussianPositionParams
 from dynpf.measurement.range_bearing import RangeBearingParams
+from dynpf.measurement.range_vector import RangeVectorParams
+from dynpf.measurement.unknown_landmarks import UnknownLandmarksParams
 from dynpf.motion.arcs import ArcsParams
 from dynpf.motion.calibration import CalibrationParams
+from dynpf.motion.capsule import CapsuleStepParams
+from dynpf.motion.linear import LinearGaussianParams
+from dynpf.motion.odometry import OdometryParams
+from dynpf.motion.velocity import VelocityParams
 
-__all__ = ["LocalizationConfig", "RearrangementConfig"]
+__all__ = ["LocalizationConfig", "RearrangementConfig", "SirParams", "UserComponent"]
+
 NonNegative = Annotated[float, Meta(ge=0.0)]
 Positive = Annotated[float, Meta(gt=0.0)]
 Ticks = Annotated[int, Meta(ge=1)]
 
 
+class UserComponent(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="package.module:Name"
+):
+    """A class of your own. All other keys of the table are its parameters; see "Your own components" above."""
+
+    # In a file, and in the text of a resolved scenario, ``kind`` is the name, and the parameters stand beside it.
+    name: str
+    parameters: dict[str, Any] = {}
+
+
+class SirParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="sir"):
+    """The particle filter: importance sampling and resampling, with the proposal and the rest given beside it."""
+
+    threads: Annotated[int, Meta(ge=1, le=64)] = 1  # that share the work on many particles; the results are the same
+
+
+FilterTable = SirParams | ExtendedKalmanParams | UnscentedKalmanParams | UserComponent
+MotionTable = ArcsParams | VelocityParams | OdometryParams | CapsuleStepParams | LinearGaussianParams | UserComponent
+MeasurementTable = (
+    RangeBearingParams
+    | UnknownLandmarksParams
+    | LikelihoodFieldParams
+    | BeamParams
+    | RangeVectorParams
+    | PolarLinesParams
+    | GaussianPositionParams
+    | UserComponent
+)
+ResamplingTable = Systematic | Stratified | Residual | Multinomial | UserComponent
+ProposalTable = Prior | Optimal | LocalLinearization | Auxiliary | UserComponent
+RegularizationTable = GaussianKernel | UserComponent
+AdaptationTable = KldParams | AugmentedParams | SensorResettingParams | UserComponent
+
+
 class LocalizationConfig(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="localization"
 ):
-    """A particle filter over the pose of a robot among known landmarks."""
+    """A filter over the pose of a robot in a known map, put together from components."""
 
-    filter: Literal["sir"] = "sir"
-    n: Annotated[int, Meta(ge=1, le=1_000_000)] = 1000
-    start: KnownStart = KnownStart()
+    filter: FilterTable = SirParams()
+    n: Annotated[int, Meta(ge=1, le=1_000_000)] = 1000  # particles
+    start: KnownStart | UniformStart | FromReadingsStart = KnownStart()
     # Seconds between an odometry message and the robot moving as it says.
     odometry_delay: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
-    motion: ArcsParams = ArcsParams()
-    calibration: CalibrationParams | None = None  # absent: odometry is taken as it comes
-    measurement: Annotated[tuple[RangeBearingParams, ...], Meta(min_length=1, max_length=1)] = (RangeBearingParams(),)
-    resampling: SystematicParams = SystematicParams()
+    scan_range_min: NonNegative = 0.0  # m; a range below it tells nothing
+    scan_range_max: Positive | None = None  # m, which a beam without return reads; absent: the simulated scanner's
+    motion: MotionTable = ArcsParams()
+    calibration: CalibrationParams | None = None  # for arcs; absent: odometry is taken as it comes
+    measurement: Annotated[tuple[MeasurementTable, ...], Meta(min_length=1, max_length=16)] = (RangeBearingParams(),)
+    resampling: ResamplingTable = Systematic()
+    proposal: ProposalTable = Prior()
+    regularization: RegularizationTable | None = None  # absent: survivors are copies of one another
+    # How many particles there are (one of these), and when some are drawn anew because the filter is lost (another).
+    adaptation: Annotated[tuple[AdaptationTable, ...], Meta(max_length=2)] = ()
+    restart: UniformStart | FromReadingsStart = UniformStart()  # where those begin that are drawn anew
+
+    @property
+    def user_classes(self) -> Iterator[tuple[str, str]]:
+        """The keys of the scenario that name a user's class, and the names."""
+        for field in self.__struct_fields__:
+            value = getattr(self, field)
+            if isinstance(value, UserComponent):
+                yield f"estimator.{field}.kind", value.name
+            elif isinstance(value, tuple):
+                for place, one in enumerate(value):
+                    if isinstance(one, UserComponent):
+                        yield f"estimator.{field}.{place}.kind", one.name
 
 
 class RearrangementConfig(

@@ -1,21 +1,17 @@
-"""Localization among known landmarks: odometry moves the particles, readings weigh them (LANDMARK)."""
+"""Localization in a known map: odometry moves the belief, readings of any sensors correct it."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from dynpf.filters.estimate import pose_estimate
-from dynpf.filters.resampling import effective_sample_size, systematic
-from dynpf.filters.sir import Cloud, Outcome, Sir, SystematicResampling
-from dynpf.filters.start import around
-from dynpf.maps.landmarks import LandmarkMap
-from dynpf.measurement.range_bearing import RangeBearing, RangeBearingReading
-from dynpf.motion.arcs import Arcs
-from dynpf.motion.calibration import CalibratedArcs
-from dynpf.motion.model import MotionModel, Twist
-from dynpf.rng import generator
-from dynpf.se2 import arc_displacement, compose
+from dynpf.filters.models import Models, Outcome
+from dynpf.filters.start import FromReadingsStart, KnownStart, pose_source, start_poses
+from dynpf.measurement.range_bearing import RangeBearingReadings
+from dynpf.measurement.scan import Scan
+from dynpf.motion.model import Twist
+from dynpf.rng import Stream
+from dynpf.se2 import FloatArray, arc_displacement, compose
 from protocol import frames
 from protocol.messages import (
     Estimate,
@@ -29,9 +25,15 @@ from protocol.messages import (
     planar_pose,
     timestamp,
 )
+from services.errors import ScenarioError
+from services.estimator.components import localizer_of, measurements_of, motion_of
 from services.estimator.config import LocalizationConfig
 from services.estimator.gaps import GAPS, gap_warning
+from services.estimator.localizers import Found
 from services.estimator.picture import draw_scene, robot_transform
+from services.estimator.readings import TOPICS, reading_of
+from services.estimator.user_components import Classes
+from services.maps import Maps
 from services.node import Output, Received, Result, State, Step
 from services.task import Landmark
 
@@ -43,6 +45,13 @@ SHOWN_PERIOD_NS = NANOSECONDS // 5
 SCENE_PERIOD_NS = NANOSECONDS
 
 
+class _Velocity(NamedTuple):
+    """The twist in force: m/s and rad/s."""
+
+    v: float
+    w: float
+
+
 class _TimedTwist(NamedTuple):
     """A twist that holds from ``from_ns`` on."""
 
@@ -52,15 +61,15 @@ class _TimedTwist(NamedTuple):
 
 
 class LocalizationEstimator:
-    """The estimator of a robot among landmarks.
+    """The estimator of a robot in a known map.
 
-    Inputs are taken in the order given. Each first brings the particles to its own stamp, under the twist that
-    holds then; one that comes after the particles have passed its stamp counts as if taken now, save odometry
-    that a newer one has overtaken, which is dropped. The start pose is that of the first input's stamp.
+    Inputs are taken in the order given. Each first brings the belief to its own stamp, under the twist that holds
+    then; one that comes after the belief has passed its stamp counts as if taken now, save odometry that a newer one
+    has overtaken, which is dropped. Readings of one instant correct the belief together. The start pose is that of the
+    first input's stamp. Raises ScenarioError where the components do not fit each other or the run.
     """
 
     name = "estimator"
-    reads = frozenset({"sensors/odometry", "sensors/landmarks", GAPS})
     writes = frozenset(
         {
             "estimator/state",
@@ -73,48 +82,82 @@ class LocalizationEstimator:
         }
     )
 
-    def __init__(self, *, config: LocalizationConfig, seed: int, landmarks: Sequence[Landmark]) -> None:
+    def __init__(
+        self,
+        *,
+        config: LocalizationConfig,
+        seed: int,
+        landmarks: Sequence[Landmark] = (),
+        maps: Maps,
+        classes: Classes,
+        scan_range_max: float | None = None,
+    ) -> None:
+        """Take the config, the run's maps and the user's classes by name; ``scan_range_max`` if the config has none."""
         self._seed = seed
         self._delay_ns = round(config.odometry_delay * NANOSECONDS)
         self._marks = tuple(landmarks)
-        self._landmarks = LandmarkMap((mark.id, mark.x, mark.y) for mark in landmarks)
-        self._filter = _compose_filter(config, self._landmarks)
-        rng = generator(seed, self.name, 0, "start")
-        self._cloud = self._filter.start(around(config.start, config.n, rng), rng)
-        self._reckoned = np.array([config.start.x, config.start.y, config.start.theta])
+        motion = motion_of(config, maps, classes)
+        measurements = measurements_of(config, maps, classes)
+        self._control = motion.control
+        self._localizer = localizer_of(config, motion.model, measurements, maps, classes)
+        self._start, self._count = config.start, config.n
+        self._grid, self._models = maps.grid, Models(motion.model, measurements)
+        self._kinds = {TOPICS[kind]: kind for kind in measurements}
+        self._known = maps.landmarks if RangeBearingReadings in measurements else None
+        range_max = config.scan_range_max or scan_range_max
+        if range_max is None and Scan in measurements:
+            raise ScenarioError(
+                "estimator.scan_range_max: missing; a scan does not tell what a beam without return reads"
+            )
+        self._scanner = {"range_min": config.scan_range_min, "range_max": range_max or np.inf}
+        self.reads = frozenset({"sensors/odometry", GAPS, *self._kinds})
+        # Of the step that is being taken; empty between steps.
+        self._number = 0
+        self._draws = 0
+        self._held: list[Twist] = []
+        self._pending: list[Any] = []
+        self._found: Found | None = None
+        self._belief: Any = None  # until there are readings to start from
+        self._reckoned: FloatArray | None = None
+        if isinstance(config.start, KnownStart):
+            self._reckoned = np.array([config.start.x, config.start.y, config.start.theta])
+        self._begin(())
         self._stamp_ns: int | None = None
-        self._twist = Twist(0.0, 0.0)
+        self._twist = _Velocity(0.0, 0.0)
         self._coming: list[_TimedTwist] = []
         self._newest_odometry_ns = -1
         self._shown_ns: int | None = None
         self._scene_ns: int | None = None
-        self._readings = {outcome.value: 0 for outcome in Outcome}
+        self._outcomes = {outcome.value: 0 for outcome in Outcome}
         self._unknown: list[int] = []
 
     def step(self, step: Step) -> Result:
         """Take the inputs in; answer with the estimate at the step's stamp, if there were any."""
         if not step.inputs:
             return Result()
-        motion = generator(self._seed, self.name, step.number, "motion")
-        choice = generator(self._seed, self.name, step.number, "resampling")
+        self._number, self._draws, self._found = step.number, 0, None
         logs: list[Output] = []
         for received in step.inputs:
-            self._advance(received.stamp_ns, motion)
+            self._advance(received.stamp_ns)
             match received.message:
-                case Odometry():
-                    self._take_odometry(received, received.message, motion)
-                case LandmarkReadings():
-                    logs += self._take_readings(received, received.message, choice)
-                case HostEvent():
-                    logs.append(gap_warning(received.message, step.stamp_ns))
-        self._advance(step.stamp_ns, motion)
-        return Result((*self._report(), *logs))
+                case Odometry() as odometry:
+                    self._take_odometry(received.stamp_ns, odometry)
+                case HostEvent() as gap:
+                    logs.append(gap_warning(gap, step.stamp_ns))
+                case LandmarkReadings(readings=readings):
+                    logs += self._unknown_landmarks(received, [one.landmark for one in readings])
+            if received.topic in self._kinds:
+                kind = self._kinds[received.topic]
+                self._pending.append(reading_of(received.message, kind, **self._scanner))
+        self._advance(step.stamp_ns)
+        self._correct()
+        self._predict()
+        return Result((*(self._report() if self._belief is not None else ()), *logs))
 
     def freeze(self) -> State:
-        """Return the particles, the twists in force and to come, dead reckoning, and what was reported."""
+        """Return the belief, the twists in force and to come, dead reckoning, and what was reported."""
         return {
-            "particles": self._cloud.particles,
-            "log_weights": self._cloud.log_weights,
+            "belief": None if self._belief is None else self._localizer.freeze(self._belief),
             "reckoned": self._reckoned,
             "stamp_ns": self._stamp_ns,
             "twist": list(self._twist),
@@ -122,69 +165,105 @@ class LocalizationEstimator:
             "newest_odometry_ns": self._newest_odometry_ns,
             "shown_ns": self._shown_ns,
             "scene_ns": self._scene_ns,
-            "readings": dict(self._readings),
+            "outcomes": dict(self._outcomes),
             "unknown": list(self._unknown),
         }
 
     def thaw(self, state: State) -> None:
         """Continue from what freeze returned."""
-        self._cloud = Cloud(np.array(state["particles"]), np.array(state["log_weights"]))
-        self._reckoned = np.array(state["reckoned"])
+        self._belief = None if state["belief"] is None else self._localizer.thaw(state["belief"])
+        self._reckoned = None if state["reckoned"] is None else np.array(state["reckoned"])
         self._stamp_ns = state["stamp_ns"]
-        self._twist = Twist(*state["twist"])
+        self._twist = _Velocity(*state["twist"])
         self._coming = [_TimedTwist(*twist) for twist in state["coming"]]
         self._newest_odometry_ns = state["newest_odometry_ns"]
         self._shown_ns = state["shown_ns"]
         self._scene_ns = state["scene_ns"]
-        self._readings = dict(state["readings"])
+        self._outcomes = dict(state["outcomes"])
         self._unknown = list(state["unknown"])
 
-    def _take_odometry(self, received: Received, odometry: Odometry, rng: np.random.Generator) -> None:
-        if received.stamp_ns < self._newest_odometry_ns:
-            return
-        self._newest_odometry_ns = received.stamp_ns
-        self._coming.append(_TimedTwist(received.stamp_ns + self._delay_ns, odometry.v, odometry.w))
-        self._advance(received.stamp_ns, rng)
-
-    def _take_readings(self, received: Received, message: LandmarkReadings, rng: np.random.Generator) -> list[Output]:
-        logs: list[Output] = []
-        for reading in message.readings:
-            if reading.landmark not in self._landmarks and reading.landmark not in self._unknown:
-                self._unknown.append(reading.landmark)
-                logs.append(self._unknown_landmark(received, reading.landmark))
-            self._cloud, outcome = self._filter.reweight(
-                self._cloud, RangeBearingReading(reading.landmark, reading.range, reading.bearing)
+    def _begin(self, readings: Sequence[Any]) -> None:
+        """Begin to believe; a start from readings waits until there are some."""
+        try:
+            if isinstance(self._start, FromReadingsStart) and not readings:
+                pose_source(self._start.base, grid=self._grid)  # tells now what would be missing then
+                return
+            poses = start_poses(
+                self._start,
+                self._count,
+                self._stream("start"),
+                grid=self._grid,
+                models=self._models,
+                readings=readings,
             )
-            self._readings[outcome.value] += 1
-        self._cloud = self._filter.resample(self._cloud, rng)
-        return logs
+        except ValueError as error:
+            raise ScenarioError(f"estimator.start: {error}") from error
+        self._belief = self._localizer.start(poses, self._stream("start"))
 
-    def _advance(self, stamp_ns: int, rng: np.random.Generator) -> None:
-        """Bring the particles to ``stamp_ns``, through every change of twist on the way."""
+    def _take_odometry(self, stamp_ns: int, odometry: Odometry) -> None:
+        if stamp_ns < self._newest_odometry_ns:
+            return
+        self._newest_odometry_ns = stamp_ns
+        self._coming.append(_TimedTwist(stamp_ns + self._delay_ns, odometry.v, odometry.w))
+        self._advance(stamp_ns)
+
+    def _advance(self, stamp_ns: int) -> None:
+        """Come to ``stamp_ns``, through every change of twist on the way."""
         if self._stamp_ns is None:
             self._stamp_ns = stamp_ns
         while self._coming and self._coming[0].from_ns <= max(stamp_ns, self._stamp_ns):
             change = self._coming.pop(0)
-            self._hold(change.from_ns, rng)
-            self._twist = Twist(change.v, change.w)
-        self._hold(stamp_ns, rng)
+            self._hold(change.from_ns)
+            self._twist = _Velocity(change.v, change.w)
+        self._hold(stamp_ns)
 
-    def _hold(self, stamp_ns: int, rng: np.random.Generator) -> None:
-        """Move the particles and dead reckoning up to ``stamp_ns`` under the twist in force."""
+    def _hold(self, stamp_ns: int) -> None:
+        """Let the twist in force hold up to ``stamp_ns``; readings that are pending belong to the time before."""
         assert self._stamp_ns is not None
         duration = (stamp_ns - self._stamp_ns) / NANOSECONDS
         if duration <= 0.0:
             return
-        self._cloud = self._filter.predict(self._cloud, self._twist, duration, rng)
-        arc = arc_displacement(self._twist.v * duration, self._twist.w * duration)
-        self._reckoned = compose(self._reckoned, arc)
+        self._correct()
+        v, w = self._twist
+        if self._held and self._held[-1][:2] == (v, w):
+            self._held[-1] = Twist(v, w, self._held[-1].duration + duration)
+        else:
+            self._held.append(Twist(v, w, duration))
+        if self._reckoned is not None:
+            self._reckoned = compose(self._reckoned, arc_displacement(v * duration, w * duration))
         self._stamp_ns = stamp_ns
+
+    def _correct(self) -> None:
+        """Let the belief follow the twists held, and correct it by the pending readings, if there are any."""
+        if not self._pending:
+            return
+        if self._belief is None:
+            self._begin(self._pending)
+            self._held, self._pending = [], []  # the start is made of these readings, and after the movement before
+            return
+        control = self._control(self._held.pop()) if self._held else None
+        self._predict()
+        self._belief, self._found = self._localizer.update(self._belief, control, self._pending, self._stream("update"))
+        for outcome in self._found.outcomes:
+            self._outcomes[outcome.value] += 1
+        self._pending = []
+
+    def _predict(self) -> None:
+        """Let the belief follow the twists held."""
+        for twist in self._held if self._belief is not None else ():
+            self._belief = self._localizer.predict(self._belief, self._control(twist), self._stream("predict"))
+            self._found = None
+        self._held = []
+
+    def _stream(self, purpose: str) -> Stream:
+        """Return the next stream of this step."""
+        self._draws += 1
+        return Stream.of(self._seed, self.name, self._number, purpose).part(self._draws)
 
     def _report(self) -> list[Output]:
         assert self._stamp_ns is not None
-        weights = self._cloud.weights
-        mean, covariance = pose_estimate(self._cloud.particles, weights)
-        x, y, theta = mean.tolist()
+        found = self._found or self._localizer.find(self._belief)
+        x, y, theta = found.estimate.mean.tolist()
         when = timestamp(self._stamp_ns)
         outputs = [
             Output(
@@ -193,52 +272,49 @@ class LocalizationEstimator:
                     x=x,
                     y=y,
                     theta=theta,
-                    covariance=tuple(covariance.ravel().tolist()),
-                    n_eff=effective_sample_size(weights),
+                    covariance=tuple(found.estimate.covariance.ravel().tolist()),
+                    n_eff=found.n_eff,
                 ),
             ),
             Output("estimator/pose", PoseInFrame(timestamp=when, frame_id=frames.MAP, pose=planar_pose(x, y, theta))),
-            Output(
-                "estimator/dead_reckoning",
-                PoseInFrame(timestamp=when, frame_id=frames.MAP, pose=planar_pose(*self._reckoned.tolist())),
-            ),
         ]
+        if self._reckoned is not None:
+            reckoned = PoseInFrame(timestamp=when, frame_id=frames.MAP, pose=planar_pose(*self._reckoned.tolist()))
+            outputs.append(Output("estimator/dead_reckoning", reckoned))
         if self._shown_ns is None or self._stamp_ns - self._shown_ns >= SHOWN_PERIOD_NS:
             self._shown_ns = self._stamp_ns
-            outputs.append(Output("estimator/particles", self._shown_particles(weights)))
+            outputs.append(Output("estimator/particles", self._shown_particles()))
             outputs.append(Output("estimator/transforms", robot_transform(x, y, theta, when)))
         if self._scene_ns is None or self._stamp_ns - self._scene_ns >= SCENE_PERIOD_NS:
             self._scene_ns = self._stamp_ns
             outputs.append(Output("estimator/scene", draw_scene(x, y, theta, self._marks, when)))
         return outputs
 
-    def _shown_particles(self, weights: np.ndarray[Any, np.dtype[np.float64]]) -> PosesInFrame:
+    def _shown_particles(self) -> PosesInFrame:
         assert self._stamp_ns is not None
-        # Chosen by weight, not by place, so that what is looked at is the posterior.
-        chosen = systematic(weights, 0.5, min(SHOWN_PARTICLES, weights.size))
-        poses = self._cloud.particles[:3, chosen].T.tolist()
+        poses = self._localizer.shown(self._belief, SHOWN_PARTICLES).T.tolist()
         return PosesInFrame(
             timestamp=timestamp(self._stamp_ns),
             frame_id=frames.MAP,
             poses=tuple(planar_pose(x, y, theta) for x, y, theta in poses),
         )
 
-    def _unknown_landmark(self, received: Received, landmark: int) -> Output:
-        message = f"{received.topic}: landmark {landmark} is not in the map; its readings are left out"
+    def _unknown_landmarks(self, received: Received, landmarks: Sequence[int]) -> list[Output]:
+        """Return a warning for each landmark that is not in the map, the first time that it is seen."""
+        if self._known is None:
+            return []
+        new = [one for one in dict.fromkeys(landmarks) if one not in self._known and one not in self._unknown]
+        self._unknown += new
         when = timestamp(received.stamp_ns)
-        return Output("log", Log(timestamp=when, level=LogLevel.WARNING, message=message, name=self.name))
-
-
-def _compose_filter(config: LocalizationConfig, landmarks: LandmarkMap) -> Sir:
-    (range_bearing,) = config.measurement
-    return Sir(
-        _motion_model(config),
-        {RangeBearingReading: RangeBearing(range_bearing, landmarks)},
-        SystematicResampling(config.resampling),
-    )
-
-
-def _motion_model(config: LocalizationConfig) -> MotionModel:
-    if config.calibration is None:
-        return Arcs(config.motion)
-    return CalibratedArcs(config.motion, config.calibration)
+        return [
+            Output(
+                "log",
+                Log(
+                    timestamp=when,
+                    level=LogLevel.WARNING,
+                    message=f"{received.topic}: landmark {landmark} is not in the map; its readings are left out",
+                    name=self.name,
+                ),
+            )
+            for landmark in new
+        ]

@@ -14,16 +14,14 @@ from numpy.typing import NDArray
 
 from dynpf.filters import kalman
 from dynpf.filters.association import associate
-from dynpf.filters.optimal import (
-    Particles,
-    draw_initial,
-    mean_and_covariance,
-    propagate,
-    resample_if_needed,
-    update,
-)
-from dynpf.filters.resampling import effective_sample_size
-from dynpf.rng import generator
+from dynpf.filters.cloud import Cloud, uniform_cloud
+from dynpf.filters.estimate import mean_and_covariance
+from dynpf.filters.particle import ParticleFilter
+from dynpf.filters.proposal import Optimal
+from dynpf.filters.resampling import Systematic
+from dynpf.measurement.linear import LinearMeasurement, Observation
+from dynpf.motion.linear import LinearGaussian, LinearGaussianParams
+from dynpf.rng import Stream
 from protocol import frames
 from protocol.messages import (
     Command,
@@ -64,7 +62,7 @@ class RearrangementEstimator:
         self._tick_s = tick_s
         count = len(task.parts)
         self._radii = np.concatenate([[task.robot_radius], self._layout.radii])
-        self._particles: Particles | None = None
+        self._cloud: Cloud | None = None
         self._parts = np.zeros((count, 2))
         self._variances = np.full(count, config.prior_variance)
         expected = [config.robot_grey, *[config.part_grey] * count]
@@ -98,15 +96,13 @@ class RearrangementEstimator:
         elapsed_s = 0.0 if self._stamp_ns < 0 else max(step.stamp_ns - self._stamp_ns, 0) / 1e9
         self._stamp_ns = step.stamp_ns
         self._filter(detections, elapsed_s, step.number)
-        if self._particles is None or not self._located.all():
+        if self._cloud is None or not self._located.all():
             return Result(tuple(logs))
-        return Result((*self._outputs(self._particles, step), *logs))
+        return Result((*self._outputs(self._cloud, step), *logs))
 
     def freeze(self) -> State:
-        particles = self._particles
         return {
-            "states": None if particles is None else particles.states,
-            "weights": None if particles is None else particles.weights,
+            "cloud": None if self._cloud is None else list(self._cloud),
             "parts": self._parts.copy(),
             "variances": self._variances.copy(),
             "greys": self._greys.copy(),
@@ -123,8 +119,7 @@ class RearrangementEstimator:
         }
 
     def thaw(self, state: State) -> None:
-        states, weights = state["states"], state["weights"]
-        self._particles = None if states is None else Particles(states.copy(), weights.copy())
+        self._cloud = None if state["cloud"] is None else Cloud(*state["cloud"])
         self._parts, self._variances = state["parts"].copy(), state["variances"].copy()
         self._greys, self._missed = state["greys"].copy(), state["missed"].copy()
         self._seen, self._located = state["seen"].copy(), state["located"].copy()
@@ -147,10 +142,10 @@ class RearrangementEstimator:
         self._seen = matches[1:] >= 0
         if detections is not None:
             self._remember(matches, measured)
-        self._update_robot(matches, measured, motion, generator(self._seed, self.name, number, "robot"))
+        self._update_robot(matches, measured, motion, Stream.of(self._seed, self.name, number, "robot"))
         for part in range(len(self._parts)):
-            if part == self._held and self._particles is not None:
-                self._carry(part, self._particles)
+            if part == self._held and self._cloud is not None:
+                self._carry(part, self._cloud)
             elif self._seen[part]:
                 self._update_part(part, measured.centres[matches[part + 1]])
 
@@ -158,8 +153,8 @@ class RearrangementEstimator:
         """Return where each object is expected, (p + 1, 2), and the variance of each coordinate, (p + 1,)."""
         predicted = np.vstack([np.zeros(2), self._parts])
         variances = np.concatenate([[self._config.prior_variance], self._variances])
-        if self._particles is not None:
-            mean, covariance = mean_and_covariance(self._particles)
+        if self._cloud is not None:
+            mean, covariance = mean_and_covariance(self._cloud.particles, self._cloud.weights)
             predicted[ROBOT] = mean + motion.shift
             variances[ROBOT] = covariance.trace() / 2.0 + motion.variance
             if self._held >= 0:
@@ -197,39 +192,43 @@ class RearrangementEstimator:
         forgotten = self._missed >= self._config.lost_after
         self._variances = np.where(forgotten[1:], self._config.prior_variance, self._variances)
         if forgotten[ROBOT]:
-            self._particles = None  # the next detection starts the filter anew
+            self._cloud = None  # the next detection starts the filter anew
 
     def _update_robot(
-        self, matches: NDArray[np.intp], measured: "_Measured", motion: "_Motion", random: np.random.Generator
+        self, matches: NDArray[np.intp], measured: "_Measured", motion: "_Motion", stream: Stream
     ) -> None:
-        """Take one step of the robot's filter with the mean of what was seen of the robot and of the held part."""
+        """Take one step of the robot's filter with what was seen of the robot and of the held part."""
         positions = [measured.centres[matches[ROBOT]]] if matches[ROBOT] >= 0 else []
         if self._held >= 0 and matches[self._held + 1] >= 0:
             positions.append(measured.centres[matches[self._held + 1]] - self._grip_offset(self._held))
-        process = np.eye(2) * motion.variance
-        if not positions:
-            if self._particles is not None:
-                self._particles = propagate(self._particles, self._particles.states + motion.shift, process, random)
+        if self._cloud is None:
+            if positions:
+                self._cloud = self._begin(np.mean(positions, axis=0), len(positions), stream)
+                self._n_eff = float(self._config.n)
             return
-        measurement = np.mean(positions, axis=0)
-        noise = np.eye(2) * (self._config.measurement_variance / len(positions))
-        if self._particles is None:
-            self._particles = draw_initial(measurement, noise, self._config.n, random)
-            self._n_eff = float(self._config.n)
-            return
-        particles, _ = update(
-            self._particles,
-            self._particles.states + motion.shift,
-            process,
-            measurement=measurement,
-            measurement_covariance=noise,
-            random=random,
-        )
-        self._n_eff = effective_sample_size(particles.weights)
-        self._particles = resample_if_needed(particles, self._config.resampling_threshold, random.random())
+        readings = [Observation(position) for position in positions]
+        self._cloud, report = self._robot_filter(motion.variance).update(self._cloud, motion.shift, readings, stream)
+        self._n_eff = report.n_eff
 
-    def _carry(self, part: int, particles: Particles) -> None:
-        mean, covariance = mean_and_covariance(particles)
+    def _begin(self, position: FloatArray, count: int, stream: Stream) -> Cloud:
+        """Return draws from what ``count`` measurements tell of the robot (PARTS table 3.1, step 1)."""
+        sigma = math.sqrt(self._config.measurement_variance / count)
+        return uniform_cloud(position[:, None] + sigma * stream.normals(2, self._config.n).astype(np.float64))
+
+    def _robot_filter(self, variance: float) -> ParticleFilter[tuple[FloatArray, FloatArray]]:
+        """Return the filter for a step whose motion has this variance: that depends on the time it took."""
+        identity = ((1.0, 0.0), (0.0, 1.0))
+        process = ((variance, 0.0), (0.0, variance))
+        return ParticleFilter(
+            LinearGaussian(LinearGaussianParams(transition=identity, noise=process, input=identity)),
+            {Observation: LinearMeasurement(np.eye(2), np.eye(2) * self._config.measurement_variance)},
+            proposal=Optimal(),
+            resampling=Systematic(threshold=self._config.resampling_threshold),
+            estimate=mean_and_covariance,
+        )
+
+    def _carry(self, part: int, cloud: Cloud) -> None:
+        mean, covariance = mean_and_covariance(cloud.particles, cloud.weights)
         self._parts[part] = mean + self._grip_offset(part)
         self._variances[part] = covariance.trace() / 2.0
 
@@ -246,8 +245,8 @@ class RearrangementEstimator:
     def _grip_offset(self, part: int) -> FloatArray:
         return self._layout.held_position(np.array([0.0, 0.0, self._theta]), part)
 
-    def _outputs(self, particles: Particles, step: Step) -> tuple[Output, ...]:
-        mean, covariance = mean_and_covariance(particles)
+    def _outputs(self, cloud: Cloud, step: Step) -> tuple[Output, ...]:
+        mean, covariance = mean_and_covariance(cloud.particles, cloud.weights)
         full = np.zeros((3, 3))
         full[:2, :2] = covariance
         full[2, 2] = self._config.encoder_variance
@@ -272,10 +271,10 @@ class RearrangementEstimator:
         outputs = [Output("estimator/state", estimate), Output("estimator/pose", pose)]
         if self._cloud_ns < 0 or step.stamp_ns - self._cloud_ns >= round(self._config.particle_period_s * 1e9):
             self._cloud_ns = step.stamp_ns
-            shown = particles.states[:: math.ceil(len(particles.states) / 200)].tolist()
+            shown = cloud.particles[:, :: math.ceil(cloud.weights.size / 200)].T.tolist()
             poses = tuple(planar_pose(px, py, self._theta) for px, py in shown)
-            cloud = PosesInFrame(timestamp=stamp, frame_id=frames.MAP, poses=poses)
-            outputs.append(Output("estimator/particles", cloud))
+            shown_cloud = PosesInFrame(timestamp=stamp, frame_id=frames.MAP, poses=poses)
+            outputs.append(Output("estimator/particles", shown_cloud))
             outputs.append(Output("estimator/transforms", robot_transform(x, y, self._theta, stamp)))
         return tuple(outputs)
 

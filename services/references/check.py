@@ -14,11 +14,11 @@ from services.recording.diff import Difference, diff
 from services.recording.digest import Key, content_digest, leaves
 from services.recording.provenance import collect
 from services.recording.reader import Recording, read_recording
+from services.recording.scenario import recorded_scenario
 from services.references.runs import has_data, resolve, run_anew
 from services.references.table import CHECKOUT, Entry, Made, made_by, recording_file
 from services.references.tolerance import Said, first_beyond, read_tolerances
 from services.runners.replay import Mismatch, Replayed, replay_node
-from services.scenario import override_resolved
 
 __all__ = ["FILE", "RUN", "Finding", "check_part", "parts", "same_platform"]
 
@@ -75,7 +75,7 @@ def _check_file(entry: Entry, made: Made, checkout: Path) -> Finding:
 
 def _check_node(entry: Entry, node: str, checkout: Path) -> Finding:
     recording = _read(entry, checkout)
-    scenario = override_resolved(recording.header.scenario, (), str(recording.path))
+    scenario = recorded_scenario(recording)
     exact = same_platform(entry)
     fresh = build_node(scenario, node)
     replayed = replay_node(recording, fresh, scenario.state_digest_ticks, keep=not exact)

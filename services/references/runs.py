@@ -11,6 +11,7 @@ from services.played_log import PlayedLog
 from services.recorder.host import run_header
 from services.recording.provenance import code_digest
 from services.recording.reader import Recording, read_recording
+from services.recording.scenario import attachments_of
 from services.recording.writer import RecordingWriter
 from services.references.table import Entry
 from services.runners.bus import run_on_bus
@@ -45,7 +46,8 @@ def run_anew(checkout: Path, entry: Entry, path: Path) -> Recording:
         with StopSignal.installed() as stop:
             run_on_bus(scenario, path, None, stop)
     else:
-        with RecordingWriter(path, run_header(scenario), log.attachments if log else ()) as writer:
+        attachments = attachments_of(scenario, log.attachments if log else ())
+        with RecordingWriter(path, run_header(scenario), attachments) as writer:
             run_inline(scenario, log.records if log else [], writer)
             writer.close(complete=True, reason="finished")
     recording = read_recording(path)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from services.errors import BROKEN_OFF, RunError
 from services.member import StopSignal, say
-from services.scenario import Scenario, resolved_json
+from services.scenario import Scenario, whole_json
 
 __all__ = ["free_port", "run_on_bus"]
 
@@ -32,7 +32,7 @@ def run_on_bus(scenario: Scenario, path: Path, log: Path | None, stop: StopSigna
     """
     with tempfile.TemporaryDirectory(prefix="dynpf-") as folder:
         resolved = Path(folder) / "scenario.json"
-        resolved.write_text(resolved_json(scenario), encoding="utf-8")
+        resolved.write_text(whole_json(scenario), encoding="utf-8")
         endpoint = f"tcp/127.0.0.1:{free_port()}"
         with _processes(scenario, resolved, endpoint, path, log) as processes:
             _watch(processes, stop)

@@ -9,9 +9,11 @@ from msgspec import Meta
 __all__ = [
     "GripperSensor",
     "LandmarkSensor",
+    "LineSensor",
     "LogSensorsConfig",
     "OdometrySensor",
     "OverheadSensor",
+    "PositionSensor",
     "ScanSensor",
     "SensorsConfig",
     "SimulatedSensorsConfig",
@@ -57,13 +59,39 @@ class LandmarkSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 
 
 class ScanSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Ranges from the robot's centre to parts and walls, on beams spread evenly over the field of view."""
+    """Ranges from the robot's centre to parts and walls, on beams spread evenly over the field of view.
+
+    The walls are those given here, else the map's, else the rectangle of the task's workspace.
+    """
 
     beams: Annotated[int, Meta(ge=2, le=100_000)] = 60
     field_of_view: FieldOfView = 3 * math.pi / 2  # rad, first to last beam, centred on the heading
     range_max: Positive = 4.0  # m; also the reading of a beam without return
     range_std: NonNegative = 0.01  # m
-    walls: tuple[tuple[float, float, float, float], ...] = ()  # x1, y1, x2, y2; none: the workspace's rectangle
+    walls: tuple[tuple[float, float, float, float], ...] = ()  # x1, y1, x2, y2 in m
+    every: Every = 1
+
+
+class LineSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What line extraction makes of the walls in view: the parts of the map's segments that nothing hides.
+
+    As in a scan, beams find them; a part that fewer than ``min_beams`` meet is not found.
+    """
+
+    beams: Annotated[int, Meta(ge=2, le=100_000)] = 181
+    min_beams: Annotated[int, Meta(ge=2)] = 5
+    field_of_view: FieldOfView = math.pi  # rad, first to last beam, centred on the heading
+    max_range: Positive = 4.0  # m
+    min_length: NonNegative = 0.2  # m; a shorter part is not found
+    rho_std: NonNegative = 0.02  # m, of the line's distance
+    alpha_std: NonNegative = 0.01  # rad, of its direction
+    every: Every = 1
+
+
+class PositionSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The robot's position in the map, with the same Gaussian noise on both coordinates."""
+
+    std: NonNegative = 0.1  # m
     every: Every = 1
 
 
@@ -92,6 +120,8 @@ class SimulatedSensorsConfig(
     gripper: GripperSensor | None = None
     landmarks: LandmarkSensor | None = None
     scan: ScanSensor | None = None
+    lines: LineSensor | None = None
+    position: PositionSensor | None = None
     overhead: OverheadSensor | None = None
 
 

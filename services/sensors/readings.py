@@ -1,6 +1,7 @@
 """What each simulated sensor reads in a given true state: one pure function a sensor, its random stream an argument."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,16 +15,42 @@ from protocol.messages import (
     LandmarkReading,
     LandmarkReadings,
     LaserScan,
+    LineReading,
+    LineReadings,
     Odometry,
     PartsState,
+    PositionFix,
     RobotState,
     planar_pose,
     timestamp,
 )
-from services.sensors.config import GripperSensor, LandmarkSensor, OdometrySensor, OverheadSensor, ScanSensor
+from services.sensors.config import (
+    GripperSensor,
+    LandmarkSensor,
+    LineSensor,
+    OdometrySensor,
+    OverheadSensor,
+    PositionSensor,
+    ScanSensor,
+)
 from services.task import Landmark, RearrangementTask
 
-__all__ = ["read_gripper", "read_landmarks", "read_odometry", "read_overhead", "read_scan", "rectangle"]
+__all__ = [
+    "Floats",
+    "Rays",
+    "read_gripper",
+    "read_landmarks",
+    "read_lines",
+    "read_odometry",
+    "read_overhead",
+    "read_position",
+    "read_scan",
+    "rectangle",
+]
+
+Floats = NDArray[np.float64]
+Rays = Callable[[Floats, Floats], Floats]
+"""Distances (B,) from an origin (2,) along angles (B,) of the map frame to the nearest wall, infinite without one."""
 
 
 def read_odometry(sensor: OdometrySensor, robot: RobotState, rng: np.random.Generator) -> Odometry:
@@ -73,16 +100,16 @@ def read_scan(
     sensor: ScanSensor,
     robot: RobotState,
     parts: PartsState | None,
-    walls: NDArray[np.float64],
+    walls: Rays,
     *,
     stamp_ns: int,
     rng: np.random.Generator,
 ) -> LaserScan:
-    """``walls`` is (S, 4). A beam that meets nothing within range_max reads range_max, without noise."""
+    """A beam that meets nothing within range_max reads range_max, without noise."""
     half = sensor.field_of_view / 2
     angles = robot.theta + np.linspace(-half, half, sensor.beams)
     origin = np.array([robot.x, robot.y])
-    ranges = ray_segments(origin, angles, walls)
+    ranges = walls(origin, angles)
     if parts is not None and parts.parts:
         discs = np.array([(part.x, part.y, part.radius) for part in parts.parts])
         ranges = np.minimum(ranges, ray_discs(origin, angles, discs))
@@ -97,6 +124,40 @@ def read_scan(
         end_angle=half,
         ranges=tuple(ranges.tolist()),
     )
+
+
+def read_lines(sensor: LineSensor, robot: RobotState, walls: Floats, rng: np.random.Generator) -> LineReadings:
+    """``walls`` is (S, 4). Every wall takes its own draws; of one that something hides in part each part is a line."""
+    noise = rng.standard_normal((len(walls), 2)) * (sensor.rho_std, sensor.alpha_std)
+    half = sensor.field_of_view / 2
+    angles = np.linspace(-half, half, sensor.beams)
+    origin = np.array([robot.x, robot.y])
+    ranges = np.stack([ray_segments(origin, robot.theta + angles, wall[None]) for wall in walls])
+    nearest = np.argmin(ranges, axis=0)
+    distance = ranges[nearest, np.arange(sensor.beams)]
+    met = np.where(distance < sensor.max_range, nearest, -1)
+    changes = np.flatnonzero(np.diff(met)) + 1
+    readings = []
+    for beams in np.split(np.arange(sensor.beams), changes):
+        wall, first, last = int(met[beams[0]]), beams[0], beams[-1]
+        if wall < 0 or len(beams) < sensor.min_beams:
+            continue
+        ends = distance[[first, last]] * np.array([np.cos(angles[[first, last]]), np.sin(angles[[first, last]])])
+        (dx, dy), (x, y) = ends[:, 1] - ends[:, 0], ends[:, 0]
+        length = math.hypot(dx, dy)
+        if length < max(sensor.min_length, 1e-9):
+            continue
+        rho = (x * dy - y * dx) / length + noise[wall, 0]
+        alpha = math.atan2(-dx, dy) + noise[wall, 1]
+        if rho < 0.0:
+            rho, alpha = -rho, alpha + math.pi
+        readings.append(LineReading(rho=float(rho), alpha=math.remainder(alpha, math.tau), length=length))
+    return LineReadings(readings=tuple(readings[:256]))
+
+
+def read_position(sensor: PositionSensor, robot: RobotState, rng: np.random.Generator) -> PositionFix:
+    noise_x, noise_y = (sensor.std * rng.standard_normal(2)).tolist()
+    return PositionFix(x=robot.x + noise_x, y=robot.y + noise_y)
 
 
 def read_overhead(
@@ -137,7 +198,7 @@ def _clutter(
     return [Detection(x=x[i], y=y[i], radius=true[like[i]][2], grey=true[like[i]][3]) for i in range(count)]
 
 
-def rectangle(width: float, height: float) -> NDArray[np.float64]:
+def rectangle(width: float, height: float) -> Floats:
     """Return the four walls (4, 4) of a rectangle centred at the origin, as x1, y1, x2, y2; metres."""
     x, y = width / 2, height / 2
     return np.array([(-x, -y, x, -y), (x, -y, x, y), (x, y, -x, y), (-x, y, -x, -y)])

@@ -4,18 +4,24 @@ from collections.abc import Callable
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from dynpf.maps.raycast import RayCaster
+from dynpf.measurement.ray import ray_segments
 from dynpf.rng import generator
 from protocol.messages import Message, PartsState, RobotState
 from services.errors import ScenarioError
+from services.maps import NO_MAPS, Maps
 from services.node import Output, Result, State, Step
 from services.sensors.config import ScanSensor, SimulatedSensorsConfig
 from services.sensors.readings import (
+    Floats,
+    Rays,
     read_gripper,
     read_landmarks,
+    read_lines,
     read_odometry,
     read_overhead,
+    read_position,
     read_scan,
     rectangle,
 )
@@ -23,14 +29,12 @@ from services.task import Landmark, RearrangementTask
 
 __all__ = ["SimulatedSensors"]
 
-Walls = NDArray[np.float64]
-
 
 class SimulatedSensors:
     """Sensor publisher fed by the simulator's truth.
 
     Speaks only when a newer truth/robot came. A sensor's ``every`` counts true states, so that it holds under either
-    clock. Raises ScenarioError for a sensor whose facts (task, landmarks, walls) the run does not have.
+    clock. Raises ScenarioError for a sensor whose facts (task, landmarks, walls, map) the run does not have.
     """
 
     name = "sensors"
@@ -43,16 +47,20 @@ class SimulatedSensors:
         tick_s: float,  # noqa: ARG002 - every node is given it
         task: RearrangementTask | None = None,
         landmarks: tuple[Landmark, ...] = (),
+        maps: Maps = NO_MAPS,
     ) -> None:
         if task is None and (config.gripper is not None or config.overhead is not None):
             raise ScenarioError("sensors.gripper and sensors.overhead need a rearrangement task; this run has none")
         if config.landmarks is not None and not landmarks:
             raise ScenarioError("sensors.landmarks needs landmarks; this run has none")
+        if config.lines is not None and maps.segments is None:
+            raise ScenarioError("sensors.lines needs a map of segments; this run has none")
         self.config = config
         self.seed = seed
         self.task = task
         self.landmarks = landmarks
-        self._walls = _walls(config.scan, task)
+        self._rays = _rays(config.scan, task, maps)
+        self._segments = np.empty((0, 4)) if maps.segments is None else maps.segments.segments
         self._robot: RobotState | None = None
         self._parts: PartsState | None = None
         self._robot_stamp_ns = -1
@@ -65,7 +73,7 @@ class SimulatedSensors:
 
     @property
     def writes(self) -> frozenset[str]:
-        sensors = ("odometry", "gripper", "landmarks", "scan", "overhead")
+        sensors = ("odometry", "gripper", "landmarks", "scan", "lines", "position", "overhead")
         return frozenset(f"sensors/{name}" for name in sensors if getattr(self.config, name) is not None)
 
     def step(self, step: Step) -> Result:
@@ -106,8 +114,12 @@ class SimulatedSensors:
             publish(
                 "scan",
                 scan.every,
-                lambda rng: read_scan(scan, robot, parts, self._walls, stamp_ns=step.stamp_ns, rng=rng),
+                lambda rng: read_scan(scan, robot, parts, self._rays, stamp_ns=step.stamp_ns, rng=rng),
             )
+        if (lines := config.lines) is not None:
+            publish("lines", lines.every, lambda rng: read_lines(lines, robot, self._segments, rng))
+        if (position := config.position) is not None:
+            publish("position", position.every, lambda rng: read_position(position, robot, rng))
         if (gripper := config.gripper) is not None and parts is not None and task is not None:
             publish("gripper", gripper.every, lambda rng: read_gripper(gripper, robot, parts, task, rng))
         return outputs
@@ -129,13 +141,30 @@ class SimulatedSensors:
         self._states = state["states"]
 
 
-def _walls(scan: ScanSensor | None, task: RearrangementTask | None) -> Walls:
+def _rays(scan: ScanSensor | None, task: RearrangementTask | None, maps: Maps) -> Rays:
+    """Return how far a scan's beams go: to its own walls, else to the map's, else to the border of the workspace."""
     if scan is None:
-        return np.empty((0, 4))
+        return _to_segments(np.empty((0, 4)))
     if scan.walls:
-        return np.array(scan.walls, dtype=np.float64)
-    if task is None:
-        raise ScenarioError(
-            "sensors.scan needs walls, or a rearrangement task with its workspace; this run has neither"
-        )
-    return rectangle(task.width, task.height)
+        return _to_segments(np.array(scan.walls, dtype=np.float64))
+    if maps.segments is not None:
+        return _to_segments(maps.segments.segments)
+    if maps.grid is not None:
+        return _to_cells(RayCaster(maps.grid), scan.range_max)
+    if task is not None:
+        return _to_segments(rectangle(task.width, task.height))
+    raise ScenarioError(
+        "sensors.scan needs walls, a map, or a rearrangement task with its workspace; this run has none of them"
+    )
+
+
+def _to_segments(walls: Floats) -> Rays:
+    return lambda origin, angles: ray_segments(origin, angles, walls)
+
+
+def _to_cells(caster: RayCaster, range_max: float) -> Rays:
+    def rays(origin: Floats, angles: Floats) -> Floats:
+        x, y = np.broadcast_to(origin.astype(np.float32)[:, None], (2, angles.size)).copy()
+        return caster.ranges(x, y, angles.astype(np.float32), range_max).astype(np.float64)
+
+    return rays

@@ -27,14 +27,14 @@ class WorkspaceConfig(
 
 
 class RoomConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="room"):
-    """A unicycle robot in a rectangular room centred at the origin.
+    """A unicycle robot in a room: within the walls of the run's map, or else in a rectangle centred at the origin.
 
     ``alpha`` are the six error parameters of the velocity motion model (INDOOR): the true speed and turning rate differ
     from the commanded ones with variance alpha1 v^2 + alpha2 w^2 and alpha3 v^2 + alpha4 w^2, and the robot turns on
     the spot besides at a rate of variance alpha5 v^2 + alpha6 w^2.
     """
 
-    width: Positive = 6.0  # m
+    width: Positive = 6.0  # m; of the rectangle, where there is no map
     height: Positive = 4.0  # m
     robot_radius: Positive = 0.15  # m
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, m, rad

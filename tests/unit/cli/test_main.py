@@ -7,7 +7,7 @@ from services.cli.main import main
 from services.errors import RunError, StepError, UsageError
 
 COMMANDS = ["list", "run", "service", "health", "replay", "play", "diff", "info", "doctor", "recover"]
-COMMANDS += ["metrics", "import", "export"]
+COMMANDS += ["metrics", "import", "export", "bench"]
 
 
 def fail(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:

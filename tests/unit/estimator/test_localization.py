@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from dynpf.maps.landmarks import LandmarkMap
 from dynpf.metrics.trajectory import Trajectory, TrajectoryScore, pose_errors, score, thin
 from dynpf.motion import ArcsParams, CalibrationParams
 from protocol.codec import encode
@@ -23,6 +24,7 @@ from protocol.messages import (
 )
 from services.estimator.config import LocalizationConfig
 from services.estimator.localization import LocalizationEstimator
+from services.maps import Maps
 from services.node import Output, Received, Step, decode_state, encode_state
 from services.task import Landmark
 
@@ -70,7 +72,12 @@ def drive(duration_s: float = 4.0) -> list[Step]:
 
 def node(seed: int = 1, **settings: object) -> LocalizationEstimator:
     config = msgspec.structs.replace(LocalizationConfig(n=300, calibration=CalibrationParams()), **settings)
-    return LocalizationEstimator(config=config, seed=seed, landmarks=LANDMARKS)
+    return built(config, seed, LANDMARKS)
+
+
+def built(config: LocalizationConfig, seed: int, landmarks: tuple[Landmark, ...]) -> LocalizationEstimator:
+    maps = Maps(landmarks=LandmarkMap((mark.id, mark.x, mark.y) for mark in landmarks))
+    return LocalizationEstimator(config=config, seed=seed, landmarks=landmarks, maps=maps, classes={})
 
 
 def payloads(outputs: tuple[Output, ...]) -> list[tuple[str, bytes]]:
@@ -144,7 +151,7 @@ def test_odometry_takes_effect_after_its_delay(delay: float, travelled: float) -
     reckoned = next(output.message for output in outputs if output.topic == "estimator/dead_reckoning")
     assert isinstance(reckoned, PoseInFrame)
     assert reckoned.pose.position.x == pytest.approx(travelled)
-    estimator_spread = np.ptp(estimator.freeze()["particles"][0])
+    estimator_spread = np.ptp(estimator.freeze()["belief"]["particles"][0])
     assert estimator_spread > 0.0
 
 
@@ -179,7 +186,7 @@ def test_an_unknown_landmark_is_reported_once_and_left_out() -> None:
     again = estimator.step(Step(1, 1, 0, (received(0.0, strange),))).outputs
     assert [output.topic for output in first].count("log") == 1
     assert [output.topic for output in again].count("log") == 0
-    assert estimator.freeze()["readings"] == {"used": 0, "refused": 2, "impossible": 0}
+    assert estimator.freeze()["outcomes"] == {"used": 0, "refused": 2, "impossible": 0}
 
 
 def test_the_configuration_names_value_and_range() -> None:
@@ -187,9 +194,9 @@ def test_the_configuration_names_value_and_range() -> None:
     assert msgspec.convert(good, LocalizationConfig).measurement[0].gate == 9.0
     for bad, words in (
         ({"n": 0}, "int` >= 1 - at `$.n`"),
-        ({"motion": {"along_variance_per_m": -0.1}}, ">= 0.0 - at `$.motion.along_variance_per_m`"),
-        ({"resampling": {"threshold": 1.5}}, "<= 1.0 - at `$.resampling.threshold`"),
-        ({"measurement": [{"kind": "beam"}]}, "beam"),
+        ({"motion": {"kind": "arcs", "along_variance_per_m": -0.1}}, ">= 0.0 - at `$.motion.along_variance_per_m`"),
+        ({"resampling": {"kind": "systematic", "threshold": 1.5}}, "<= 1.0 - at `$.resampling.threshold`"),
+        ({"measurement": [{"kind": "beem"}]}, "beem"),
         ({"odometry_dely": 0.1}, "odometry_dely"),
     ):
         with pytest.raises(msgspec.ValidationError) as refusal:
@@ -225,7 +232,7 @@ def play(with_readings: bool) -> tuple[TrajectoryScore, TrajectoryScore]:
     x, y, theta = (-pose_errors(first, truth).errors[:, 0]).tolist()
     config = LocalizationConfig(odometry_delay=0.15, calibration=CalibrationParams())
     config = msgspec.structs.replace(config, start=msgspec.structs.replace(config.start, x=x, y=y, theta=theta))
-    estimator = LocalizationEstimator(config=config, seed=1, landmarks=landmarks)
+    estimator = built(config, 1, landmarks)
     stamps, estimates, reckonings = [], [], []
     for number, (time, message) in enumerate(records):
         one = received(time, message)

@@ -54,6 +54,9 @@ class LinearReading:
     def noise(self, _reading):
         return self.covariance
 
+    def angular(self, reading):
+        return np.zeros(len(self.noise(reading)), dtype=bool)
+
 
 class Unicycle:
     """Drives u[0] metres along its heading, then turns by u[1]; noise of variances q on x, y and theta.

@@ -291,7 +291,7 @@ def test_bearings_are_told_apart_across_the_cut_where_the_model_names_its_angles
     assert abs(named.vector[1]) == pytest.approx(np.pi - 0.01, rel=0.01)
 
     class Nameless(SeenLandmarks):
-        def angular(self, _reading):  # control: what a model without this method is taken to say
+        def angular(self, _reading):  # control: a model that names none
             return np.zeros(2, dtype=bool)
 
     _, muddled = unscented(Unicycle(), {Sightings: Nameless()}).update(belief, behind)

@@ -58,8 +58,3 @@ def test_offsets_stand_for_the_covariance_singular_or_not(rank):
     assert offsets.shape == (3, 6)
     np.testing.assert_allclose(offsets @ offsets.T / 6.0, covariance, atol=1e-14)
     np.testing.assert_allclose(offsets.sum(axis=1), 0.0, atol=1e-14)
-
-
-def test_an_indefinite_matrix_is_no_covariance():
-    with pytest.raises(ValueError, match="negative eigenvalues"):
-        kalman.square_root(np.diag([1.0, -1e-3]))

@@ -9,20 +9,27 @@ from dynpf.filters import kalman
 from dynpf.filters.adaptation import Augmented, AugmentedParams, Kld, KldParams
 from dynpf.filters.cloud import uniform_cloud
 from dynpf.filters.estimate import mean_and_covariance
+from dynpf.filters.extended import ExtendedKalman
 from dynpf.filters.models import Outcome
 from dynpf.filters.particle import ParticleFilter, Rescue
 from dynpf.filters.proposal import Auxiliary, LocalLinearization, Optimal, Prior
 from dynpf.filters.regularization import GaussianKernel
 from dynpf.filters.resampling import Multinomial, Residual, Stratified, Systematic
+from dynpf.filters.start import Box, KnownStart, UniformStart, pose_source, start_poses
+from dynpf.filters.unscented import UnscentedKalman
+from dynpf.maps.landmarks import LandmarkMap
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.measurement.likelihood_field import LikelihoodField, LikelihoodFieldParams
 from dynpf.measurement.linear import LinearMeasurement, Observation
 from dynpf.measurement.position import GaussianPosition, GaussianPositionParams, Position
+from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, RangeBearingReadings
 from dynpf.measurement.scan import Scan
+from dynpf.motion.arcs import Arcs, ArcsParams
 from dynpf.motion.linear import LinearGaussian, LinearGaussianParams
-from dynpf.motion.model import Displacement
+from dynpf.motion.model import Displacement, Twist
 from dynpf.motion.odometry import OdometryMotion, OdometryParams
 from dynpf.rng import Stream
+from dynpf.se2 import arc_displacement, compose
 
 STEPS, SEEDS, COUNT = 12, 30, 1500
 F = np.array([[1.0, 0.5], [0.0, 0.95]])
@@ -110,16 +117,16 @@ def test_every_filter_agrees_with_kalman_within_monte_carlo_error(parts):
 def test_control_a_filter_with_the_wrong_noise_does_not_agree():
     measured = observations()
     belief, log_likelihood = exact(measured)
-    means, _, evidence = estimates(FILTERS["bootstrap, systematic"], measured, noise=1.5 * R)
+    means, _, evidence = estimates(FILTERS["bootstrap, systematic"], measured, noise=4.0 * R)
     assert np.any(off_by(means, belief.mean) > 10.0)
     assert off_by(evidence, log_likelihood) > 10.0
 
 
 def test_the_optimal_proposal_keeps_more_particles_alive():
     measured = observations()
+    sharp = {Observation: LinearMeasurement(H, 0.05 * R)}
     filters = [
-        ParticleFilter(motion(), {Observation: LinearMeasurement(H, 0.05 * R)}, proposal=p, estimate=mean_and_covariance)
-        for p in (Prior(), Optimal())
+        ParticleFilter(motion(), sharp, proposal=each, estimate=mean_and_covariance) for each in (Prior(), Optimal())
     ]
     states = PRIOR.mean[:, None] + Stream.of(1, "test", 0).normals(2, COUNT).astype(float)
     cloud = uniform_cloud(states)
@@ -193,10 +200,10 @@ def test_readings_that_cannot_be_believed_leave_the_cloud_as_it_is():
 class Nowhere:
     """A reading that no particle explains."""
 
-    def admit(self, particles, weights, reading):
+    def admit(self, _particles, _weights, reading):
         return reading
 
-    def log_likelihood(self, particles, reading):
+    def log_likelihood(self, particles, _reading):
         return np.full(particles.shape[1], -np.inf, dtype=np.float32)
 
 
@@ -242,3 +249,75 @@ def test_parameters_of_the_parts_are_checked():
         laser_filter(resampling=Systematic(threshold=1.5))
     with pytest.raises(ValueError, match="threads = 0"):
         laser_filter(threads=0)
+
+
+MARKS = LandmarkMap([(1, 0.0, 0.0), (2, 6.0, 0.0), (3, 6.0, 4.0), (4, 1.0, 5.0)])
+BOX = UniformStart(box=Box(x_min=0.0, x_max=6.0, y_min=0.0, y_max=5.0))
+
+
+def seen_from(x, y, theta):
+    """Return noise-free readings of all landmarks."""
+    east, north = MARKS.positions - np.array([[x], [y]])
+    return RangeBearingReadings(np.array(MARKS.ids), np.hypot(east, north), np.arctan2(north, east) - theta)
+
+
+def landmark_filter(rescued=False, sizing=None, tempering=1.0):
+    models = {RangeBearingReadings: RangeBearing(RangeBearingParams(gate=None, tempering=tempering), MARKS)}
+    rescue = Rescue(Augmented(AugmentedParams()), pose_source(BOX)) if rescued else None
+    return ParticleFilter(Arcs(ArcsParams()), models, rescue=rescue, sizing=sizing)
+
+
+def carried_off(filter_, updates=60):
+    """Return the distance from the truth after a robot at rest was carried from one corner to the other."""
+    cloud = filter_.start(start_poses(KnownStart(x=1.0, y=1.0), 2000, Stream.of(1, "test", 0)), Stream.of(2, "test", 0))
+    for step in range(1, updates):
+        place = (1.0, 1.0, 0.0) if step < 15 else (5.0, 3.5, 1.0)
+        twist = Twist(0.05 if step % 2 else -0.05, 0.0, 1.0)
+        cloud, report = filter_.update(cloud, twist, [seen_from(*place)], Stream.of(1, "test", step))
+    return float(np.hypot(*(report.estimate.mean[:2] - np.array([5.0, 3.5]))))
+
+
+def test_a_filter_with_a_rescue_finds_a_robot_that_was_carried_off():
+    assert carried_off(landmark_filter(rescued=True)) < 0.3
+    # Control: without one it stays where it was.
+    assert carried_off(landmark_filter(rescued=False)) > 1.0
+
+
+def test_kld_sizing_goes_on_with_fewer_particles_once_it_knows_the_place():
+    filter_ = landmark_filter(sizing=Kld(KldParams(n_min=50, n_max=20_000)), tempering=0.1)
+    cloud = filter_.start(start_poses(BOX, 10_000, Stream.of(1, "test", 0)), Stream.of(2, "test", 0))
+    counts = []
+    for step in range(1, 10):
+        cloud, report = filter_.update(
+            cloud, Twist(0.05, 0.0, 1.0), [seen_from(1.0 + 0.05 * step, 1.0, 0.0)], Stream.of(1, "test", step)
+        )
+        counts.append(cloud.weights.size)
+    assert counts[-1] < 500
+    assert np.hypot(*(report.estimate.mean[:2] - [1.45, 1.0])) < 0.1
+
+
+@pytest.mark.parametrize("kalman_filter", [ExtendedKalman, UnscentedKalman])
+def test_kalman_and_particle_filters_agree_where_models_are_nearly_linear(kalman_filter):
+    arcs = Arcs(ArcsParams())
+    # Without outliers and tempering all three solve the same problem.
+    params = RangeBearingParams(gate=None, tempering=1.0, outlier_fraction=0.0, sigma_bearing=0.05)
+    models = {RangeBearingReadings: RangeBearing(params, MARKS)}
+    particles, gaussian = ParticleFilter(arcs, models), kalman_filter(arcs, models)
+    sigma = 0.1
+    belief = kalman.Gaussian(np.array([2.0, 2.0, 0.3]), np.diag([sigma**2, sigma**2, 0.05**2]))
+    start = KnownStart(x=2.0, y=2.0, theta=0.3, sigma_position=sigma, sigma_heading=0.05)
+    cloud = particles.start(start_poses(start, 40_000, Stream.of(1, "test", 0)), Stream.of(2, "test", 0))
+    truth = np.array([2.05, 1.95, 0.33])
+    for step in range(1, 8):
+        twist = Twist(0.3, 0.2, 1.0)
+        truth = compose(truth, arc_displacement(twist.v * twist.duration, twist.w * twist.duration))
+        reading = seen_from(*truth)
+        belief = gaussian.predict(belief, twist)
+        belief, _ = gaussian.update(belief, reading)
+        cloud, report = particles.update(cloud, twist, [reading], Stream.of(1, "test", step))
+    deviations = np.sqrt(np.diag(belief.covariance))
+    # A tenth of a standard deviation: the curvature of range and bearing over the belief's width, and chance.
+    assert np.all(np.abs(report.estimate.mean - belief.mean) < 0.1 * deviations)
+    np.testing.assert_allclose(np.sqrt(np.diag(report.estimate.covariance)), deviations, rtol=0.1)
+    # Control: the belief has moved by many times that.
+    assert np.hypot(*(belief.mean[:2] - [2.0, 2.0])) > 10 * deviations[0]

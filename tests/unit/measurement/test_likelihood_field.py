@@ -119,10 +119,28 @@ def test_what_tells_nothing_changes_nothing():
     np.testing.assert_array_equal(mixed, field.log_likelihood(particles, scan([0.0], [2.0])))
 
 
+def test_a_beam_may_end_a_little_outside_the_grid():
+    params = LikelihoodFieldParams()
+    field = LikelihoodField(params, room())
+    # The last cells of the grid are wall, their centres at x = 2.95; cell centres beyond them follow every 10 cm.
+    for beyond in (1, 3):
+        found = field.log_likelihood(pose(0.0, 3.55, 0.0), scan([0.0], [2.95 + 0.1 * beyond]))
+        assert found[0] == pytest.approx(np.log(density(0.1 * beyond, params)), rel=1e-5)
+
+
 def test_a_particle_off_the_map_is_as_likely_as_one_that_sees_nothing_it_knows():
     params = LikelihoodFieldParams()
     found = LikelihoodField(params, room()).log_likelihood(pose(500.0, -3e6, 0.2), scan([0.0, 1.0], [2.0, 3.0]))
     assert found[0] == pytest.approx(2 * np.log(params.z_rand / RANGE_MAX), rel=1e-5)
+
+
+@pytest.mark.parametrize("aggregation", ["product", "cubes"])
+def test_a_pose_that_is_no_number_is_impossible(aggregation):
+    field = LikelihoodField(LikelihoodFieldParams(aggregation=aggregation), room())
+    bad = [(np.nan, 0, 0), (0, np.inf, 0), (0, 0, np.nan), (np.inf, -np.inf, 0), (3e38, -3e38, 0), (0.5, 3.0, 0.0)]
+    found = field.log_likelihood(np.array(bad, dtype=np.float32).T, scan([0.0, 1.0], [2.0, 1.0]))
+    assert found[:-1].tolist() == [-np.inf] * 5
+    assert np.isfinite(found[-1])
 
 
 def test_beams_that_the_particles_agree_not_to_understand_are_left_out():

@@ -2,11 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from dynpf.motion import LinearGaussian, LinearGaussianParams
-from dynpf.motion.linear import semidefinite_root
 from dynpf.rng import Stream
 
 STREAM = Stream.of(1, "test", 0, "motion")
@@ -33,19 +30,6 @@ def test_noise_of_rank_one_stays_on_its_line() -> None:
     noise = LinearGaussian(CONSTANT_VELOCITY).propagate(np.zeros((2, 200_000)), None, STREAM)
     assert noise[0] == pytest.approx(0.5 * STEP * noise[1], abs=1e-12)
     assert np.cov(noise) == pytest.approx(np.array(CONSTANT_VELOCITY.noise), rel=5 * np.sqrt(2) / 447)
-
-
-@given(st.integers(1, 5), st.integers(0, 5), st.integers(0, 1000))
-def test_the_root_of_a_covariance_of_any_rank_gives_it_back(dimension: int, rank: int, seed: int) -> None:
-    factor = np.random.default_rng(seed).standard_normal((dimension, rank))
-    covariance = factor @ factor.T
-    root = semidefinite_root(covariance)
-    assert root @ root.T == pytest.approx(covariance, abs=1e-9)
-    assert np.array_equal(root, np.tril(root))
-
-
-def test_units_that_differ_by_much_lose_no_noise() -> None:
-    assert semidefinite_root(np.diag([1e12, 1e-12, 0.0])) == pytest.approx(np.diag([1e6, 1e-6, 0.0]), rel=1e-12)
 
 
 @pytest.mark.parametrize(

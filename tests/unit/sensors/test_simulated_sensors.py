@@ -6,24 +6,30 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
+from dynpf.maps.segments import SegmentMap
 from protocol.messages import (
     Detections,
     Gripper,
     LandmarkReadings,
     LaserScan,
+    LineReadings,
     Message,
     Odometry,
     PartsState,
     PartState,
+    PositionFix,
     RobotState,
 )
 from services.errors import ScenarioError
+from services.maps import NO_MAPS, Maps
 from services.node import Received, Step, decode_state, encode_state
 from services.sensors.config import (
     GripperSensor,
     LandmarkSensor,
+    LineSensor,
     OdometrySensor,
     OverheadSensor,
+    PositionSensor,
     ScanSensor,
     SimulatedSensorsConfig,
 )
@@ -213,3 +219,72 @@ def test_a_thawed_node_continues_exactly_and_another_seed_does_not() -> None:
     assert outputs(second, range(4, 10), robot(x=0.1, v=0.3)) == expected
     assert outputs(other, range(4, 10), robot(x=0.1, v=0.3)) != expected
     assert encode_state(second.freeze()) == encode_state(first.freeze())
+
+
+# --- in a map ------------------------------------------------------------------------------------------------------
+
+SQUARE = SegmentMap([(-2, -2, 2, -2), (2, -2, 2, 2), (2, 2, -2, 2), (-2, 2, -2, -2), (1, -0.5, 1, 0.5)])
+
+
+def in_map(config: SimulatedSensorsConfig, maps: Maps) -> SimulatedSensors:
+    return SimulatedSensors(config=config, seed=1, tick_s=0.05, maps=maps)
+
+
+def test_lines_are_the_parts_of_walls_that_nothing_hides() -> None:
+    sensor = LineSensor(beams=721, field_of_view=math.pi, max_range=3.0, rho_std=0.0, alpha_std=0.0)
+    (message,) = outputs(in_map(SimulatedSensorsConfig(lines=sensor), Maps(segments=SQUARE)), [0], robot(theta=0.0))
+    assert isinstance(message, LineReadings)
+    lines = sorted(((round(line.alpha, 6), line) for line in message.readings), key=lambda one: one[0])
+    # The lower wall, the wall behind the screen to its right and to its left, the screen itself, and the upper wall:
+    # each ends where the screen or the range cuts it off.
+    assert [angle for angle, _ in lines] == pytest.approx([-math.pi / 2, 0, 0, 0, math.pi / 2])
+    assert sorted(line.rho for _, line in lines) == pytest.approx([1, 2, 2, 2, 2])
+    (screen,) = (line for _, line in lines if line.rho < 1.5)
+    assert screen.length == pytest.approx(1.0, abs=0.02)
+    behind = [line.length for angle, line in lines if angle == 0.0 and line.rho > 1.5]
+    assert behind == pytest.approx([1.0, 1.0], abs=0.04)  # from 1 m, in the screen's shadow, to the corner at 2 m
+
+
+def test_line_noise_is_the_configured_one_and_a_distance_never_negative() -> None:
+    sensor = LineSensor(beams=31, field_of_view=0.5, rho_std=0.05, alpha_std=0.02, min_length=0.1)
+    node = in_map(SimulatedSensorsConfig(lines=sensor), Maps(segments=SQUARE))
+    seen = [m.readings for m in outputs(node, range(4000), robot(theta=math.pi / 2)) if isinstance(m, LineReadings)]
+    assert {len(lines) for lines in seen} == {1}
+    assert_normal(np.array([line.rho for (line,) in seen]), 2.0, 0.05)
+    assert_normal(np.array([line.alpha for (line,) in seen]), 0.0, 0.02)
+    near = outputs(node, range(4000, 4100), robot(y=1.99, theta=math.pi / 2))
+    readings = [line for m in near if isinstance(m, LineReadings) for line in m.readings]
+    assert readings == []  # too near to see enough of it
+
+    wide = LineSensor(beams=31, field_of_view=3.0, rho_std=0.05, alpha_std=0.0, max_range=10.0)
+    node = in_map(SimulatedSensorsConfig(lines=wide), Maps(segments=SegmentMap([(-2, 2, 2, 2)])))
+    near = outputs(node, range(100), robot(y=1.99, theta=math.pi / 2))
+    readings = [line for m in near if isinstance(m, LineReadings) for line in m.readings]
+    assert min(line.rho for line in readings) >= 0.0
+    assert {round(abs(line.alpha), 6) for line in readings} == {0.0, round(math.pi, 6)}
+
+
+def test_position_fixes_have_the_configured_deviation() -> None:
+    node = in_map(SimulatedSensorsConfig(position=PositionSensor(std=0.3)), NO_MAPS)
+    fixes = [m for m in outputs(node, range(4000), robot(x=1.0, y=-2.0)) if isinstance(m, PositionFix)]
+    assert_normal(np.array([fix.x for fix in fixes]), 1.0, 0.3)
+    assert_normal(np.array([fix.y for fix in fixes]), -2.0, 0.3)
+    assert node.writes == {"sensors/position"}
+
+
+def test_a_scan_in_a_map_meets_its_segments_or_its_cells() -> None:
+    scan = ScanSensor(beams=5, field_of_view=math.pi, range_max=5.0, range_std=0.0)
+    config = SimulatedSensorsConfig(scan=scan)
+    by_segments = in_map(config, Maps(segments=SQUARE, grid=SQUARE.rasterize(0.5)))
+    by_cells = in_map(config, Maps(grid=SQUARE.rasterize(0.01)))
+    (exact,) = outputs(by_segments, [0], robot())
+    (cells,) = outputs(by_cells, [0], robot())
+    assert isinstance(exact, LaserScan)
+    assert isinstance(cells, LaserScan)
+    assert exact.ranges == pytest.approx((2.0, 2 * math.sqrt(2), 1.0, 2 * math.sqrt(2), 2.0))
+    assert cells.ranges == pytest.approx(exact.ranges, abs=0.02)
+
+
+def test_lines_need_a_map_of_segments() -> None:
+    with pytest.raises(ScenarioError, match=r"sensors.lines needs a map of segments; this run has none"):
+        in_map(SimulatedSensorsConfig(lines=LineSensor()), Maps(grid=SQUARE.rasterize(0.1)))

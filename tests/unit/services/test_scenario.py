@@ -24,8 +24,8 @@ from services.simulator.config import RoomConfig
 Raw = dict[str, Any]
 TOML = 'title = "A room"\n\n[simulator]\nkind = "room"\n\n[[landmarks]]\nid = 1\nx = 0.0\ny = 1.0\n'
 KEYS = (
-    "title, seed, clock, tick_s, max_ticks, needs_log, log_digest, state_digest_ticks, task, landmarks, simulator, "
-    "vision, sensors, estimator, controller, faults"
+    "title, seed, clock, tick_s, max_ticks, needs_log, log_digest, state_digest_ticks, files, user_code, task, "
+    "map, landmarks, simulator, vision, sensors, estimator, controller, faults"
 )
 
 
@@ -73,10 +73,6 @@ ERRORS: list[tuple[Raw, str]] = [
     (
         room(simulator={"kind": "workspace"}),
         "task: missing; the workspace simulator needs the parts and their goals",
-    ),
-    (
-        room(landmarks=None, estimator={"kind": "localization"}),
-        "landmarks: missing; the landmark filter needs a map",
     ),
 ]
 
@@ -222,7 +218,7 @@ def test_the_first_key_that_differs_is_named_with_both_values() -> None:
     assert against(simulator={"kind": "room", "width": 7.5}) == ("simulator.width", 6.0, 7.5)
     assert against(landmarks=[{"id": 1, "x": 0.5, "y": 1.0}]) == ("landmarks.0.x", 0.0, 0.5)
     assert against(landmarks=[*room()["landmarks"], {"id": 2, "x": 0, "y": 0}]) == ("landmarks.1.id", None, 2)
-    assert against(estimator={"kind": "localization"}) == ("estimator.filter", None, "sir")
+    assert against(estimator={"kind": "localization"}) == ("estimator.adaptation", None, [])
 
 
 def playing_a_log(start: Raw) -> str:

@@ -5,8 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from dynpf.maps.segments import SegmentMap
 from protocol.messages import Command, RobotState, SceneUpdate
 from services.errors import ScenarioError
+from services.maps import Maps
 from services.node import Received, Result, Step, decode_state, encode_state
 from services.simulator.config import RoomConfig
 from services.simulator.room import RoomSimulator
@@ -125,3 +127,46 @@ def test_a_thawed_room_continues_exactly_and_another_seed_does_not() -> None:
     assert [advance(second, tick) for tick in range(7, 20)] == expected
     assert [advance(other, tick) for tick in range(7, 20)] != expected
     assert encode_state(second.freeze()) == encode_state(first.freeze())
+
+
+WALLS = SegmentMap([(-2, -2, 2, -2), (2, -2, 2, 2), (2, 2, -2, 2), (-2, 2, -2, -2), (1, -0.5, 1, 0.5)])
+MAPS = {"segments": Maps(segments=WALLS, grid=WALLS.rasterize(0.05)), "cells": Maps(grid=WALLS.rasterize(0.01, 0.5))}
+
+
+def among_walls(maps: Maps, **config: object) -> RoomSimulator:
+    return RoomSimulator(config=RoomConfig(**config), seed=1, tick_s=TICK_S, maps=maps)
+
+
+@pytest.mark.parametrize("maps", MAPS.values(), ids=MAPS)
+def test_a_wall_of_the_map_holds_the_robot_and_lets_it_go(maps: Maps) -> None:
+    node = among_walls(maps, robot_radius=0.2)
+    advance(node, 0, Command(mode="drive", vx=1.0))
+    for tick in range(1, 40):
+        here = state(advance(node, tick))
+    assert 0.74 < here.x <= 0.8 + 0.015  # the screen at x = 1, less the radius; a cell's centre may lie a bit off it
+    held = here.x
+    here = state(advance(node, 40, Command(mode="drive", vx=-1.0)))
+    here = state(advance(node, 41))
+    assert here.x < held - 0.04
+    beside = among_walls(maps, robot_radius=0.2, start=(0.0, 1.0, 0.0))
+    advance(beside, 0, Command(mode="drive", vx=1.0))
+    for tick in range(1, 30):
+        here = state(advance(beside, tick))
+    assert here.x > 1.4  # past the screen
+
+
+@pytest.mark.parametrize("maps", MAPS.values(), ids=MAPS)
+@pytest.mark.parametrize("start", [(0.9, 0.0, 0.0), (1.9, 0.0, 0.0), (5.0, 0.0, 0.0)])
+def test_a_start_in_a_wall_of_the_map_is_refused(maps: Maps, start: tuple[float, float, float]) -> None:
+    if start[0] == 5.0 and maps.segments is not None:
+        return  # segments have no outside
+    with pytest.raises(ScenarioError, match=r"the robot of radius 0\.15 m does not fit there in the map"):
+        among_walls(maps, start=start)
+
+
+def test_the_scene_shows_the_segments() -> None:
+    scene = advance(among_walls(MAPS["segments"]), 0).outputs[1].message
+    assert isinstance(scene, SceneUpdate)
+    (walls,) = scene.entities[0].lines
+    assert walls.type == 2
+    assert len(walls.points) == 2 * len(WALLS)

@@ -1,0 +1,221 @@
+"""Whether a filter is on its track, unsure, or lost: judged from what it can see of itself.
+
+The judge has no state: what it remembers goes in and out as plain numbers, and the same signs give the same verdict.
+"""
+
+import math
+from collections.abc import Iterator
+from enum import StrEnum
+from typing import Annotated, NamedTuple
+
+import msgspec
+from msgspec import Meta
+
+from dynpf.filters.adaptation import log_average, tells_nothing
+from dynpf.params import validated
+from dynpf.se2 import FloatArray
+
+__all__ = ["Figures", "Health", "HealthMemory", "HealthParams", "Signs", "Status", "Verdict"]
+
+Positive = Annotated[float, Meta(gt=0.0)]
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+Rate = Annotated[float, Meta(gt=0.0, le=1.0)]
+Count = Annotated[int, Meta(ge=1)]
+
+
+class Status(StrEnum):
+    """How far the estimate can be relied on."""
+
+    TRACKING = "tracking"
+    UNCERTAIN = "uncertain"
+    LOST = "lost"
+
+
+_SEVERITY = tuple(Status)
+
+
+class HealthParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Limits beyond which a filter is unsure or lost, and how long it must stay there to be called so."""
+
+    position_unsure: Positive = 0.5  # m, standard deviation along the direction where it is greatest
+    position_lost: Positive = 3.0  # m
+    heading_unsure: Positive = 0.35  # rad, standard deviation
+    mode_unsure: Share = 0.7  # share of the weight that the heaviest mode must hold
+    n_eff_unsure: Share = 0.01  # effective particles as a share of all
+    # Likelihood of a reading now, as a share of what it is while on the track: short-term over long-term average.
+    likelihood_unsure: Share = 0.6
+    likelihood_lost: Share = 0.2
+    alpha_slow: Rate = 0.005  # of the way to the newest value, at each update that has readings
+    alpha_fast: Rate = 0.1
+    # Absolute limit of the short-term average; it depends on the measurement model, so there is none by default.
+    log_likelihood_lost: float | None = None  # of one reading, natural logarithm
+    refused_unsure: Share = 0.5  # lately, of all readings
+    refused_lost: Share = 0.9
+    impossible_lost: Count = 5  # updates in a row that no particle explains; one makes unsure
+    worse_after: Count = 3  # assessments in a row that say so
+    better_after: Count = 10
+
+
+class Signs(NamedTuple):
+    """What one update tells about a filter, the log-evidence taken before the weights are normalized."""
+
+    covariance: FloatArray  # of the pose, (3, 3)
+    n_eff: float
+    n: int  # particles
+    log_evidence: float  # of all readings that were used, together; NaN if none was
+    readings: int  # how many were used: beams, landmarks
+    refused: int = 0  # how many were not believed
+    modes: tuple[float, ...] | None = None  # masses, the greatest first; None: not looked for
+
+
+class HealthMemory(NamedTuple):
+    """What a judge remembers: severities are 0 (tracking) to 2 (lost), -1 before the first verdict."""
+
+    severity: int = -1
+    candidate: int = -1  # the severity that the last ``run`` assessments agree on, if it is another
+    run: int = 0
+    log_slow: float = -math.inf  # averages of the likelihood a reading
+    log_fast: float = -math.inf
+    updates: int = 0  # that the averages are made of
+    refused: float = 0.0  # share, averaged at the fast rate
+    impossible: int = 0  # in a row
+
+
+class Figures(NamedTuple):
+    """The numbers behind a verdict."""
+
+    position_sigma: float  # m, along the direction where it is greatest
+    heading_sigma: float  # rad
+    mode_mass: float  # of the heaviest mode; NaN where none was looked for
+    n_eff_share: float
+    log_likelihood: float  # short-term average for one reading; NaN before the first
+    likelihood_ratio: float  # short-term over long-term average
+    refused_share: float
+    impossible: int
+
+
+class Verdict(NamedTuple):
+    """A status, why it is so in words, and the numbers."""
+
+    status: Status
+    reason: str
+    figures: Figures
+
+
+class Health:
+    """Judges a filter by its spread, modes and weights, and by how well it explains what is sensed.
+
+    The likelihood is the geometric mean over the readings of an update, so that limits do not depend on how many
+    there are; its short-term average over the long-term one shows a filter that no longer fits (Thrun et al., 2005,
+    section 8.3.3). The long-term average is the mean at first, and only rises while the filter is lost, lest being lost
+    become normal. The status changes when several assessments in a row agree, sooner for the worse than for the better.
+    """
+
+    def __init__(self, params: HealthParams | None = None) -> None:
+        self.params = validated(HealthParams() if params is None else params)
+
+    def begin(self) -> HealthMemory:
+        """Return the memory of nothing: the first verdict is that of the first signs."""
+        return HealthMemory()
+
+    def assess(self, memory: HealthMemory, signs: Signs) -> tuple[HealthMemory, Verdict]:
+        """Return the memory after an update, and the verdict."""
+        memory = self._taken_in(memory, signs)
+        figures = _figures(memory, signs)
+        findings = list(self._findings(figures))
+        severity = max((found for found, _ in findings), default=0)
+        memory = self._settled(memory, severity)
+        texts = [text for found, text in findings if found == severity] or ["all figures are within their limits"]
+        reason = "; ".join(texts)
+        if severity != memory.severity:
+            needed = self.params.worse_after if severity > memory.severity else self.params.better_after
+            reason += f" ({_SEVERITY[severity]} in {memory.run} of {needed} assessments)"
+        return memory, Verdict(_SEVERITY[memory.severity], reason, figures)
+
+    def _taken_in(self, memory: HealthMemory, signs: Signs) -> HealthMemory:
+        """Return the memory with the update's likelihood and refused readings averaged in."""
+        params = self.params
+        seen = signs.readings + signs.refused
+        if seen > 0:
+            share = signs.refused / seen
+            memory = memory._replace(refused=memory.refused + params.alpha_fast * (share - memory.refused))
+        if tells_nothing(signs.log_evidence, signs.readings):
+            return memory
+        log_mean = signs.log_evidence / signs.readings
+        impossible = memory.impossible + 1 if log_mean == -math.inf else 0
+        updates = memory.updates + 1
+        slow, fast = (memory.log_slow, memory.log_fast) if memory.updates else (log_mean, log_mean)
+        if memory.severity != 2 or log_mean > slow:
+            slow = log_average(slow, log_mean, max(params.alpha_slow, 1.0 / updates))
+        fast = log_average(fast, log_mean, params.alpha_fast)
+        return memory._replace(log_slow=slow, log_fast=fast, updates=updates, impossible=impossible)
+
+    def _findings(self, figures: Figures) -> Iterator[tuple[int, str]]:
+        """Yield the severity and the text of each figure that is beyond a limit."""
+        params = self.params
+        sigma, heading = figures.position_sigma, figures.heading_sigma
+        yield from _above("position spread", sigma, params.position_unsure, params.position_lost, " m")
+        yield from _above("heading spread", heading, params.heading_unsure, math.inf, " rad")
+        refused = figures.refused_share
+        yield from _above("share of refused readings", refused, params.refused_unsure, params.refused_lost)
+        ratio = figures.likelihood_ratio
+        yield from _below("likelihood to its average", ratio, params.likelihood_unsure, params.likelihood_lost)
+        yield from _below("share of the heaviest mode", figures.mode_mass, params.mode_unsure)
+        yield from _below("effective share of particles", figures.n_eff_share, params.n_eff_unsure)
+        if params.log_likelihood_lost is not None:
+            floor = params.log_likelihood_lost
+            yield from _below("log-likelihood of a reading", figures.log_likelihood, floor, floor)
+        if figures.impossible > 0:
+            severity = 2 if figures.impossible >= params.impossible_lost else 1
+            yield severity, f"no particle explains the last {figures.impossible} updates"
+
+    def _settled(self, memory: HealthMemory, severity: int) -> HealthMemory:
+        """Return the memory after an assessment: its severity changes to what a long enough run agrees on.
+
+        A run goes on while assessments are on the same side of the status, and agrees on the nearest of them.
+        """
+        current = memory.severity
+        if current < 0 or severity == current:
+            return memory._replace(severity=severity, candidate=severity, run=0)
+        worse = severity > current
+        if memory.run > 0 and (memory.candidate > current) == worse:
+            candidate = min(severity, memory.candidate) if worse else max(severity, memory.candidate)
+            run = memory.run + 1
+        else:
+            candidate, run = severity, 1
+        if run >= (self.params.worse_after if worse else self.params.better_after):
+            return memory._replace(severity=candidate, candidate=candidate, run=0)
+        return memory._replace(candidate=candidate, run=run)
+
+
+def _figures(memory: HealthMemory, signs: Signs) -> Figures:
+    xx, xy, yy = (float(signs.covariance[place]) for place in ((0, 0), (0, 1), (1, 1)))
+    # The larger eigenvalue of the covariance of the position.
+    variance = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
+    known = memory.updates > 0 and memory.log_slow > -math.inf
+    return Figures(
+        position_sigma=math.sqrt(max(variance, 0.0)),
+        heading_sigma=math.sqrt(max(float(signs.covariance[2, 2]), 0.0)),
+        mode_mass=math.nan if signs.modes is None else max(signs.modes, default=0.0),
+        n_eff_share=signs.n_eff / signs.n,
+        log_likelihood=memory.log_fast if memory.updates else math.nan,
+        likelihood_ratio=math.exp(min(memory.log_fast - memory.log_slow, 700.0)) if known else math.nan,
+        refused_share=memory.refused,
+        impossible=memory.impossible,
+    )
+
+
+def _above(what: str, value: float, unsure: float, lost: float, unit: str = "") -> Iterator[tuple[int, str]]:
+    # Written so that a value that is not a number is beyond every limit.
+    if not value <= lost:
+        yield 2, f"{what} {value:.3g}{unit} above {lost:.3g}{unit}"
+    elif not value <= unsure:
+        yield 1, f"{what} {value:.3g}{unit} above {unsure:.3g}{unit}"
+
+
+def _below(what: str, value: float, unsure: float, lost: float = -math.inf) -> Iterator[tuple[int, str]]:
+    # Nothing is known of a value that is not a number: it is below no limit.
+    if value < lost:
+        yield 2, f"{what} {value:.3g} below {lost:.3g}"
+    elif value < unsure:
+        yield 1, f"{what} {value:.3g} below {unsure:.3g}"

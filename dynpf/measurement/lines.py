@@ -1,0 +1,103 @@
+"""Walls seen as straight lines, matched with the segments of a map (TURTLEBOT, "weighting")."""
+
+from typing import Annotated, NamedTuple
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from dynpf import kernels
+from dynpf.maps.segments import SegmentMap
+from dynpf.params import validated
+from dynpf.se2 import Floats
+
+__all__ = ["Lines", "PolarLines", "PolarLinesParams"]
+
+Positive = Annotated[float, Meta(gt=0.0)]
+
+
+class Lines(NamedTuple):
+    """Lines seen at one instant, in the robot's frame, each array (K,).
+
+    ``rho`` is the distance (m) from the robot to the line and ``alpha`` (rad) the direction in which it lies, so that
+    the line's points satisfy x cos alpha + y sin alpha = rho; ``lengths`` (m) is how much of it was seen.
+    """
+
+    rho: Floats
+    alpha: Floats
+    lengths: Floats
+
+
+class PolarLinesParams(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="polar_lines"
+):
+    """Noise and trust."""
+
+    sigma_rho: Positive = 0.1  # m
+    sigma_alpha: Positive = 0.1  # rad
+    # m: by how much a line may be longer than a segment of the map and still be taken for it.
+    length_tolerance: Annotated[float, Meta(ge=0.0)] = 0.2
+    # Share of lines that are of nothing in the map: with none, a line too long for every segment rules all out.
+    outlier_fraction: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.05
+    outlier_rho: Positive = 4.0  # m: an outlier's distance is uniform up to here, its direction over the circle
+
+
+class PolarLines:
+    """Independent Gaussian errors of rho and alpha about the segment of maximum likelihood, for each line.
+
+    No line is taken for a segment that is shorter than it. (rho, alpha) and (-rho, alpha + pi) are one line and
+    compared as such. A line with a value that is not finite tells nothing: it is not admitted and adds zero to the
+    log-likelihood of every particle.
+    """
+
+    def __init__(self, params: PolarLinesParams, segment_map: SegmentMap) -> None:
+        """Raises ValueError for a parameter out of its range."""
+        self.params = validated(params)
+        rho, alpha = segment_map.rho, segment_map.alpha
+        longest = segment_map.lengths + params.length_tolerance
+        columns = (rho, alpha, np.cos(alpha), np.sin(alpha), longest)
+        self._segments = tuple(column.astype(np.float32) for column in columns)
+
+    def admit(self, particles: Floats, weights: Floats, reading: Lines) -> Lines | None:  # noqa: ARG002
+        """Return the lines that are finite and not too long for every segment of the map, None if there is none."""
+        lines = _arrays(reading)
+        kept = np.isfinite(lines).all(axis=0) & (lines[2] <= np.max(self._segments[-1]))
+        if not kept.any():
+            return None
+        return reading if kept.all() else Lines(*(np.asarray(values)[kept] for values in reading))
+
+    def count(self, reading: Lines) -> int:
+        """Return the number of lines."""
+        return len(reading.rho)
+
+    def log_likelihood(self, particles: Floats, reading: Lines) -> Floats:
+        """Return the log-density of all the lines for each particle, shape (N,), float32.
+
+        Finite wherever there is a share of outliers. Without, a line too long for every segment makes it -inf for
+        every particle. Raises ValueError where the reading's arrays differ in length.
+        """
+        params = self.params
+        x, y, theta = np.ascontiguousarray(particles[:3], dtype=np.float32)
+        rho, alpha, lengths = _arrays(reading)
+        out = np.empty(x.size, dtype=np.float32)
+        kernels.lines.log_likelihood(
+            out,
+            x,
+            y,
+            theta,
+            rho,
+            alpha,
+            lengths,
+            *self._segments,
+            params.sigma_rho,
+            params.sigma_alpha,
+            params.outlier_fraction,
+            params.outlier_rho,
+        )
+        return out
+
+
+def _arrays(reading: Lines) -> NDArray[np.float32]:
+    """Return the lines (3, K) as the kernel takes them, copied: a read-only array would be compiled for anew."""
+    return np.array(reading, dtype=np.float32)

@@ -1,0 +1,140 @@
+"""The filters as the estimator drives them: what they believe goes in and comes out, and can be kept as plain state."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from dynpf.filters import kalman
+from dynpf.filters.cloud import Cloud
+from dynpf.filters.estimate import PoseEstimate, pose_estimate
+from dynpf.filters.extended import ExtendedKalman
+from dynpf.filters.kalman import Gaussian
+from dynpf.filters.models import Outcome
+from dynpf.filters.particle import ParticleFilter
+from dynpf.filters.resampling import systematic
+from dynpf.filters.unscented import UnscentedKalman
+from dynpf.rng import Stream
+from dynpf.se2 import Floats
+
+__all__ = ["CloudFilter", "Found", "GaussianLocalizer", "Localizer", "ParticleLocalizer"]
+
+
+class Found(NamedTuple):
+    """What is believed of the pose, from how many particles in effect, and what became of each reading."""
+
+    estimate: PoseEstimate
+    n_eff: float
+    outcomes: Sequence[Outcome] = ()
+
+
+class Localizer(Protocol):
+    """A filter over the pose of a robot; ``belief`` is whatever it started with or gave back last."""
+
+    def start(self, poses: Floats, stream: Stream) -> Any:
+        """Return the belief that poses (3, N) stand for."""
+
+    def predict(self, belief: Any, control: Any, stream: Stream) -> Any:
+        """Return the belief after a control."""
+
+    def update(self, belief: Any, control: Any, readings: Sequence[Any], stream: Stream) -> tuple[Any, Found]:
+        """Return the belief after a control (None: none) and the readings at its end, and what was found."""
+
+    def find(self, belief: Any) -> Found:
+        """Return what is believed now."""
+
+    def shown(self, belief: Any, most: int) -> Floats:
+        """Return poses (3, M), M <= most, that stand for the belief in a picture."""
+
+    def freeze(self, belief: Any) -> Mapping[str, Any]:
+        """Return the belief as plain state."""
+
+    def thaw(self, state: Mapping[str, Any]) -> Any:
+        """Return the belief that freeze was given."""
+
+
+class CloudFilter(Protocol):
+    """What the estimator asks of a filter of particles, the library's or a user's; see ParticleFilter."""
+
+    def start(self, poses: Floats, stream: Stream) -> Cloud:
+        """Return the cloud at the given poses (3, N)."""
+
+    def predict(self, cloud: Cloud, control: Any, stream: Stream) -> Cloud:
+        """Return the cloud after a control."""
+
+    def update(self, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream) -> tuple[Cloud, Any]:
+        """Return the cloud after a control (None: none) and the readings at its end, and a Report of it."""
+
+
+class ParticleLocalizer:
+    """A filter of particles: the library's, or a user's that has its methods."""
+
+    def __init__(self, cloud_filter: CloudFilter | ParticleFilter[PoseEstimate]) -> None:
+        self.filter = cloud_filter
+
+    def start(self, poses: Floats, stream: Stream) -> Cloud:
+        return self.filter.start(poses, stream)
+
+    def predict(self, belief: Cloud, control: Any, stream: Stream) -> Cloud:
+        return self.filter.predict(belief, control, stream)
+
+    def update(self, belief: Cloud, control: Any, readings: Sequence[Any], stream: Stream) -> tuple[Cloud, Found]:
+        cloud, report = self.filter.update(belief, control, readings, stream)
+        return cloud, Found(report.estimate, report.n_eff, report.outcomes)
+
+    def find(self, belief: Cloud) -> Found:
+        return Found(pose_estimate(belief.particles, belief.weights), belief.n_eff)
+
+    def shown(self, belief: Cloud, most: int) -> Floats:
+        # Chosen by weight, not by place, so that what is looked at is the posterior.
+        return belief.particles[:3, systematic(belief.weights, 0.5, min(most, belief.weights.size))]
+
+    def freeze(self, belief: Cloud) -> Mapping[str, Any]:
+        return belief._asdict()
+
+    def thaw(self, state: Mapping[str, Any]) -> Cloud:
+        arrays = {name: np.array(state[name]) for name in ("particles", "weights", "log_weights")}
+        return Cloud(**arrays, n_eff=state["n_eff"], moved=state["moved"], memory=tuple(state["memory"]))
+
+
+class GaussianLocalizer:
+    """A Kalman filter; several readings of one instant are taken in one after the other."""
+
+    def __init__(self, kalman_filter: ExtendedKalman[Any] | UnscentedKalman[Any]) -> None:
+        self.filter = kalman_filter
+
+    def start(self, poses: Floats, stream: Stream) -> Gaussian:
+        """Return mean and covariance of the poses, and of what the motion model draws besides."""
+        states = np.asarray(self.filter.motion.particles(poses, stream), dtype=np.float64)
+        pose = pose_estimate(states, np.full(states.shape[1], 1.0 / states.shape[1]))
+        mean = np.concatenate([pose.mean, states[3:].mean(axis=1)])
+        deviation = kalman.wrap_rows(states - mean[:, None], (2,))
+        return Gaussian(mean, np.einsum("in,jn->ij", deviation, deviation) / states.shape[1])
+
+    def predict(self, belief: Gaussian, control: Any, stream: Stream) -> Gaussian:  # noqa: ARG002
+        return self.filter.predict(belief, control)
+
+    def update(self, belief: Gaussian, control: Any, readings: Sequence[Any], stream: Stream) -> tuple[Gaussian, Found]:
+        if control is not None:
+            belief = self.predict(belief, control, stream)
+        outcomes = []
+        for reading in readings:
+            belief, innovation = self.filter.update(belief, reading)
+            outcomes.append(Outcome.USED if innovation.used else Outcome.REFUSED)
+        return belief, self.find(belief)._replace(outcomes=outcomes)
+
+    def find(self, belief: Gaussian) -> Found:
+        return Found(PoseEstimate(belief.mean[:3], belief.covariance[:3, :3]), 0.0)
+
+    def shown(self, belief: Gaussian, most: int) -> Floats:
+        """Return the mean, and points about it that have the belief's covariance."""
+        offsets = kalman.symmetric_offsets(belief.covariance, float(belief.mean.size))
+        states = np.concatenate([belief.mean[:, None], belief.mean[:, None] + offsets], axis=1)
+        return states[:3, :: math.ceil(states.shape[1] / most)]
+
+    def freeze(self, belief: Gaussian) -> Mapping[str, Any]:
+        return belief._asdict()
+
+    def thaw(self, state: Mapping[str, Any]) -> Gaussian:
+        return Gaussian(np.array(state["mean"]), np.array(state["covariance"]))

@@ -1,0 +1,53 @@
+"""From the messages of the sensors to the readings that the measurement models take."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from dynpf.measurement.lines import Lines
+from dynpf.measurement.position import Position
+from dynpf.measurement.range_bearing import RangeBearingReadings
+from dynpf.measurement.range_vector import RangeVector
+from dynpf.measurement.scan import Scan
+from dynpf.measurement.unknown_landmarks import UnlabelledReadings
+from protocol.messages import LandmarkReadings, LaserScan, LineReadings, Message, PositionFix
+
+__all__ = ["TOPICS", "reading_of"]
+
+TOPICS: Mapping[type, str] = {
+    RangeBearingReadings: "sensors/landmarks",
+    UnlabelledReadings: "sensors/landmarks",
+    Scan: "sensors/scan",
+    RangeVector: "sensors/scan",
+    Lines: "sensors/lines",
+    Position: "sensors/position",
+}
+"""The types of readings, and the topic that each is made from."""
+
+
+def reading_of(message: Message, kind: type, *, range_min: float = 0.0, range_max: float = 0.0) -> Any:
+    """Return the message as a reading of the given type, one of those made from its topic.
+
+    ``range_min`` and ``range_max``, metres, are what the scanner measures between. A beam without return, which reads
+    ``range_max``, is +inf in a RangeVector.
+    """
+    match message:
+        case LandmarkReadings(readings=readings):
+            ranges = np.array([one.range for one in readings], dtype=np.float32)
+            bearings = np.array([one.bearing for one in readings], dtype=np.float32)
+            if kind is UnlabelledReadings:
+                return UnlabelledReadings(ranges, bearings)
+            return RangeBearingReadings(np.array([one.landmark for one in readings], dtype=np.int64), ranges, bearings)
+        case LaserScan():
+            ranges = np.array(message.ranges, dtype=np.float32)
+            if kind is RangeVector:
+                return RangeVector(np.where(ranges < range_max, ranges, np.float32(np.inf)))
+            angles = np.linspace(message.start_angle, message.end_angle, len(ranges), dtype=np.float32)
+            return Scan(angles, ranges, range_min, range_max)
+        case LineReadings(readings=readings):
+            columns = ([getattr(one, name) for one in readings] for name in ("rho", "alpha", "length"))
+            return Lines(*(np.array(column, dtype=np.float32) for column in columns))
+        case PositionFix():
+            return Position(message.x, message.y)
+    raise TypeError(f"{type(message).__name__} is no reading")

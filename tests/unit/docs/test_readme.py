@@ -1,0 +1,45 @@
+"""The README's examples run, and the library's surface is what it says."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dynpf
+
+ROOT = Path(__file__).parents[3]
+
+
+def examples():
+    return re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
+
+
+def test_the_filter_of_the_readme_follows_its_robot():
+    (example,) = examples()
+    assert len([line for line in example.splitlines() if line.strip()]) <= 15
+    names = {"print": lambda *_: None}
+    exec(example, names)
+    # An arc of half a metre that turns by 0.1 rad.
+    np.testing.assert_allclose(names["report"].estimate.mean, [0.499, 0.025, 0.1], atol=0.1)
+    assert names["report"].n_eff > 10.0
+
+
+@pytest.mark.parametrize("name", dynpf.__all__)
+def test_every_name_of_the_surface_is_there_and_documented(name):
+    assert getattr(dynpf, name).__doc__
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="no attribute 'Wheel'"):
+        _ = dynpf.Wheel
+
+
+def test_the_surface_loads_without_the_compiler():
+    code = (
+        "import sys; from dynpf import *; assert 'dynpf.filters.particle' in sys.modules; print('numba' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"

@@ -1,0 +1,219 @@
+"""A user's own classes in a scenario: found, made, held to their part, and told when anything of that fails."""
+
+import importlib
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from textwrap import dedent
+from typing import Any
+
+import pytest
+
+from dynpf.motion import Arcs, ArcsParams
+from services.cli.main import main
+from services.errors import ScenarioError
+from services.estimator.components import localizer_of, measurements_of, motion_of
+from services.estimator.config import LocalizationConfig
+from services.maps import NO_MAPS, Maps
+from services.nodes import user_classes
+from services.scenario import Scenario, load_scenario, override_resolved, resolved_json
+
+Modules = Callable[..., Path]
+MOTION = Arcs(ArcsParams())
+
+DRIFT = """
+    from typing import Annotated
+    import msgspec
+    from msgspec import Meta
+    from dynpf.motion.model import Displacement
+
+    class DriftParams(msgspec.Struct, frozen=True):
+        rate: Annotated[float, Meta(ge=0.0)] = 0.1
+
+    class Drift:
+        Params = DriftParams
+        control = Displacement
+
+        def __init__(self, params):
+            self.params = params
+
+        def particles(self, poses, stream):
+            return poses
+
+        def propagate(self, particles, control, stream):
+            return particles + self.params.rate
+
+    class Plain:
+        def __init__(self, gain=1.0):
+            self.gain = gain
+
+    class Beacon:
+        from dynpf.measurement.range_bearing import RangeBearingReadings as reading
+        uses = ("landmarks",)
+
+        def __init__(self, sigma, landmarks):
+            self.sigma, self.landmarks = sigma, landmarks
+
+        def admit(self, particles, weights, reading):
+            return reading
+
+        def log_likelihood(self, particles, reading):
+            return -particles[0] ** 2
+
+    NUMBER = 3
+"""
+
+
+@pytest.fixture(name="modules")
+def write_modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Modules:
+    """Write modules into a folder on the Python path; they are forgotten when the test is over."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def write(sources: dict[str, str]) -> Path:
+        for name, source in sources.items():
+            path = tmp_path / f"{name}.py"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(dedent(source), encoding="utf-8")
+            monkeypatch.delitem(sys.modules, name.replace("/", "."), raising=False)
+        importlib.invalidate_caches()
+        return tmp_path
+
+    return write
+
+
+def with_motion(table: str) -> Scenario:
+    return load_scenario("landmark-room", overrides=[f"estimator.motion={{{table}}}"])
+
+
+def config(scenario: Scenario) -> LocalizationConfig:
+    assert isinstance(scenario.estimator, LocalizationConfig)
+    return scenario.estimator
+
+
+def test_the_keys_of_the_table_are_the_parameters_of_the_class(modules: Modules) -> None:
+    modules({"lab_a": DRIFT})
+    scenario = with_motion("kind='lab_a:Drift', rate=0.5")
+    model: Any = motion_of(config(scenario), NO_MAPS, user_classes(scenario)).model
+    assert model.params.rate == 0.5
+    assert '"motion":{"kind":"lab_a:Drift","rate":0.5}' in resolved_json(scenario)
+    again = override_resolved(resolved_json(scenario), ["estimator.motion.rate=0.7"], "")
+    model = motion_of(config(again), NO_MAPS, user_classes(again)).model
+    assert model.params.rate == 0.7
+
+
+def test_a_class_without_params_is_given_the_keys_and_what_it_uses_of_the_run(modules: Modules) -> None:
+    modules({"lab_b": DRIFT})
+    scenario = load_scenario("landmark-room", overrides=["estimator.measurement=[{kind='lab_b:Beacon', sigma=2}]"])
+    marks: Any = object()
+    (model,) = measurements_of(config(scenario), Maps(landmarks=marks), user_classes(scenario)).values()
+    beacon: Any = model
+    assert beacon.sigma == 2
+    assert beacon.landmarks is marks
+    with pytest.raises(ScenarioError, match=r"measurement.0.kind: 'lab_b:Beacon' uses 'landmarks', which this run"):
+        measurements_of(config(scenario), NO_MAPS, user_classes(scenario))
+
+
+@pytest.mark.parametrize(
+    ("table", "told"),
+    [
+        ("kind='lab_c:Drift', rate=-1.0", "estimator.motion.rate: expected `float` >= 0.0"),
+        ("kind='lab_c:Drift', rat=1.0", "estimator.motion.rat: unknown key; lab_c:Drift knows rate"),
+        (
+            "kind='lab_c:Plain', gian=1.0",
+            "estimator.motion.kind: 'lab_c:Plain' cannot be made of the table's keys: .*gian",
+        ),
+        (
+            "kind='lab_c:Plain'",
+            "estimator.motion.kind: 'lab_c:Plain' lacks particles, propagate; expected a MotionModel, "
+            "which has particles, propagate",
+        ),
+        ("kind='lab_c:Drft'", "estimator.motion.kind: 'lab_c:Drft': Drft is not in the module; did you mean 'Drift'?"),
+        ("kind='lab_c:NUMBER'", "estimator.motion.kind: 'lab_c:NUMBER': NUMBER is no class"),
+        ("kind='lab_d:Drift'", r"estimator.motion.kind: 'lab_d:Drift': .*ZeroDivisionError: .*lab_d.py:1\)"),
+        ("kind='lab_e:Drift'", "its module needs the module 'no_such_thing', which is not installed"),
+    ],
+)
+def test_what_does_not_fit_is_told_with_its_key(modules: Modules, table: str, told: str) -> None:
+    modules({"lab_c": DRIFT, "lab_d": "1 / 0", "lab_e": "import no_such_thing"})
+    scenario = with_motion(table)
+    with pytest.raises(ScenarioError, match=told):
+        motion_of(config(scenario), NO_MAPS, user_classes(scenario))
+
+
+@pytest.mark.parametrize(
+    ("kind", "told"),
+    [
+        ("no_such_lab:Drift", "there is no module 'no_such_lab' on the Python path; .*PYTHONPATH"),
+        ("no_such_lab.models:Drift", "there is no module 'no_such_lab' on the Python path; .*PYTHONPATH"),
+        ("lab_f.models:Drift", "there is no module 'lab_f.models' on the Python path"),
+        ("lab f:Drift", "estimator.motion.kind: 'lab f:Drift'; expected package.module:Name"),
+        ("sys:Drift", "'sys' has no source file"),
+    ],
+)
+def test_a_module_that_is_not_there_is_told_when_the_scenario_is_read(modules: Modules, kind: str, told: str) -> None:
+    modules({"lab_f/__init__": ""})
+    with pytest.raises(ScenarioError, match=rf"landmark-room.toml: estimator.motion.kind: .*{told}|{told}"):
+        with_motion(f"kind='{kind}'")
+
+
+def test_the_digest_is_that_of_the_whole_package_and_of_nothing_beside_it(modules: Modules) -> None:
+    def digest() -> str:
+        return with_motion("kind='lab_g.models:Drift'").user_code["lab_g.models"]
+
+    modules({"lab_g/__init__": "", "lab_g/models": DRIFT, "lab_g/helpers": "x = 1", "beside": "x = 1"})
+    first = digest()
+    modules({"beside": "x = 2"})
+    assert digest() == first
+    modules({"lab_g/helpers": "x = 2"})
+    assert digest() != first
+
+
+def test_a_resampling_scheme_of_ones_own_is_held_to_its_part(modules: Modules) -> None:
+    modules({"lab_h": "class Never:\n    def due(self, cloud):\n        return False\n"})
+    scenario = load_scenario("landmark-room", overrides=["estimator.resampling={kind='lab_h:Never'}"])
+    with pytest.raises(ScenarioError, match="'lab_h:Never' lacks select; expected a Resampling, which has due, select"):
+        localizer_of(config(scenario), MOTION, {}, NO_MAPS, user_classes(scenario))
+
+
+WALK = """
+    import numpy as np
+
+    class Walk:
+        def __init__(self, step):
+            self.step = step
+
+        def particles(self, poses, stream):
+            return poses
+
+        def propagate(self, particles, control, stream):
+            moved = particles + np.float32(self.step) * stream.normals(*particles.shape)
+            moved[0] += np.float32(control.v * control.duration) * np.cos(moved[2])
+            moved[1] += np.float32(control.v * control.duration) * np.sin(moved[2])
+            moved[2] += np.float32(control.w * control.duration)
+            return moved
+"""
+
+
+def test_a_run_with_a_users_model_replays_and_tells_when_the_model_has_changed(
+    modules: Modules, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    modules({"lab_i": WALK})
+    path = tmp_path / "run.mcap"
+    words = ["--set", "max_ticks=12", "--set", "estimator.motion={kind='lab_i:Walk', step=0.01}"]
+    assert main(["run", "landmark-room", "--runner", "inline", *words, "-o", str(path)]) == 0
+    assert main(["replay", str(path)]) == 0
+    assert "lab_i" not in capsys.readouterr().err
+
+    modules({"lab_i": WALK.replace("self.step = step", "self.step = 2 * step")})
+    assert main(["replay", str(path), "--json"]) == 1
+    told = capsys.readouterr()
+    assert "the module lab_i has changed since the run was recorded" in told.err
+    assert json.loads(told.out)["first"]["node"] == "estimator"
+
+    modules({"lab_i": ""})  # forgotten, too
+    (tmp_path / "lab_i.py").unlink()
+    assert main(["replay", str(path)]) == 2
+    assert (
+        "estimator.motion.kind: 'lab_i:Walk': there is no module 'lab_i' on the Python path" in capsys.readouterr().err
+    )
