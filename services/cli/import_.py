@@ -5,6 +5,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from services.errors import UsageError
+
 if TYPE_CHECKING:
     from services.importers.log import ImportSummary, Span
     from services.importers.stream import LogStream, StreamSummary
@@ -27,6 +29,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     _add_common(carmen, "file with lines such as FLASER, ROBOTLASER1, ODOM")
     carmen.add_argument("--range-max", metavar="M", type=_metres, help="ranges from here on are no return")
     _add_map(carmen)
+    carmen.add_argument(
+        "--map-from-poses", metavar="M", type=_metres, help="draw the map from scans and corrected poses, in cells of M"
+    )
     carmen.set_defaults(run=_import_carmen)
 
     rosbag = formats.add_parser("rosbag", help="a ROS 1 bag, or a ROS 2 bag in sqlite3 or MCAP")
@@ -112,7 +117,16 @@ def _import_mrclam(args: argparse.Namespace) -> int:
 def _import_carmen(args: argparse.Namespace) -> int:
     from services.importers.carmen import import_carmen
 
-    return _write(import_carmen(args.source, range_max=args.range_max, attachments=_map(args)), args)
+    attachments = _map(args)
+    if args.map_from_poses is not None:
+        from services.importers.mapping import drawn_map
+
+        if args.map is not None:
+            raise UsageError("--map and --map-from-poses: one map for a log")
+        attachments = drawn_map(
+            lambda: import_carmen(args.source, range_max=args.range_max).records, args.map_from_poses, "map"
+        )
+    return _write(import_carmen(args.source, range_max=args.range_max, attachments=attachments), args)
 
 
 def _import_rosbag(args: argparse.Namespace) -> int:

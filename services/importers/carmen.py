@@ -90,13 +90,14 @@ def _survey(path: Path, range_max: float | None) -> _Survey:
     odom: Pose | None = None
     jumped: Pose | None = None  # the last laser line's pose, if it is not where odometry was
     jumps = repeated = 0
-    apart = False
+    apart = told = False
     backwards, newest_ns = 0, 0
     for _, line in lines_of(path):
         kind, _, rest = line.partition(" ")
         fields = rest.split()
         if kind == "PARAM" and len(fields) > 1 and fields[0] in PARAMS:
             _take_param(params, PARAMS[fields[0]], fields[1])
+        told = told or kind == "TRUEPOS"
         try:
             if kind == "ODOM":
                 found = _odom(fields)
@@ -130,7 +131,7 @@ def _survey(path: Path, range_max: float | None) -> _Survey:
         range_max=range_max or params.get("range_max", NO_RETURN_M),
         odometry=counts["ODOM"] > 0,
         restarts=restarts,
-        corrected=restarts or departed[chosen],
+        corrected=restarts or (departed[chosen] and not told),  # where the truth is told, the rest is odometry
         apart=apart and chosen == "FLASER",
         backwards=backwards,
     )

@@ -14,16 +14,11 @@ from services.importers.stream import LogStream, Losses
 from services.importers.text import refuse_pointer
 from services.importers.transforms import matrix, planar
 from services.recording.header import Attachment
+from services.recording.scenario import attached
 
-__all__ = ["FOLDER", "import_map", "map_attachments", "map_of_message"]
+__all__ = ["import_map", "map_attachments", "map_of_message"]
 
-FOLDER = "files/"
-MEDIA_TYPES = {
-    ".yaml": "application/yaml",
-    ".pgm": "image/x-portable-graymap",
-    ".png": "image/png",
-    ".bmp": "image/bmp",
-}
+
 LARGEST_MAP = 2**28  # cells of a map in a message
 
 
@@ -62,7 +57,7 @@ def map_of_message(message: Any, name: str) -> tuple[Attachment, ...]:
         f"origin: [{x!r}, {y!r}, {yaw!r}]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
     image = f"P5\n{width} {height}\n255\n".encode() + pixels.tobytes()
-    return _attached({f"{name}.yaml": text.encode(), f"{name}.pgm": image})
+    return attached(f"{name}.yaml", text.encode()), attached(f"{name}.pgm", image)
 
 
 def _read(path: Path) -> tuple[tuple[Attachment, ...], OccupancyGrid]:
@@ -80,18 +75,7 @@ def _read(path: Path) -> tuple[tuple[Attachment, ...], OccupancyGrid]:
         raise ImportFailedError(f"{path}: cannot be read: {error}") from error
     except ValueError as error:
         raise ImportFailedError(f"{path.parent / str(error)}") from error
-    return _attached({path.name: text.encode(), **images}), grid
-
-
-def _attached(files: dict[str, bytes]) -> tuple[Attachment, ...]:
-    return tuple(
-        Attachment(
-            name=FOLDER + name,
-            media_type=MEDIA_TYPES.get(PurePath(name).suffix.lower(), "application/octet-stream"),
-            data=data,
-        )
-        for name, data in files.items()
-    )
+    return (attached(path.name, text.encode()), *(attached(name, data) for name, data in images.items())), grid
 
 
 def _facts(grid: OccupancyGrid) -> dict[str, Any]:

@@ -67,6 +67,7 @@ class _Plan(NamedTuple):
     odom_child: str  # the frame that tf has in the odometry frame
     to_base: Pose  # the base in that frame
     mount: FloatArray  # (4, 4), the scanner on the base
+    range_max: float | None  # m, what a beam without return reads; None: it changes from scan to scan
 
 
 def import_rosbag(
@@ -92,6 +93,7 @@ def import_rosbag(
             "scanner_x_m": x,
             "scanner_y_m": y,
             "scanner_theta_rad": theta,
+            "range_max_m": plan.range_max,
             "truth_offset": list(choice.truth_offset),
             "truth_shift_s": choice.truth_shift,
             "topics_left_out": {name: bag.topics[name] for name in sorted(bag.topics.keys() - taken)},
@@ -104,7 +106,7 @@ def import_rosbag(
 
 
 def _planned(bag: Bag, choice: BagChoice, losses: Losses) -> _Plan:
-    scan, frame = _scanner(bag, choice)
+    scan, frame, range_max = _scanner(bag, choice)
     transforms = tuple(bag.of_type(*TRANSFORMS))
     truth = _named(bag, choice.truth, "truth", POSES) or _first(one for one in bag.of_type(*POSES) if TRUE.search(one))
     odometry = None if choice.odometry == TF else _named(bag, choice.odometry, "odometry", (ODOMETRY,))
@@ -128,7 +130,7 @@ def _planned(bag: Bag, choice: BagChoice, losses: Losses) -> _Plan:
             "odometry, which the bag lacks", f"no {ODOMETRY}, no transform from {choice.odom_frame!r} to {base!r}"
         )
     is_cloud = bag.topics[scan] == CLOUDS
-    return _Plan(scan, is_cloud, odometry, truth, transforms, base, odom_child or base, to_base, mount)
+    return _Plan(scan, is_cloud, odometry, truth, transforms, base, odom_child or base, to_base, mount, range_max)
 
 
 def _first(names: Any) -> str | None:
@@ -145,21 +147,22 @@ def _named(bag: Bag, name: str | None, what: str, types: tuple[str, ...]) -> str
     return name
 
 
-def _scanner(bag: Bag, choice: BagChoice) -> tuple[str, str]:
-    """Return topic and frame of the scanner that is taken: of several, that of the widest view, then most beams."""
+def _scanner(bag: Bag, choice: BagChoice) -> tuple[str, str, float | None]:
+    """Return topic, frame and range of the scanner that is taken: of several, the widest view, then most beams."""
     scan = _named(bag, choice.scan, "scan", (SCANS, CLOUDS))
-    found: list[tuple[float, int, str, str]] = []
+    found: list[tuple[float, int, str, str, float]] = []
     names = [scan] if scan is not None else bag.of_type(SCANS) or bag.of_type(CLOUDS)
     for name in names:
         first = next(bag.messages([name], Losses()), None)
         if first is not None:
             width, beams = _view(first.content) if bag.topics[name] == SCANS else (0.0, 0)
-            found.append((-width, -beams, name, _frame(first.content)))
+            greatest = first.content.range_max if bag.topics[name] == SCANS else choice.flatten.range_max
+            found.append((-width, -beams, name, _frame(first.content), float(greatest)))
     if not found:
         there = ", ".join(f"{name} ({kind})" for name, kind in sorted(bag.topics.items())[:20]) or "no topics"
         raise ImportFailedError(f"{bag.path}: no {SCANS} and no {CLOUDS} that can be read; it has {there}")
-    _, _, name, frame = min(found)
-    return name, frame
+    _, _, name, frame, greatest = min(found)
+    return name, frame, greatest if np.isfinite(greatest) and greatest > 0.0 else None
 
 
 def _view(message: Any) -> tuple[float, int]:
