@@ -66,7 +66,8 @@ def _start(records: list[LogRecord]) -> tuple[float, float, float] | None:
 
 
 def _range_max(origin: str) -> float | None:
-    """Return what a beam without return reads, metres, where the importer has told it."""
-    imported = json.loads(origin).get("import", {})
-    found = imported.get("settings", {}).get("range_max_m")
+    """Return what a beam without return reads, metres, where the importer, or the run that played the log, told it."""
+    told = json.loads(origin)
+    settings = told["import"].get("settings", {}) if "import" in told else told.get("estimator") or {}
+    found = settings.get("range_max_m", settings.get("scan_range_max"))
     return float(found) if isinstance(found, int | float) else None

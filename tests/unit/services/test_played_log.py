@@ -10,6 +10,7 @@ from services.cli.main import main
 from services.errors import ScenarioError
 from services.played_log import PlayedLog
 from services.scenario import load_scenario
+from tests.unit.services.small_log import IMAGE, YAML
 
 # It drove 1 m ahead and turned left before it was first known to be at (5, 5), facing along y.
 LOG = """\
@@ -18,7 +19,6 @@ ODOM 1 0 1.5707963267948966 0 0 0 2.0 h 2.0
 TRUEPOS 5 5 1.5707963267948966 0 0 0 2.0 h 2.0
 FLASER 2 1 70 1 0 1.5707963267948966 1 0 1.5707963267948966 2.0 h 2.0
 """
-YAML = "image: house.pgm\nresolution: 0.5\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
 SCENARIO = """\
 title = "A log"
 needs_log = true
@@ -35,8 +35,8 @@ kind = "likelihood_field"
 @pytest.fixture(name="log")
 def imported(tmp_path: Path) -> PlayedLog:
     (tmp_path / "log.txt").write_text(LOG)
-    (tmp_path / "house.yaml").write_text(YAML)
-    (tmp_path / "house.pgm").write_bytes(b"P5\n2 1\n255\n\x00\xfe")
+    (tmp_path / "house.yaml").write_bytes(YAML)
+    (tmp_path / "house.pgm").write_bytes(IMAGE)
     words = ["import", "carmen", str(tmp_path / "log.txt"), "--range-max", "60", "--map", str(tmp_path / "house.yaml")]
     assert main([*words, "-o", str(tmp_path / "log.mcap")]) == 0
     return PlayedLog(tmp_path / "log.mcap")
@@ -56,7 +56,7 @@ def test_map_range_and_start_come_from_the_log(log: PlayedLog, tmp_path: Path) -
         (tmp_path / name).unlink()
     scenario = scenario_of(tmp_path, log)
     assert scenario.map.file == "house.yaml"
-    assert scenario.files["house.yaml"].data == YAML.encode()
+    assert scenario.files["house.yaml"].data == YAML
     assert scenario.estimator.scan_range_max == 60.0
     assert (scenario.estimator.start.x, scenario.estimator.start.theta) == pytest.approx((4.0, 0.0))
 
@@ -65,7 +65,7 @@ def test_a_map_of_the_scenario_s_own_stands_against_the_log_s(log: PlayedLog, tm
     own = SCENARIO + '[map]\nkind = "occupancy"\nfile = "other.yaml"\n'
     with pytest.raises(ScenarioError, match=r"'other.yaml' cannot be read: No such file"):
         scenario_of(tmp_path, log, text=own)
-    (tmp_path / "other.yaml").write_text(YAML.replace("0.5", "0.25"))
+    (tmp_path / "other.yaml").write_bytes(YAML.replace(b"0.5", b"0.25"))
     scenario = scenario_of(tmp_path, log, "estimator.scan_range_max=30", text=own)
     assert scenario.map.file == "other.yaml"
     assert scenario.estimator.scan_range_max == 30
