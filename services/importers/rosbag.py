@@ -36,6 +36,7 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 MAPS = "nav_msgs/msg/OccupancyGrid"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 POSES = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped", ODOMETRY)
+TYPES = (SCANS, CLOUDS, ODOMETRY, MAPS, *TRANSFORMS, *POSES)
 TRUE = re.compile(r"truth|ground|(^|[/_])gt([/_]|$)|vicon|mocap|optitrack", re.IGNORECASE)
 BASES = ("base_footprint", "base_link", "base")
 TF = "tf"
@@ -80,7 +81,7 @@ def import_rosbag(
     """
     choice = choice or BagChoice()
     losses = Losses()
-    with open_bag(path) as bag:
+    with open_bag(path, TYPES) as bag:
         plan = _planned(bag, choice, losses)
         attachments = attachments or _map(bag, losses)
         x, y, theta = _mount(plan)
@@ -237,7 +238,7 @@ def _map(bag: Bag, losses: Losses) -> tuple[Attachment, ...]:
 
 
 def _records(path: Path, plan: _Plan, choice: BagChoice, losses: Losses) -> Iterator[Record]:
-    with open_bag(path) as bag:
+    with open_bag(path, TYPES) as bag:
         topics = {plan.scan, plan.truth} | (set(plan.transforms) if plan.odometry == TF else {plan.odometry})
         order = Reorder(losses)
         reader = _Reader(plan, choice, losses)

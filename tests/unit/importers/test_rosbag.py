@@ -365,3 +365,18 @@ def test_the_summary_of_a_real_bag_tells_what_was_chosen(tmp_path: Path, capsys:
     assert told["attachments"] == ["files/i-108_10mm.yaml", "files/i-108_10mm.pgm"]
     files = {one.name: one.data for one in read_recording(tmp_path / "log.mcap").attachments}
     assert files["files/i-108_10mm.pgm"] == (source.parent / "i-108_10mm.pgm").read_bytes()
+
+
+@pytest.mark.skipif(not (REAL / "../mcap").is_dir(), reason="the MCAP files are not there")
+def test_real_files_without_a_scan_are_refused_in_one_line_whatever_else_is_in_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = REAL / "../mcap"
+    sources = [*sorted(root.rglob("*.mcap")), *(one.parent for one in sorted(root.rglob("metadata.yaml")))]
+    for source in sources:
+        assert main(["import", "rosbag", str(source), "-o", str(tmp_path / "log.mcap")]) == 2, source
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith(f"dynpf import: {source}: "), line
+        assert "Could not parse" not in line  # what is of no use to us need not be understood
+    assert len(sources) > 20
+    assert not (tmp_path / "log.mcap").exists()
