@@ -276,6 +276,8 @@ def _default(field: types.Field) -> str:
         return "required"
     if field.default_factory is not msgspec.NODEFAULT:
         return "computed" if field.default_factory not in (list, dict) else "empty"
+    if field.default is msgspec.NODEFAULT:  # UNSET: the field need not be there
+        return "left out"
     value = msgspec.to_builtins(field.default)
     match value:
         case None:

@@ -9,7 +9,7 @@ from enum import IntEnum
 from typing import Annotated, ClassVar, Literal
 
 import msgspec
-from msgspec import Meta
+from msgspec import UNSET, Meta, UnsetType
 
 __all__ = [
     "Color",
@@ -20,10 +20,12 @@ __all__ = [
     "Diagnostics",
     "Duration",
     "Estimate",
+    "FilterHealth",
     "FrameTransform",
     "FrameTransforms",
     "Gap",
     "Gripper",
+    "HealthFigures",
     "HostEvent",
     "LandmarkReading",
     "LandmarkReadings",
@@ -413,6 +415,27 @@ class PartEstimate(Part, frozen=True, kw_only=True):
     seen: bool  # a detection was associated in this step
 
 
+class HealthFigures(Part, frozen=True, kw_only=True):
+    """The numbers behind a filter's health; one that is not known, or not finite, is left out."""
+
+    position_sigma: float | UnsetType = UNSET  # m, along the direction where it is greatest
+    heading_sigma: float | UnsetType = UNSET  # rad
+    mode_mass: float | UnsetType = UNSET  # share of the weight in the heaviest mode
+    n_eff_share: float | UnsetType = UNSET  # effective particles as a share of all
+    log_likelihood: float | UnsetType = UNSET  # of one reading, natural logarithm, short-term average
+    likelihood_ratio: float | UnsetType = UNSET  # short-term over long-term average
+    refused_share: float | UnsetType = UNSET  # of the readings, lately
+    impossible: Count = 0  # updates in a row that no particle explains
+
+
+class FilterHealth(Part, frozen=True, kw_only=True):
+    """How far an estimate can be relied on, and why."""
+
+    status: Literal["tracking", "uncertain", "lost"]
+    reason: str
+    figures: HealthFigures
+
+
 class Estimate(Message, frozen=True, kw_only=True):
     """The pose estimate: weighted mean with circular heading, covariance of (x, y, theta) row by row, and health."""
 
@@ -424,6 +447,7 @@ class Estimate(Message, frozen=True, kw_only=True):
     n_eff: NonNegative  # effective sample size
     parts: Annotated[tuple[PartEstimate, ...], Meta(max_length=64)] = ()
     held: Annotated[int, Meta(ge=-1, lt=64)] = -1  # index of the part in the gripper, or -1
+    health: FilterHealth | UnsetType = UNSET  # left out by an estimator that does not judge itself
 
 
 class Command(Message, frozen=True, kw_only=True):

@@ -22,7 +22,7 @@ from services.graph import Graph
 from services.inbox import LockstepInbox, Ready, RealtimeInbox
 from services.intake import Intake, Refusal
 from services.member import Member, StopSignal, join, say
-from services.node import Node
+from services.node import Node, Rehearsing
 from services.nodes import build_nodes
 from services.scenario import Scenario
 from services.source import Feed, LogRecord, feed_log, feed_ticks
@@ -43,9 +43,12 @@ def run_node(name: str, scenario: Scenario, endpoint: str, log: Sequence[LogReco
     cv2.setNumThreads(1)  # one order of evaluation, and no threads that wait for each other on few cores
     nodes = build_nodes(scenario)
     graph = Graph.of(list(nodes.values()))
+    node = nodes[name]
+    if isinstance(node, Rehearsing):
+        node.rehearse()  # as long as it takes: who has not joined yet is waited for
     with join(name, scenario, endpoint, stop) as member:
         awaited = frozenset().union(*(node.reads for node in nodes.values()))
-        host = _Host(nodes[name], scenario, graph, awaited, member)
+        host = _Host(node, scenario, graph, awaited, member)
         host.subscribe()
         member.assemble(leads=name == graph.source)
         host.run(host.feeds(log) if name == graph.source else None)

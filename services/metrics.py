@@ -107,6 +107,8 @@ def _localization(recording: Recording) -> dict[str, Any]:
         "heading_rmse_rad": scored.heading_rmse_rad,
         "lost_fraction": float(np.mean(distance > LOST_M)) if distance.size else np.nan,
     }
+    if verdicts := [one.health.status for one in estimates if one.health]:
+        measures["lost_by_verdict"] = verdicts.count("lost") / len(verdicts)
     measures |= _consistency(errors.errors, errors.heading_valid, [estimates[place] for place in chosen])
     measures |= _dead_reckoning(recording, reference, truth)
     return {name: value for name, value in measures.items() if np.isfinite(value)}

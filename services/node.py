@@ -7,14 +7,25 @@ random generator, and starts no threads. All its state can be taken out and put 
 
 import hashlib
 from collections.abc import Mapping
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import msgspec
 import numpy as np
 
 from protocol.messages import Message
 
-__all__ = ["Node", "Output", "Received", "Result", "State", "Step", "decode_state", "encode_state", "state_digest"]
+__all__ = [
+    "Node",
+    "Output",
+    "Received",
+    "Rehearsing",
+    "Result",
+    "State",
+    "Step",
+    "decode_state",
+    "encode_state",
+    "state_digest",
+]
 
 State = Mapping[str, Any]
 """A node's whole state: text keys to None, bool, int, float, str, bytes, lists, dicts and NumPy arrays of these."""
@@ -75,6 +86,17 @@ class Node(Protocol):
     def freeze(self) -> State: ...
 
     def thaw(self, state: State) -> None: ...
+
+
+@runtime_checkable
+class Rehearsing(Protocol):
+    """A node whose first step would be late: what it calls has to be compiled first."""
+
+    def rehearse(self) -> None:
+        """Do once what steps do, on something made up, so that it is compiled; changes no state and no random stream.
+
+        A host calls it before the node joins its run.
+        """
 
 
 _ARRAY = 1

@@ -292,7 +292,7 @@ def _tagged(info: Any) -> bool:
 
 def _unfolded(value: Any) -> Any:
     """Return the tables of user's classes as they stand in a scenario file."""
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return [_unfolded(child) for child in value]
     if not isinstance(value, dict):
         return value

@@ -46,6 +46,7 @@ class Report(NamedTuple, Generic[EstimateT]):
     log_evidence: float  # log p(readings | all before them); 0 without readings, -inf where no particle explains them
     survivors: Indices | None  # whose copies the particles are; None: as they were
     drawn_anew: int  # of the particles, the last ones
+    readings: int = 0  # that the log-evidence speaks of, each of a batch by itself
 
 
 class ParticleFilter(Generic[EstimateT]):
@@ -104,7 +105,9 @@ class ParticleFilter(Generic[EstimateT]):
             if share > 0.0 or self.resampling.due(weighted):
                 resampled, chosen, anew = self.resample(resampled, share, readings, stream)
                 survivors = chosen if survivors is None else survivors[chosen]
-        return resampled, Report(estimate, weighted.n_eff, proposed.outcomes, log_evidence, survivors, anew)
+        return resampled, Report(
+            estimate, weighted.n_eff, proposed.outcomes, log_evidence, survivors, anew, proposed.readings
+        )
 
     def weigh(
         self, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream

@@ -55,8 +55,7 @@ def cache_folder() -> Path | None:
     for root in roots:
         folder = root / name
         try:
-            new = not folder.exists()
-            folder.mkdir(parents=True, exist_ok=True)
+            new = _made(folder)
             with tempfile.TemporaryFile(dir=folder):
                 pass
         except OSError:
@@ -66,6 +65,15 @@ def cache_folder() -> Path | None:
         return folder
     logging.getLogger("dynpf").warning("Compiling the kernels anew: no folder to keep them in (%s)", roots[0])
     return None
+
+
+def _made(folder: Path) -> bool:
+    """Make the folder; return whether it was this process that did, of several that may begin together."""
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        return False
+    return True
 
 
 def _sources_digest() -> str:

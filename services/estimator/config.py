@@ -8,6 +8,7 @@ from msgspec import Meta
 
 from dynpf.filters.adaptation import AugmentedParams, KldParams, SensorResettingParams
 from dynpf.filters.extended import ExtendedKalmanParams
+from dynpf.filters.health import HealthParams
 from dynpf.filters.proposal import Auxiliary, LocalLinearization, Optimal, Prior
 from dynpf.filters.regularization import GaussianKernel
 from dynpf.filters.resampling import Multinomial, Residual, Stratified, Systematic
@@ -89,6 +90,7 @@ class LocalizationConfig(
     # How many particles there are (one of these), and when some are drawn anew because the filter is lost (another).
     adaptation: Annotated[tuple[AdaptationTable, ...], Meta(max_length=2)] = ()
     restart: UniformStart | FromReadingsStart = UniformStart()  # where those begin that are drawn anew
+    health: HealthParams = HealthParams()  # when the estimate counts as uncertain, or as lost
 
     @property
     def user_classes(self) -> Iterator[tuple[str, str]]:

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dynpf.filters.health import Signs
 from dynpf.filters.models import Models, Outcome
 from dynpf.filters.start import FromReadingsStart, KnownStart, pose_source, start_poses
 from dynpf.measurement.range_bearing import RangeBearingReadings
@@ -30,9 +31,11 @@ from services.errors import ScenarioError
 from services.estimator.components import Moved, localizer_of, measurements_of, motion_of
 from services.estimator.config import LocalizationConfig
 from services.estimator.gaps import GAPS, gap_warning
+from services.estimator.health import HealthWatch
 from services.estimator.localizers import Found
 from services.estimator.picture import draw_scene, robot_transform
-from services.estimator.readings import TOPICS, reading_of
+from services.estimator.readings import TOPICS, reading_of, size_of
+from services.estimator.rehearsal import example_readings
 from services.estimator.user_components import Classes
 from services.maps import Maps
 from services.node import Output, Received, Result, State, Step
@@ -43,6 +46,7 @@ __all__ = ["LocalizationEstimator"]
 NANOSECONDS = 10**9
 SHORTEST_NS = NANOSECONDS // 1000  # that a displacement is said to have taken
 SHOWN_PARTICLES = 200
+REHEARSED_PARTICLES = 64
 SHOWN_PERIOD_NS = NANOSECONDS // 5
 SCENE_PERIOD_NS = NANOSECONDS
 
@@ -99,6 +103,7 @@ class LocalizationEstimator:
         self._seed = seed
         self._delay_ns = round(config.odometry_delay * NANOSECONDS)
         self._marks = tuple(landmarks)
+        self._config, self._maps = config, maps
         motion = motion_of(config, maps, classes)
         measurements = measurements_of(config, maps, classes)
         self._control = motion.control
@@ -120,6 +125,7 @@ class LocalizationEstimator:
         self._held: list[Twist | Moved] = []
         self._pending: list[Any] = []
         self._found: Found | None = None
+        self._logs: list[Output] = []
         self._belief: Any = None  # until there are readings to start from
         self._reckoned: FloatArray | None = None
         if isinstance(config.start, KnownStart):
@@ -134,13 +140,13 @@ class LocalizationEstimator:
         self._scene_ns: int | None = None
         self._outcomes = {outcome.value: 0 for outcome in Outcome}
         self._unknown: list[int] = []
+        self._health = HealthWatch(config.health, self.name)
 
     def step(self, step: Step) -> Result:
         """Take the inputs in; answer with the estimate at the step's stamp, if there were any."""
         if not step.inputs:
             return Result()
-        self._number, self._draws, self._found = step.number, 0, None
-        logs: list[Output] = []
+        self._number, self._draws, self._found, self._logs = step.number, 0, None, []
         for received in step.inputs:
             self._advance(received.stamp_ns)
             match received.message:
@@ -149,16 +155,31 @@ class LocalizationEstimator:
                 case OdometryPose(x=x, y=y, theta=theta):
                     self._take_pose(received.stamp_ns, np.array([x, y, theta]))
                 case HostEvent() as gap:
-                    logs.append(gap_warning(gap, step.stamp_ns))
+                    self._logs.append(gap_warning(gap, step.stamp_ns))
                 case LandmarkReadings(readings=readings):
-                    logs += self._unknown_landmarks(received, [one.landmark for one in readings])
+                    self._logs += self._unknown_landmarks(received, [one.landmark for one in readings])
             if received.topic in self._kinds:
                 kind = self._kinds[received.topic]
                 self._pending.append(reading_of(received.message, kind, **self._scanner))
         self._advance(step.stamp_ns)
         self._correct()
         self._predict()
-        return Result((*(self._report() if self._belief is not None else ()), *logs))
+        return Result((*(self._report() if self._belief is not None else ()), *self._logs))
+
+    def rehearse(self) -> None:
+        """See Rehearsing; of a user's measurement models, those take part that give a reading by ``example()``."""
+        stream = Stream.of(self._seed, self.name, 0, "rehearsal")
+        start = self._start.base if isinstance(self._start, FromReadingsStart) else self._start
+        poses = start_poses(start, REHEARSED_PARTICLES, stream, grid=self._grid)
+        poses[:] = poses[:, :1]  # all in one place: what would be read there is believed
+        readings = list(
+            example_readings(self._config, self._models.measurements, self._maps, poses[:, 0], **self._scanner)
+        )
+        if isinstance(self._start, FromReadingsStart):
+            source = pose_source(self._start, grid=self._grid, models=self._models)
+            source.draw(REHEARSED_PARTICLES, readings, stream)
+        control = self._control(Twist(0.01, 0.01, 0.1))
+        self._localizer.rehearse(poses, control, readings, stream)
 
     def freeze(self) -> State:
         """Return the belief, the twists in force and to come, dead reckoning, and what was reported."""
@@ -173,6 +194,7 @@ class LocalizationEstimator:
             "scene_ns": self._scene_ns,
             "outcomes": dict(self._outcomes),
             "unknown": list(self._unknown),
+            "health": self._health.freeze(),
             **({} if self._odometry_pose is None else {"odometry_pose": self._odometry_pose}),
         }
 
@@ -190,6 +212,7 @@ class LocalizationEstimator:
         self._scene_ns = state["scene_ns"]
         self._outcomes = dict(state["outcomes"])
         self._unknown = list(state["unknown"])
+        self._health.thaw(state["health"])
 
     def _begin(self, readings: Sequence[Any]) -> None:
         """Begin to believe; a start from readings waits until there are some."""
@@ -266,12 +289,31 @@ class LocalizationEstimator:
             self._begin(self._pending)
             self._held, self._pending = [], []  # the start is made of these readings, and after the movement before
             return
+        if self._health.report is None:
+            self._judge(self._localizer.find(self._belief))
         control = self._control(self._held.pop()) if self._held else None
         self._predict()
         self._belief, self._found = self._localizer.update(self._belief, control, self._pending, self._stream("update"))
         for outcome in self._found.outcomes:
             self._outcomes[outcome.value] += 1
+        self._judge(self._found, self._pending)
         self._pending = []
+
+    def _judge(self, found: Found, readings: Sequence[Any] = ()) -> None:
+        """Judge the belief by what an update has found."""
+        assert self._stamp_ns is not None
+        sizes = [size_of(reading) for reading in readings]
+        outright = sum(size for size, one in zip(sizes, found.outcomes, strict=True) if one is Outcome.REFUSED)
+        signs = Signs(
+            covariance=found.estimate.covariance,
+            n_eff=found.share,
+            n=1,
+            log_evidence=found.log_evidence,
+            readings=found.readings,
+            refused=max(outright, sum(sizes) - found.readings),
+            modes=self._localizer.modes(self._belief),
+        )
+        self._logs += self._health.judge(signs, self._stamp_ns)
 
     def _predict(self) -> None:
         """Let the belief follow the twists held."""
@@ -288,6 +330,10 @@ class LocalizationEstimator:
     def _report(self) -> list[Output]:
         assert self._stamp_ns is not None
         found = self._found or self._localizer.find(self._belief)
+        if self._health.due(self._stamp_ns):
+            self._judge(found)
+        health = self._health.report
+        assert health is not None
         x, y, theta = found.estimate.mean.tolist()
         when = timestamp(self._stamp_ns)
         outputs = [
@@ -299,6 +345,7 @@ class LocalizationEstimator:
                     theta=theta,
                     covariance=tuple(found.estimate.covariance.ravel().tolist()),
                     n_eff=found.n_eff,
+                    health=health,
                 ),
             ),
             Output("estimator/pose", PoseInFrame(timestamp=when, frame_id=frames.MAP, pose=planar_pose(x, y, theta))),
@@ -312,7 +359,7 @@ class LocalizationEstimator:
             outputs.append(Output("estimator/transforms", robot_transform(x, y, theta, when)))
         if self._scene_ns is None or self._stamp_ns - self._scene_ns >= SCENE_PERIOD_NS:
             self._scene_ns = self._stamp_ns
-            outputs.append(Output("estimator/scene", draw_scene(x, y, theta, self._marks, when)))
+            outputs.append(Output("estimator/scene", draw_scene(x, y, theta, self._marks, when, status=health.status)))
         return outputs
 
     def _shown_particles(self) -> PosesInFrame:

@@ -8,7 +8,7 @@ import numpy as np
 
 from dynpf.filters import kalman
 from dynpf.filters.cloud import Cloud
-from dynpf.filters.estimate import PoseEstimate, pose_estimate
+from dynpf.filters.estimate import PoseEstimate, modes, pose_estimate
 from dynpf.filters.extended import ExtendedKalman
 from dynpf.filters.kalman import Gaussian
 from dynpf.filters.models import Outcome
@@ -21,12 +21,22 @@ from dynpf.se2 import Floats
 __all__ = ["CloudFilter", "Found", "GaussianLocalizer", "Localizer", "ParticleLocalizer"]
 
 
+MOST_IN_MODES = 10_000
+"""Particles among which modes are looked for."""
+
+
 class Found(NamedTuple):
-    """What is believed of the pose, from how many particles in effect, and what became of each reading."""
+    """What is believed of the pose, from how many particles in effect, and what became of each reading.
+
+    ``log_evidence`` is that of the ``readings`` that were used, each of a batch by itself; NaN if none was.
+    """
 
     estimate: PoseEstimate
     n_eff: float
+    share: float  # n_eff of all there are
     outcomes: Sequence[Outcome] = ()
+    log_evidence: float = math.nan
+    readings: int = 0
 
 
 class Localizer(Protocol):
@@ -44,8 +54,14 @@ class Localizer(Protocol):
     def find(self, belief: Any) -> Found:
         """Return what is believed now."""
 
+    def modes(self, belief: Any) -> tuple[float, ...] | None:
+        """Return how much of the belief each of its modes holds, the greatest first; None where there is but one."""
+
     def shown(self, belief: Any, most: int) -> Floats:
         """Return poses (3, M), M <= most, that stand for the belief in a picture."""
+
+    def rehearse(self, poses: Floats, control: Any, readings: Sequence[Any], stream: Stream) -> None:
+        """Do once, to a belief that is thrown away, all that the other methods may ever do."""
 
     def freeze(self, belief: Any) -> Mapping[str, Any]:
         """Return the belief as plain state."""
@@ -81,14 +97,28 @@ class ParticleLocalizer:
 
     def update(self, belief: Cloud, control: Any, readings: Sequence[Any], stream: Stream) -> tuple[Cloud, Found]:
         cloud, report = self.filter.update(belief, control, readings, stream)
-        return cloud, Found(report.estimate, report.n_eff, report.outcomes)
+        share = report.n_eff / belief.weights.size
+        evidence = report.log_evidence if report.readings else math.nan
+        return cloud, Found(report.estimate, report.n_eff, share, report.outcomes, evidence, report.readings)
 
     def find(self, belief: Cloud) -> Found:
-        return Found(pose_estimate(belief.particles, belief.weights), belief.n_eff)
+        share = belief.n_eff / belief.weights.size
+        return Found(pose_estimate(belief.particles, belief.weights), belief.n_eff, share)
+
+    def modes(self, belief: Cloud) -> tuple[float, ...]:
+        every = math.ceil(belief.weights.size / MOST_IN_MODES)
+        weights = np.ascontiguousarray(belief.weights[::every])
+        return tuple(mode.mass for mode in modes(belief.particles[:3, ::every], weights))
 
     def shown(self, belief: Cloud, most: int) -> Floats:
         # Chosen by weight, not by place, so that what is looked at is the posterior.
         return belief.particles[:3, systematic(belief.weights, 0.5, min(most, belief.weights.size))]
+
+    def rehearse(self, poses: Floats, control: Any, readings: Sequence[Any], stream: Stream) -> None:
+        cloud, _ = _rehearsed(self, poses, control, readings, stream)
+        if isinstance(self.filter, ParticleFilter):
+            share = 0.0 if self.filter.rescue is None else 0.5
+            self.filter.resample(cloud, share, readings, stream.part("resample"))
 
     def freeze(self, belief: Cloud) -> Mapping[str, Any]:
         return belief._asdict()
@@ -118,14 +148,21 @@ class GaussianLocalizer:
     def update(self, belief: Gaussian, control: Any, readings: Sequence[Any], stream: Stream) -> tuple[Gaussian, Found]:
         if control is not None:
             belief = self.predict(belief, control, stream)
-        outcomes = []
+        outcomes, evidence, numbers = [], 0.0, 0
         for reading in readings:
             belief, innovation = self.filter.update(belief, reading)
             outcomes.append(Outcome.USED if innovation.used else Outcome.REFUSED)
-        return belief, self.find(belief)._replace(outcomes=outcomes)
+            if innovation.used:
+                evidence -= 0.5 * (innovation.nis + np.linalg.slogdet(2.0 * math.pi * innovation.covariance)[1])
+                numbers += innovation.vector.size
+        found = self.find(belief)._replace(outcomes=outcomes, readings=numbers)
+        return belief, found._replace(log_evidence=float(evidence)) if numbers else found
 
     def find(self, belief: Gaussian) -> Found:
-        return Found(PoseEstimate(belief.mean[:3], belief.covariance[:3, :3]), 0.0)
+        return Found(PoseEstimate(belief.mean[:3], belief.covariance[:3, :3]), 0.0, 1.0)
+
+    def modes(self, belief: Gaussian) -> None:  # noqa: ARG002
+        return None
 
     def shown(self, belief: Gaussian, most: int) -> Floats:
         """Return the mean, and points about it that have the belief's covariance."""
@@ -133,8 +170,24 @@ class GaussianLocalizer:
         states = np.concatenate([belief.mean[:, None], belief.mean[:, None] + offsets], axis=1)
         return states[:3, :: math.ceil(states.shape[1] / most)]
 
+    def rehearse(self, poses: Floats, control: Any, readings: Sequence[Any], stream: Stream) -> None:
+        _rehearsed(self, poses, control, readings, stream)
+
     def freeze(self, belief: Gaussian) -> Mapping[str, Any]:
         return belief._asdict()
 
     def thaw(self, state: Mapping[str, Any]) -> Gaussian:
         return Gaussian(np.array(state["mean"]), np.array(state["covariance"]))
+
+
+def _rehearsed(
+    localizer: Localizer, poses: Floats, control: Any, readings: Sequence[Any], stream: Stream
+) -> tuple[Any, Found]:
+    belief = localizer.start(poses, stream.part("start"))
+    belief = localizer.predict(belief, control, stream.part("predict"))
+    localizer.update(belief, None, readings, stream.part("at rest"))
+    belief, found = localizer.update(belief, control, readings, stream.part("update"))
+    localizer.find(belief)
+    localizer.modes(belief)
+    localizer.shown(belief, 1)
+    return belief, found

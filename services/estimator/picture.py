@@ -25,6 +25,8 @@ __all__ = ["draw_scene", "robot_transform"]
 LANDMARK = Color(r=0.55, g=0.3, b=0.65)
 LABEL = Color(r=0.35, g=0.35, b=0.35)
 ROBOT = Color(r=0.8, g=0.15, b=0.25)
+DOUBTED = {"uncertain": Color(r=0.9, g=0.6, b=0.1), "lost": Color(r=0.5, g=0.5, b=0.5)}
+"""The robot's colour where the estimate cannot be relied on."""
 
 
 def robot_transform(x: float, y: float, theta: float, now: Timestamp) -> FrameTransforms:
@@ -40,15 +42,17 @@ def robot_transform(x: float, y: float, theta: float, now: Timestamp) -> FrameTr
     return FrameTransforms(transforms=(placed,))
 
 
-def draw_scene(x: float, y: float, theta: float, landmarks: Sequence[Landmark], now: Timestamp) -> SceneUpdate:
-    """Return the landmarks as numbered posts and the estimated robot as an arrow; metres and radians."""
+def draw_scene(
+    x: float, y: float, theta: float, landmarks: Sequence[Landmark], now: Timestamp, *, status: str = "tracking"
+) -> SceneUpdate:
+    """Return the landmarks as numbered posts and the estimated robot as an arrow, coloured by how sure it is."""
     arrow = ArrowPrimitive(
         pose=planar_pose(x, y, theta),
         shaft_length=0.2,
         shaft_diameter=0.06,
         head_length=0.15,
         head_diameter=0.15,
-        color=ROBOT,
+        color=DOUBTED.get(status, ROBOT),
     )
     return SceneUpdate(
         entities=(

@@ -13,7 +13,7 @@ from dynpf.measurement.scan import Scan
 from dynpf.measurement.unknown_landmarks import UnlabelledReadings
 from protocol.messages import LandmarkReadings, LaserScan, LineReadings, Message, PositionFix
 
-__all__ = ["TOPICS", "reading_of"]
+__all__ = ["TOPICS", "reading_of", "size_of"]
 
 TOPICS: Mapping[type, str] = {
     RangeBearingReadings: "sensors/landmarks",
@@ -51,3 +51,13 @@ def reading_of(message: Message, kind: type, *, range_min: float = 0.0, range_ma
         case PositionFix():
             return Position(message.x, message.y)
     raise TypeError(f"{type(message).__name__} is no reading")
+
+
+def size_of(reading: Any) -> int:
+    """Return how many readings there are in one: of landmarks or lines, so many; a scan is taken as a whole."""
+    match reading:
+        case RangeBearingReadings() | UnlabelledReadings():
+            return len(reading.ranges)
+        case Lines():
+            return len(reading.rho)
+    return 1

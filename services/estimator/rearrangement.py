@@ -100,6 +100,15 @@ class RearrangementEstimator:
             return Result(tuple(logs))
         return Result((*self._outputs(self._cloud, step), *logs))
 
+    def rehearse(self) -> None:
+        """See Rehearsing."""
+        stream = Stream.of(self._seed, self.name, 0, "rehearsal")
+        particles, origin = self._robot_filter(self._config.process_variance), np.zeros(2)
+        cloud = self._begin(origin, 1, stream.part("start"))
+        for readings in ([], [Observation(origin)]):
+            cloud, _ = particles.update(cloud, origin, readings, stream.part("update"))
+        particles.resample(cloud, 0.0, readings, stream.part("resample"))
+
     def freeze(self) -> State:
         return {
             "cloud": None if self._cloud is None else list(self._cloud),

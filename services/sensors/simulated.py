@@ -124,6 +124,10 @@ class SimulatedSensors:
             publish("gripper", gripper.every, lambda rng: read_gripper(gripper, robot, parts, task, rng))
         return outputs
 
+    def rehearse(self) -> None:
+        """See Rehearsing."""
+        self._rays(np.zeros(2), np.zeros(1))
+
     def freeze(self) -> State:
         return {
             "robot": msgspec.to_builtins(self._robot),

@@ -28,8 +28,8 @@ def start_dynpf(tmp_path: Path) -> Iterator[Start]:
     """Start dynpf processes; when the test is over, all must have ended by themselves, their own children too."""
     children: list[Child] = []
 
-    def started(*words: object, most_bytes: int | None = None) -> Child:
-        children.append(start(tmp_path, *words, most_bytes=most_bytes))
+    def started(*words: object, most_bytes: int | None = None, modules: Path | None = None) -> Child:
+        children.append(start(tmp_path, *words, most_bytes=most_bytes, modules=modules))
         return children[-1]
 
     try:

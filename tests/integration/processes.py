@@ -61,16 +61,17 @@ class Child:
         self.popen.send_signal(signal.SIGINT)
 
 
-def start(folder: Path, *words: object, most_bytes: int | None = None) -> Child:
+def start(folder: Path, *words: object, most_bytes: int | None = None, modules: Path | None = None) -> Child:
     """Start ``dynpf WORDS`` of this very source tree; all temporary files lie in ``folder``, which marks its processes.
 
-    ``most_bytes`` limits the size of files, for it and for all that it starts.
+    ``most_bytes`` limits the size of files, for it and for all that it starts; ``modules`` is a folder on their path.
     """
     number = sum(1 for _ in folder.glob("*.stderr"))
     out, err = folder / f"{number}.stdout", folder / f"{number}.stderr"
     command = [sys.executable, "-P", "-m", "services.cli.main", *map(str, words)]
     if most_bytes is not None:
         command = ["sh", "-c", f'ulimit -f {most_bytes // 512}; exec "$@"', "sh", *command]
+    path = [ROOT] if modules is None else [ROOT, modules]
     # Not a terminal's child: a test's Ctrl-C shall reach the one process that it is sent to.
     with out.open("wb") as stdout, err.open("wb") as stderr:
         popen = subprocess.Popen(
@@ -79,7 +80,7 @@ def start(folder: Path, *words: object, most_bytes: int | None = None) -> Child:
             stdout=stdout,
             stderr=stderr,
             start_new_session=True,
-            env={**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(folder)},
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, path)), "TMPDIR": str(folder)},
         )
     return Child(popen, out, err)
 

@@ -1,30 +1,48 @@
-"""The README's examples run, and the library's surface is what it says."""
+"""The examples of the README and of the library's page run, and the library's surface is what it says."""
 
 import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 import dynpf
+from dynpf.se2 import wrap_angle
 
 ROOT = Path(__file__).parents[3]
 
 
-def examples():
-    return re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
+def examples(page):
+    return re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), flags=re.DOTALL)
 
 
 def test_the_filter_of_the_readme_follows_its_robot():
-    (example,) = examples()
+    (example,) = examples("README.md")
     assert len([line for line in example.splitlines() if line.strip()]) <= 15
     names = {"print": lambda *_: None}
     exec(example, names)
     # An arc of half a metre that turns by 0.1 rad.
     np.testing.assert_allclose(names["report"].estimate.mean, [0.499, 0.025, 0.1], atol=0.1)
     assert names["report"].n_eff > 10.0
+
+
+class Bearing(NamedTuple):
+    heading: float
+
+
+def test_the_model_of_the_librarys_page_steers_a_filter():
+    (example,) = examples("docs/library.md")
+    names = {"np": np, "wrap_angle": wrap_angle}
+    exec(example, names)
+    filter_ = dynpf.ParticleFilter(dynpf.Arcs(dynpf.ArcsParams()), {Bearing: names["Compass"](0.1)})
+    start = dynpf.start_poses(dynpf.KnownStart(sigma_heading=1.0), 5000, dynpf.Stream.of(1, "test", 0))
+    cloud = filter_.start(start, dynpf.Stream.of(2, "test", 0))
+    _, report = filter_.update(cloud, None, [Bearing(0.7)], dynpf.Stream.of(1, "test", 1))
+    # The product of N(0, 1) and N(0.7, 0.1^2).
+    assert abs(report.estimate.mean[2] - 0.7 / 1.01) < 0.01
 
 
 @pytest.mark.parametrize("name", dynpf.__all__)

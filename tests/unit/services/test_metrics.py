@@ -6,12 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from protocol.codec import encode
 from protocol.envelope import Envelope
 from protocol.messages import (
     Estimate,
+    FilterHealth,
+    HealthFigures,
     Message,
     PartEstimate,
     PartsState,
@@ -111,6 +114,19 @@ def test_localization(tmp_path: Path) -> None:
     assert measures["nees_low"] < 3.0 < measures["nees_high"]
     assert (measures["messages"], measures["gaps"], measures["complete"]) == (30, 0, True)
     json.dumps(measures, allow_nan=False)
+
+
+def test_the_share_of_time_that_the_estimator_called_itself_lost(tmp_path: Path) -> None:
+    verdicts = ["tracking", "lost", "uncertain", "lost"]
+    estimates = [
+        msgspec.structs.replace(
+            estimate(0.0, 0.0), health=FilterHealth(status=status, reason="", figures=HealthFigures())
+        )
+        for status in verdicts
+    ]
+    truth = [RobotState(x=0.0, y=0.0, theta=0.0)] * 4
+    recording = record(tmp_path / "run.mcap", ROOM, {"truth/robot": truth, "estimator/state": estimates})
+    assert measure(recording)["lost_by_verdict"] == 0.5
 
 
 def move(path: Path, end: tuple[float, float] = (0.98, 0.0), contacts: int = 3) -> Recording:

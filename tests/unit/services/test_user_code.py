@@ -102,6 +102,13 @@ def test_the_keys_of_the_table_are_the_parameters_of_the_class(modules: Modules)
     assert model.params.rate == 0.7
 
 
+def test_a_class_in_a_list_comes_back_from_the_resolved_text_as_it_went_in(modules: Modules) -> None:
+    modules({"lab_j": DRIFT})
+    tables = "[{kind='lab_j:Beacon', sigma=2}, {kind='position', sigma=0.1}]"
+    scenario = load_scenario("landmark-room", overrides=[f"estimator.measurement={tables}"])
+    assert config(override_resolved(resolved_json(scenario), [], "")) == config(scenario)
+
+
 def test_a_class_without_params_is_given_the_keys_and_what_it_uses_of_the_run(modules: Modules) -> None:
     modules({"lab_b": DRIFT})
     scenario = load_scenario("landmark-room", overrides=["estimator.measurement=[{kind='lab_b:Beacon', sigma=2}]"])

@@ -1,0 +1,92 @@
+"""A user's own models, in a folder on PYTHONPATH, take part in runs and replays as the library's do."""
+
+import json
+from textwrap import dedent
+
+from services.recording.digest import content_digest
+from services.recording.reader import read_recording
+
+LAB = """
+    import numpy as np
+    from dynpf.measurement.range_bearing import RangeBearingReadings
+
+    class Walk:
+        def __init__(self, step):
+            self.step = step
+
+        def particles(self, poses, stream):
+            return poses
+
+        def propagate(self, particles, control, stream):
+            moved = particles + np.float32(self.step) * stream.normals(*particles.shape)
+            moved[0] += np.float32(control.v * control.duration) * np.cos(moved[2])
+            moved[1] += np.float32(control.v * control.duration) * np.sin(moved[2])
+            moved[2] += np.float32(control.w * control.duration)
+            return moved
+
+    class Ranges:
+        reading = RangeBearingReadings
+        uses = ("landmarks",)
+
+        def __init__(self, sigma, landmarks):
+            self.sigma, self.landmarks = sigma, landmarks
+
+        def example(self):
+            return RangeBearingReadings(np.array([1]), np.ones(1, np.float32), np.zeros(1, np.float32))
+
+        def admit(self, particles, weights, reading):
+            return reading
+
+        def log_likelihood(self, particles, reading):
+            total = np.zeros(particles.shape[1], np.float32)
+            for landmark, distance in zip(reading.landmarks.tolist(), reading.ranges):
+                x, y = self.landmarks.position(landmark)
+                expected = np.hypot(np.float32(x) - particles[0], np.float32(y) - particles[1])
+                total -= np.float32(0.5) * ((distance - expected) / np.float32(self.sigma)) ** 2
+            return total
+"""
+TICKS = 40
+WORDS = (
+    "landmark-room",
+    "--set",
+    f"max_ticks={TICKS}",
+    "--set",
+    "estimator.motion={kind='lab_of_mine:Walk', step=0.01}",
+    "--set",
+    "estimator.measurement={kind='lab_of_mine:Ranges', sigma=0.1}",
+)
+
+
+def test_a_users_models_run_on_the_bus_inline_and_in_a_replay(tmp_path, dynpf, here, monkeypatch):
+    lab = tmp_path / "lab"
+    lab.mkdir()
+    (lab / "lab_of_mine.py").write_text(dedent(LAB), encoding="utf-8")
+    on_bus, inline = tmp_path / "bus.mcap", tmp_path / "inline.mcap"
+    run = dynpf("run", *WORDS, "--json", "-o", on_bus, modules=lab)
+    assert run.wait() == 0, run.stderr
+    assert json.loads(run.stdout)["position_rmse_m"] < 0.2
+
+    monkeypatch.syspath_prepend(str(lab))
+    assert here("run", *WORDS, "--runner", "inline", "-o", inline).code == 0
+    assert content_digest(read_recording(inline)) == content_digest(read_recording(on_bus))
+    replayed = here("replay", on_bus, "--json")
+    assert replayed.code == 0, replayed.out
+    assert json.loads(replayed.out)["counts"]["estimator"]["steps"] == TICKS
+
+    without = dynpf("replay", on_bus)
+    assert without.wait() == 2
+    assert_told(without.stderr)
+
+
+def test_a_module_that_is_not_on_the_path_is_told_in_one_line(tmp_path, dynpf):
+    path = tmp_path / "run.mcap"
+    run = dynpf("run", *WORDS, "-o", path)
+    assert run.wait() == 2
+    assert_told(run.stderr)
+    assert not path.exists()
+
+
+def assert_told(words: str) -> None:
+    (line,) = words.splitlines()
+    assert "'lab_of_mine:" in line
+    assert "there is no module 'lab_of_mine' on the Python path; name the folder that it is in in PYTHONPATH" in line
