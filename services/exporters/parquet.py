@@ -52,4 +52,4 @@ def _kind(info: types.Type) -> Any:
 def _column(column: tuple[Any, ...], kind: Any) -> list[Any]:
     if kind != pyarrow.string():
         return list(column)
-    return [one if isinstance(one, str) else in_json(one) for one in column]
+    return [one if one is None or isinstance(one, str) else in_json(one) for one in column]

@@ -1,6 +1,7 @@
 """The messages of a topic as a table: one row a message, one column a field.
 
-Fields of fields are joined by dots, lists of a fixed length have a column for each place; other lists stay one value.
+Fields of fields are joined by dots, lists of a fixed length have a column for each place; other lists stay one value. A
+field that a message leaves out is empty.
 """
 
 import csv
@@ -39,11 +40,20 @@ def _leaves(info: types.Type, name: str, get: Getter) -> Iterator[tuple[str, tup
 
 
 def _of_field(get: Getter, name: str) -> Getter:
-    return lambda message: getattr(get(message), name)
+    def field(message: Any) -> Any:
+        whole = get(message)
+        value = None if whole is None else getattr(whole, name)
+        return None if value is msgspec.UNSET else value
+
+    return field
 
 
 def _of_place(get: Getter, place: int) -> Getter:
-    return lambda message: get(message)[place]
+    def item(message: Any) -> Any:
+        whole = get(message)
+        return None if whole is None else whole[place]
+
+    return item
 
 
 def rows(recording: Recording, topic: str) -> Iterator[list[Any]]:
@@ -65,7 +75,9 @@ def write_csv(recording: Recording, topic: str, stream: TextIO) -> int:
     writer.writerow(header(topic))
     count = 0
     for row in rows(recording, topic):
-        writer.writerow([one if isinstance(one, str | int | float) else in_json(one) for one in row])
+        writer.writerow(
+            ["" if one is None else one if isinstance(one, str | int | float) else in_json(one) for one in row]
+        )
         count += 1
     return count
 

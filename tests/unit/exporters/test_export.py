@@ -80,7 +80,7 @@ def test_parquet_holds_the_same_table(log: Path, tmp_path: Path) -> None:
 def test_lists_of_a_fixed_length_have_a_column_for_each_place() -> None:
     estimate = Estimate(x=1.0, y=2.0, theta=0.5, covariance=tuple(map(float, range(9))), n_eff=7.0)
     found = {name: get(estimate) for name, (_, get) in columns("estimator/state").items()}
-    assert found == {
+    assert {name: value for name, value in found.items() if not name.startswith("health")} == {
         "x": 1.0,
         "y": 2.0,
         "theta": 0.5,
@@ -89,6 +89,7 @@ def test_lists_of_a_fixed_length_have_a_column_for_each_place() -> None:
         "parts": (),
         "held": -1,
     }
+    assert {value for name, value in found.items() if name.startswith("health")} == {None}  # which it leaves out
 
 
 @pytest.mark.parametrize(
