@@ -9,7 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["FloatArray", "Floats", "arc_chord", "arc_displacement", "circular_mean", "compose", "wrap_angle"]
+__all__ = [
+    "FloatArray",
+    "Floats",
+    "arc_chord",
+    "arc_displacement",
+    "circular_mean",
+    "compose",
+    "relative",
+    "wrap_angle",
+]
 
 FloatArray = NDArray[np.float64]
 Floats = NDArray[np.floating[Any]]
@@ -32,6 +41,13 @@ def compose(pose: FloatArray, relative: FloatArray) -> FloatArray:
             wrap_angle(pose[2] + relative[2]),
         )
     )
+
+
+def relative(pose: FloatArray, other: FloatArray) -> FloatArray:
+    """Return ``other``, given in the frame in which ``pose`` is, in the frame of ``pose``: compose undone; (3, ...)."""
+    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    dx, dy = other[0] - pose[0], other[1] - pose[1]
+    return np.stack((cosine * dx + sine * dy, cosine * dy - sine * dx, wrap_angle(other[2] - pose[2])))
 
 
 def circular_mean(angles: Floats, weights: Floats) -> float:

@@ -36,6 +36,7 @@ __all__ = [
     "LogLevel",
     "Message",
     "Odometry",
+    "OdometryPose",
     "PartEstimate",
     "PartState",
     "PartsState",
@@ -349,6 +350,15 @@ class Odometry(Message, frozen=True, kw_only=True):
     schema_name = "dynpf.Odometry"
     v: float  # m/s
     w: float  # rad/s
+
+
+class OdometryPose(Message, frozen=True, kw_only=True):
+    """Where odometry alone puts the robot, in a frame of its own: what tells is the motion from one to the next."""
+
+    schema_name = "dynpf.OdometryPose"
+    x: float  # m
+    y: float  # m
+    theta: Angle  # rad
 
 
 class LandmarkReading(Part, frozen=True, kw_only=True):

@@ -49,7 +49,14 @@ _ROWS = (
         type=messages.Odometry,
         publishers=(LOG_NODE,),
         triggers=("sensors",),
-        description="Odometry record of an imported log",
+        description="Odometry record of an imported log, as a twist",
+    ),
+    Topic(
+        name="log/odometry_pose",
+        type=messages.OdometryPose,
+        publishers=(LOG_NODE,),
+        triggers=("sensors",),
+        description="Odometry record of an imported log, as a pose",
     ),
     Topic(
         name="log/landmarks",
@@ -118,6 +125,13 @@ _ROWS = (
         publishers=("sensors",),
         triggers=("estimator",),
         description="Forward speed and turning rate as the wheel encoders see them",
+    ),
+    Topic(
+        name="sensors/odometry_pose",
+        type=messages.OdometryPose,
+        publishers=("sensors",),
+        triggers=("estimator",),
+        description="Where the wheel encoders put the robot, in a frame of their own",
     ),
     Topic(
         name="sensors/landmarks",

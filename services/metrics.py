@@ -13,7 +13,7 @@ from dynpf.metrics.trajectory import Trajectory, pose_errors, score, thin
 from protocol.codec import decode
 from protocol.messages import Estimate, PartsState, PoseInFrame, RobotState, heading
 from services.recording.digest import content_digest
-from services.recording.reader import Recording
+from services.recording.reader import Recorded, Recording
 from services.scenario import Scenario, override_resolved
 
 __all__ = ["HOME_TOLERANCE_M", "LOST_M", "differing", "measure", "summary"]
@@ -27,6 +27,7 @@ LOST_M = 1.0
 """The robot counts as lost while the estimate is farther than this from the truth."""
 
 _SCORED_HZ = 10.0
+_MAX_GAP_S = 0.5
 _TRUTHS = ("truth/robot", "log/truth")
 
 
@@ -93,11 +94,11 @@ def _localization(recording: Recording) -> dict[str, Any]:
         return {}
     reference = Trajectory(stamps, np.array([(one.x, one.y, one.theta) for one in states]).T)
     valid = np.array([one.heading_valid for one in states])
-    chosen = thin(estimated_at, _SCORED_HZ)
+    chosen, max_gap = _scored(recording, "estimator/state", truth)
     poses = np.array([(one.x, one.y, one.theta) for one in estimates]).T[:, chosen]
     estimate = Trajectory(estimated_at[chosen], poses)
-    scored = score(estimate, reference, heading_valid=valid)
-    errors = pose_errors(estimate, reference, heading_valid=valid)
+    scored = score(estimate, reference, heading_valid=valid, max_gap=max_gap)
+    errors = pose_errors(estimate, reference, heading_valid=valid, max_gap=max_gap)
     distance = np.hypot(*errors.errors[:2])[errors.position_valid]
     measures: dict[str, Any] = {
         "position_rmse_m": scored.position_rmse_m,
@@ -109,8 +110,29 @@ def _localization(recording: Recording) -> dict[str, Any]:
     if verdicts := [one.health.status for one in estimates if one.health]:
         measures["lost_by_verdict"] = verdicts.count("lost") / len(verdicts)
     measures |= _consistency(errors.errors, errors.heading_valid, [estimates[place] for place in chosen])
-    measures |= _dead_reckoning(recording, reference)
+    measures |= _dead_reckoning(recording, reference, truth)
     return {name: value for name, value in measures.items() if np.isfinite(value)}
+
+
+def _scored(recording: Recording, topic: str, truth: str) -> tuple[NDArray[np.intp], float]:
+    """Return the indices of the estimates, by time, that are scored, and the longest gap of the truth to interpolate.
+
+    A truth that is too sparse for that, such as one pose a scan, is compared at its own poses: each with the first
+    estimate of its stamp that follows it.
+    """
+    records = _by_time(recording, topic)
+    stamps, known = (np.array([one.stamp_ns * 1e-9 for one in some]) for some in (records, _by_time(recording, truth)))
+    if np.median(np.diff(known)) <= _MAX_GAP_S:
+        return thin(stamps, _SCORED_HZ), _MAX_GAP_S
+    chosen: set[Recorded] = set()
+    due_ns: int | None = None
+    for record in recording.messages():
+        if record.topic == truth:
+            due_ns = record.stamp_ns
+        elif record.topic == topic and record.stamp_ns == due_ns:
+            chosen.add(record)
+            due_ns = None
+    return np.flatnonzero([one in chosen for one in records]), np.inf
 
 
 def _consistency(errors: FloatArray, valid: NDArray[np.bool_], estimates: list[Estimate]) -> dict[str, float]:
@@ -124,14 +146,16 @@ def _consistency(errors: FloatArray, valid: NDArray[np.bool_], estimates: list[E
     return {"nees_mean": judged.figure, "nees_low": judged.low, "nees_high": judged.high}
 
 
-def _dead_reckoning(recording: Recording, reference: Trajectory) -> dict[str, float]:
+def _dead_reckoning(recording: Recording, reference: Trajectory, truth: str) -> dict[str, float]:
     stamps, poses = _read(recording, "estimator/dead_reckoning", PoseInFrame)
     if not poses:
         return {}
-    chosen = thin(stamps, _SCORED_HZ)
+    chosen, max_gap = _scored(recording, "estimator/dead_reckoning", truth)
     places = [poses[place].pose for place in chosen]
     path = np.array([(one.position.x, one.position.y, heading(one.orientation)) for one in places]).T
-    return {"dead_reckoning_rmse_m": score(Trajectory(stamps[chosen], path), reference).position_rmse_m}
+    return {
+        "dead_reckoning_rmse_m": score(Trajectory(stamps[chosen], path), reference, max_gap=max_gap).position_rmse_m
+    }
 
 
 def _rearrangement(recording: Recording) -> dict[str, Any]:
@@ -170,7 +194,11 @@ def _final_error_m(recording: Recording) -> float:
 
 def _read(recording: Recording, topic: str, kind: type[Any]) -> tuple[FloatArray, list[Any]]:
     """Return stamps in seconds and messages of a topic in order of time."""
-    records = sorted(recording.messages(topic), key=lambda record: record.stamp_ns)
+    records = _by_time(recording, topic)
     messages = [decode(topic, record.payload) for record in records]
     assert all(isinstance(message, kind) for message in messages)
     return np.array([record.stamp_ns * 1e-9 for record in records]), messages
+
+
+def _by_time(recording: Recording, topic: str) -> list[Recorded]:
+    return sorted(recording.messages(topic), key=lambda record: record.stamp_ns)

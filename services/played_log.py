@@ -3,12 +3,16 @@
 import json
 from pathlib import Path
 
+import numpy as np
+
+from dynpf.se2 import compose, relative
 from protocol.codec import decode
-from protocol.messages import RobotState
+from protocol.messages import OdometryPose, RobotState
 from protocol.topics import LOG_NODE, topic
 from services.errors import UsageError
 from services.recording.digest import content_digest
 from services.recording.reader import Recording, read_recording
+from services.recording.scenario import FOLDER, is_file
 from services.scenario import LogFacts
 from services.source import LogRecord
 
@@ -30,12 +34,40 @@ class PlayedLog:
         if not any(topic(one.topic).triggers for one in self.records):
             raise UsageError(f"{path}: holds no sensor records of an imported log; dynpf import makes such a recording")
         self.attachments = recording.attachments
-        found = [one.data for one in recording.attachments if one.name == LANDMARKS]
-        reference = next((decode("log/truth", one.payload) for one in self.records if one.topic == "log/truth"), None)
-        start = (reference.x, reference.y, reference.theta) if isinstance(reference, RobotState) else None
-        self.facts = LogFacts(content_digest(recording), json.loads(found[0]) if found else [], start)
+        landmarks = [one.data for one in recording.attachments if one.name == LANDMARKS]
+        self.facts = LogFacts(
+            digest=content_digest(recording),
+            landmarks=json.loads(landmarks[0]) if landmarks else [],
+            start=_start(self.records),
+            files={one.name.removeprefix(FOLDER): one.data for one in recording.attachments if is_file(one)},
+            range_max=_range_max(recording.header.scenario),
+        )
 
 
 def log_records(recording: Recording) -> list[LogRecord]:
     """Return the records of an imported log, or those that a run of one played, in file order."""
     return [LogRecord(one.topic, one.stamp_ns, one.payload) for one in recording.messages() if one.node == LOG_NODE]
+
+
+def _start(records: list[LogRecord]) -> tuple[float, float, float] | None:
+    """Return where the robot is at the first record: the first reference pose, less what odometry moved till then."""
+    first = last = None
+    for record in (one for one in records if one.topic in ("log/odometry_pose", "log/truth")):
+        match decode(record.topic, record.payload):
+            case OdometryPose(x=x, y=y, theta=theta):
+                last = np.array([x, y, theta])
+                first = last if first is None else first
+            case RobotState(x=x, y=y, theta=theta):
+                if first is None or last is None:
+                    return x, y, theta
+                x, y, theta = compose(np.array([x, y, theta]), relative(last, first)).tolist()
+                return x, y, theta
+    return None
+
+
+def _range_max(origin: str) -> float | None:
+    """Return what a beam without return reads, metres, where the importer, or the run that played the log, told it."""
+    told = json.loads(origin)
+    settings = told["import"].get("settings", {}) if "import" in told else told.get("estimator") or {}
+    found = settings.get("range_max_m", settings.get("scan_range_max"))
+    return float(found) if isinstance(found, int | float) else None

@@ -88,11 +88,22 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 class LogFacts(NamedTuple):
-    """What an imported log brings to a scenario: its content digest, its landmarks, and its first reference pose."""
+    """What an imported log brings to a scenario.
+
+    Its content digest, its landmarks, the reference pose at its start, the files of its map by their names, and the
+    range that a beam without return reads.
+    """
 
     digest: str
     landmarks: Sequence[Mapping[str, Any]]
     start: tuple[float, float, float] | None
+    files: Mapping[str, bytes] = {}
+    range_max: float | None = None
+
+    @property
+    def map(self) -> str | None:
+        """The YAML file of the log's map."""
+        return next((name for name in self.files if name.endswith((".yaml", ".yml"))), None)
 
 
 def scenario_files() -> list[Path]:
@@ -133,7 +144,9 @@ def load_scenario(
         raise ScenarioError(f"{path}: {error}") from error
     if not isinstance(raw, dict):
         raise ScenarioError(f"{path}: holds a {type(raw).__name__}, expected a table of keys")
+    files: Mapping[str, bytes] = {}
     if log is not None:
+        files = log.files if "map" not in raw else {}
         _take_from_log(raw, log)
     for override in overrides:
         _apply(raw, override)
@@ -141,7 +154,12 @@ def load_scenario(
         raw["seed"] = seed
     if clock is not None:
         raw["clock"] = clock
-    return with_what_it_names(parse_scenario(raw, str(path)), str(path), lambda name: (path.parent / name).read_bytes())
+
+    def read(name: str) -> bytes:
+        bare = PurePath(name).name
+        return files[bare] if bare in files else (path.parent / name).read_bytes()
+
+    return with_what_it_names(parse_scenario(raw, str(path)), str(path), read)
 
 
 def parse_scenario(raw: Mapping[str, Any], where: str) -> Scenario:
@@ -228,7 +246,11 @@ def _take_from_log(raw: dict[str, Any], log: LogFacts) -> None:
     raw["log_digest"] = log.digest
     if log.landmarks:
         raw.setdefault("landmarks", [dict(landmark) for landmark in log.landmarks])
+    if log.map is not None:
+        raw.setdefault("map", {"kind": "occupancy", "file": log.map})
     estimator = raw.get("estimator")
+    if log.range_max is not None and isinstance(estimator, dict) and estimator.get("kind") == "localization":
+        estimator.setdefault("scan_range_max", log.range_max)
     start = estimator.get("start") if isinstance(estimator, dict) else None
     if log.start is not None and isinstance(start, dict) and start.get("kind") == "known":
         for key, value in zip(("x", "y", "theta"), log.start, strict=True):

@@ -25,6 +25,7 @@ _COMMANDS = {
     "recover": ("recover", "mend a recording into a new file"),
     "metrics": ("metrics", "a recorded run against the truth in it"),
     "import": ("import_", "make a recording of somebody else's log"),
+    "export": ("export", "write a topic of a recording for other programs"),
     "study": ("study", "an experiment of the source documents, with confidence intervals"),
     "bench": ("bench", "what updates cost, against plain NumPy and other libraries"),
     "references": ("references", "check or make anew the reference recordings"),

@@ -1,5 +1,6 @@
 """From the tables of a scenario to the library's objects: the one place that knows which class answers to which."""
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -40,7 +41,7 @@ from dynpf.motion.linear import LinearGaussian, LinearGaussianParams
 from dynpf.motion.model import Displacement, GaussianMotion, MotionModel, Twist
 from dynpf.motion.odometry import OdometryMotion, OdometryParams
 from dynpf.motion.velocity import Velocity, VelocityParams
-from dynpf.se2 import arc_displacement
+from dynpf.se2 import arc_chord, arc_displacement
 from services.errors import ScenarioError
 from services.estimator.config import LocalizationConfig, SirParams, UserComponent
 from services.estimator.localizers import CloudFilter, GaussianLocalizer, Localizer, ParticleLocalizer
@@ -48,16 +49,23 @@ from services.estimator.readings import TOPICS
 from services.estimator.user_components import Classes, made, required_methods
 from services.maps import Maps
 
-__all__ = ["Motion", "localizer_of", "measurements_of", "motion_of"]
+__all__ = ["Motion", "Moved", "localizer_of", "measurements_of", "motion_of"]
 
 Measurements = dict[type, MeasurementModel[Any]]
 
 
+class Moved(NamedTuple):
+    """A displacement that odometry has measured, and how long it took, in seconds."""
+
+    displacement: Displacement
+    duration: float
+
+
 class Motion(NamedTuple):
-    """A motion model, and how its control is made of a twist that was held for a while."""
+    """A motion model, and how its control is made of a twist that was held for a while or of a displacement."""
 
     model: MotionModel[Any]
-    control: Callable[[Twist], Any]
+    control: Callable[[Twist | Moved], Any]
 
 
 def motion_of(config: LocalizationConfig, maps: Maps, classes: Classes) -> Motion:
@@ -68,9 +76,9 @@ def motion_of(config: LocalizationConfig, maps: Maps, classes: Classes) -> Motio
     match table:
         case ArcsParams():
             arcs = Arcs(table) if config.calibration is None else CalibratedArcs(table, config.calibration)
-            return Motion(arcs, _as_it_is)
+            return Motion(arcs, _twist)
         case VelocityParams():
-            return Motion(Velocity(table), _as_it_is)
+            return Motion(Velocity(table), _twist)
         case OdometryParams():
             return Motion(OdometryMotion(table), _displacement)
         case CapsuleStepParams():
@@ -243,20 +251,28 @@ def _own_or_given(table: Any, key: str, role: type, classes: Classes) -> Any:
 _NEEDED = {"landmarks": "[[landmarks]]", "grid": "a [map]", "segments": "a [map] of segments"}
 
 
-def _as_it_is(twist: Twist) -> Twist:
-    return twist
+def _twist(moved: Twist | Moved) -> Twist:
+    """Return what was held; of a displacement, the arc that has its chord and its turn."""
+    if isinstance(moved, Twist):
+        return moved
+    (dx, dy, turn), duration = moved
+    chord = math.copysign(math.hypot(dx, dy), dx)
+    return Twist(chord / float(arc_chord(1.0, turn)) / duration, turn / duration, duration)
 
 
-def _displacement(twist: Twist) -> Displacement:
-    dx, dy, turn = arc_displacement(twist.v * twist.duration, twist.w * twist.duration).tolist()
+def _displacement(moved: Twist | Moved) -> Displacement:
+    if isinstance(moved, Moved):
+        return moved.displacement
+    dx, dy, turn = arc_displacement(moved.v * moved.duration, moved.w * moved.duration).tolist()
     return Displacement(dx, dy, turn)
 
 
-def _turn_and_way(twist: Twist) -> CapsuleMotion:
+def _turn_and_way(moved: Twist | Moved) -> CapsuleMotion:
+    twist = _twist(moved)
     return CapsuleMotion(rho=twist.v * twist.duration, turn=twist.w * twist.duration)
 
 
-_CONTROLS: Mapping[type, Callable[[Twist], Any]] = {Twist: _as_it_is, Displacement: _displacement}
+_CONTROLS: Mapping[type, Callable[[Twist | Moved], Any]] = {Twist: _twist, Displacement: _displacement}
 
 
 def _linear(table: LinearGaussianParams) -> Motion:
@@ -268,7 +284,12 @@ def _linear(table: LinearGaussianParams) -> Motion:
             "estimator.motion: expected a linear_gaussian motion of x, y and theta, and two columns in its input if it"
             " has one: the step's way in m and its turn in rad"
         )
-    return Motion(model, lambda twist: np.array([twist.v, twist.w][:columns]) * twist.duration)
+
+    def control(moved: Twist | Moved) -> Any:
+        twist = _twist(moved)
+        return np.array([twist.v, twist.w][:columns]) * twist.duration
+
+    return Motion(model, control)
 
 
 def _names(types: Mapping[type, Any]) -> str:

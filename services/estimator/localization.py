@@ -10,9 +10,9 @@ from dynpf.filters.models import Models, Outcome
 from dynpf.filters.start import FromReadingsStart, KnownStart, pose_source, start_poses
 from dynpf.measurement.range_bearing import RangeBearingReadings
 from dynpf.measurement.scan import Scan
-from dynpf.motion.model import Twist
+from dynpf.motion.model import Displacement, Twist
 from dynpf.rng import Stream
-from dynpf.se2 import FloatArray, arc_displacement, compose
+from dynpf.se2 import FloatArray, arc_displacement, compose, relative
 from protocol import frames
 from protocol.messages import (
     Estimate,
@@ -21,13 +21,14 @@ from protocol.messages import (
     Log,
     LogLevel,
     Odometry,
+    OdometryPose,
     PoseInFrame,
     PosesInFrame,
     planar_pose,
     timestamp,
 )
 from services.errors import ScenarioError
-from services.estimator.components import localizer_of, measurements_of, motion_of
+from services.estimator.components import Moved, localizer_of, measurements_of, motion_of
 from services.estimator.config import LocalizationConfig
 from services.estimator.gaps import GAPS, gap_warning
 from services.estimator.health import HealthWatch
@@ -43,6 +44,7 @@ from services.task import Landmark
 __all__ = ["LocalizationEstimator"]
 
 NANOSECONDS = 10**9
+SHORTEST_NS = NANOSECONDS // 1000  # that a displacement is said to have taken
 SHOWN_PARTICLES = 200
 REHEARSED_PARTICLES = 64
 SHOWN_PERIOD_NS = NANOSECONDS // 5
@@ -68,9 +70,10 @@ class LocalizationEstimator:
     """The estimator of a robot in a known map.
 
     Inputs are taken in the order given. Each first brings the belief to its own stamp, under the twist that holds
-    then; one that comes after the belief has passed its stamp counts as if taken now, save odometry that a newer one
-    has overtaken, which is dropped. Readings of one instant correct the belief together. The start pose is that of the
-    first input's stamp. Raises ScenarioError where the components do not fit each other or the run.
+    then; one that comes after the belief has passed its stamp counts as if taken now, save a twist that a newer one
+    has overtaken, which is dropped. Odometry that comes as poses moves the belief from pose to pose, whatever their
+    stamps. Readings of one instant correct the belief together. The start pose is that of the first input's stamp.
+    Raises ScenarioError where the components do not fit each other or the run.
     """
 
     name = "estimator"
@@ -115,11 +118,11 @@ class LocalizationEstimator:
                 "estimator.scan_range_max: missing; a scan does not tell what a beam without return reads"
             )
         self._scanner = {"range_min": config.scan_range_min, "range_max": range_max or np.inf}
-        self.reads = frozenset({"sensors/odometry", GAPS, *self._kinds})
+        self.reads = frozenset({"sensors/odometry", "sensors/odometry_pose", GAPS, *self._kinds})
         # Of the step that is being taken; empty between steps.
         self._number = 0
         self._draws = 0
-        self._held: list[Twist] = []
+        self._held: list[Twist | Moved] = []
         self._pending: list[Any] = []
         self._found: Found | None = None
         self._logs: list[Output] = []
@@ -132,6 +135,7 @@ class LocalizationEstimator:
         self._twist = _Velocity(0.0, 0.0)
         self._coming: list[_TimedTwist] = []
         self._newest_odometry_ns = -1
+        self._odometry_pose: FloatArray | None = None
         self._shown_ns: int | None = None
         self._scene_ns: int | None = None
         self._outcomes = {outcome.value: 0 for outcome in Outcome}
@@ -148,6 +152,8 @@ class LocalizationEstimator:
             match received.message:
                 case Odometry() as odometry:
                     self._take_odometry(received.stamp_ns, odometry)
+                case OdometryPose(x=x, y=y, theta=theta):
+                    self._take_pose(received.stamp_ns, np.array([x, y, theta]))
                 case HostEvent() as gap:
                     self._logs.append(gap_warning(gap, step.stamp_ns))
                 case LandmarkReadings(readings=readings):
@@ -189,6 +195,7 @@ class LocalizationEstimator:
             "outcomes": dict(self._outcomes),
             "unknown": list(self._unknown),
             "health": self._health.freeze(),
+            **({} if self._odometry_pose is None else {"odometry_pose": self._odometry_pose}),
         }
 
     def thaw(self, state: State) -> None:
@@ -199,6 +206,8 @@ class LocalizationEstimator:
         self._twist = _Velocity(*state["twist"])
         self._coming = [_TimedTwist(*twist) for twist in state["coming"]]
         self._newest_odometry_ns = state["newest_odometry_ns"]
+        pose = state.get("odometry_pose")
+        self._odometry_pose = None if pose is None else np.array(pose)
         self._shown_ns = state["shown_ns"]
         self._scene_ns = state["scene_ns"]
         self._outcomes = dict(state["outcomes"])
@@ -230,6 +239,19 @@ class LocalizationEstimator:
         self._coming.append(_TimedTwist(stamp_ns + self._delay_ns, odometry.v, odometry.w))
         self._advance(stamp_ns)
 
+    def _take_pose(self, stamp_ns: int, pose: FloatArray) -> None:
+        """Move on from the last pose of odometry to this one."""
+        start, self._odometry_pose = self._odometry_pose, pose
+        since_ns, self._newest_odometry_ns = self._newest_odometry_ns, max(stamp_ns, self._newest_odometry_ns)
+        if start is None:
+            return
+        self._correct()
+        step = relative(start, pose)
+        duration_ns = max(self._newest_odometry_ns - since_ns, SHORTEST_NS)
+        self._held.append(Moved(Displacement(*step.tolist()), duration_ns / NANOSECONDS))
+        if self._reckoned is not None:
+            self._reckoned = compose(self._reckoned, step)
+
     def _advance(self, stamp_ns: int) -> None:
         """Come to ``stamp_ns``, through every change of twist on the way."""
         if self._stamp_ns is None:
@@ -247,14 +269,17 @@ class LocalizationEstimator:
         if duration <= 0.0:
             return
         self._correct()
+        self._stamp_ns = stamp_ns
+        if self._odometry_pose is not None:
+            return  # poses tell how it moves
         v, w = self._twist
-        if self._held and self._held[-1][:2] == (v, w):
-            self._held[-1] = Twist(v, w, self._held[-1].duration + duration)
+        last = self._held[-1] if self._held else None
+        if isinstance(last, Twist) and last[:2] == (v, w):
+            self._held[-1] = Twist(v, w, last.duration + duration)
         else:
             self._held.append(Twist(v, w, duration))
         if self._reckoned is not None:
             self._reckoned = compose(self._reckoned, arc_displacement(v * duration, w * duration))
-        self._stamp_ns = stamp_ns
 
     def _correct(self) -> None:
         """Let the belief follow the twists held, and correct it by the pending readings, if there are any."""

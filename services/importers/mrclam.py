@@ -11,7 +11,6 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from decimal import Decimal, InvalidOperation
 from itertools import groupby, pairwise
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -23,6 +22,7 @@ from protocol.messages import LandmarkReading, LandmarkReadings, Odometry, Robot
 from services.importers.errors import ImportFailedError
 from services.importers.heading import GAP_S, heading_faults
 from services.importers.log import ImportedLog, ImportSummary, Record, Span
+from services.importers.text import LFS_POINTER, finite_number, seconds_to_ns, whole_number
 from services.task import Landmark
 
 __all__ = ["MrclamTexts", "TextFile", "import_mrclam", "parse_mrclam"]
@@ -115,6 +115,8 @@ def _read(folder: Path, name: str) -> TextFile:
     path = plain if plain.exists() else packed
     try:
         data = path.read_bytes()
+        if data.startswith(LFS_POINTER):
+            raise ImportFailedError(f"{path}: a Git LFS pointer, not the file itself; fetch it with `git lfs pull`")
         text = lzma.decompress(data) if path == packed else data
     except FileNotFoundError:
         raise ImportFailedError(f"{plain}: no such file, nor {packed.name}") from None
@@ -210,65 +212,38 @@ def _table(file: TextFile, parse: Callable[[list[str]], Row], problems: list[str
 
 def _barcode(fields: list[str]) -> tuple[int, int]:
     subject, barcode = _columns(fields, 2)
-    return _whole(barcode, "barcode"), _whole(subject, "subject")
+    return whole_number(barcode, "barcode"), whole_number(subject, "subject")
 
 
 def _landmark(fields: list[str]) -> Landmark:
     subject, x, y, _, _ = _columns(fields, 5)
-    return Landmark(id=_whole(subject, "subject"), x=_number(x, "x"), y=_number(y, "y"))
+    return Landmark(id=whole_number(subject, "subject"), x=finite_number(x, "x"), y=finite_number(y, "y"))
 
 
 def _odometry(fields: list[str]) -> Record:
     time, v, w = _columns(fields, 3)
-    return Record("log/odometry", _stamp_ns(time), Odometry(v=_number(v, "v"), w=_number(w, "w")))
+    return Record("log/odometry", seconds_to_ns(time), Odometry(v=finite_number(v, "v"), w=finite_number(w, "w")))
 
 
 def _measurement(fields: list[str]) -> _Measurement:
     time, barcode, distance, bearing = _columns(fields, 4)
-    value = _number(distance, "range")
+    value = finite_number(distance, "range")
     if value < 0.0:
         raise ValueError(f"range is {distance!r}; expected 0 or more")
-    turned = math.remainder(_number(bearing, "bearing"), math.tau)
-    return _Measurement(_stamp_ns(time), _whole(barcode, "barcode"), value, turned)
+    turned = math.remainder(finite_number(bearing, "bearing"), math.tau)
+    return _Measurement(seconds_to_ns(time), whole_number(barcode, "barcode"), value, turned)
 
 
 def _reference(fields: list[str]) -> Record:
     time, x, y, theta = _columns(fields, 4)
-    pose = RobotState(x=_number(x, "x"), y=_number(y, "y"), theta=_number(theta, "orientation"))
-    return Record("log/truth", _stamp_ns(time), pose)
+    pose = RobotState(x=finite_number(x, "x"), y=finite_number(y, "y"), theta=finite_number(theta, "orientation"))
+    return Record("log/truth", seconds_to_ns(time), pose)
 
 
 def _columns(fields: list[str], count: int) -> list[str]:
     if len(fields) != count:
         raise ValueError(f"{len(fields)} columns in {' '.join(fields)[:60]!r}; expected {count}")
     return fields
-
-
-def _number(text: str, name: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise ValueError(f"{name} is {text[:60]!r}; expected a finite number")
-    return value
-
-
-def _whole(text: str, name: str) -> int:
-    if not (text.isascii() and text.isdigit()) or len(text) > 9:
-        raise ValueError(f"{name} is {text[:60]!r}; expected a whole number")
-    return int(text)
-
-
-def _stamp_ns(text: str) -> int:
-    """Return a time in seconds as nanoseconds, without going through a float that has not the digits."""
-    try:
-        seconds = Decimal(text)
-    except InvalidOperation:
-        seconds = Decimal("NaN")
-    if not seconds.is_finite() or not 0 <= seconds < 2**63 // 10**9:
-        raise ValueError(f"time is {text[:60]!r}; expected seconds, 0 or more")
-    return int(seconds * 10**9)
 
 
 def _twice(numbers: Iterable[int]) -> list[int]:

@@ -8,7 +8,7 @@ import math
 
 import msgspec
 
-from protocol.messages import LandmarkReading, LandmarkReadings, LaserScan, Message, Odometry
+from protocol.messages import LandmarkReading, LandmarkReadings, LaserScan, Message, Odometry, OdometryPose
 from services.node import Output, Result, State, Step
 from services.sensors.config import LogSensorsConfig
 from services.task import Landmark
@@ -20,8 +20,8 @@ class LogSensors:
     """Sensor publisher fed by an imported log; the source of its run."""
 
     name = "sensors"
-    reads = frozenset({"log/odometry", "log/landmarks", "log/scan"})
-    writes = frozenset({"sensors/odometry", "sensors/landmarks", "sensors/scan"})
+    reads = frozenset({"log/odometry", "log/odometry_pose", "log/landmarks", "log/scan"})
+    writes = frozenset({"sensors/odometry", "sensors/odometry_pose", "sensors/landmarks", "sensors/scan"})
 
     def __init__(
         self,
@@ -48,7 +48,9 @@ class LogSensors:
     def _normalize(self, message: Message) -> Message | None:
         match message:
             case Odometry():
-                return self._accept(message, math.isfinite(message.v) and math.isfinite(message.w))
+                return self._accept(message, _finite((message.v, message.w)))
+            case OdometryPose():
+                return self._accept(message, _finite((message.x, message.y, message.theta)))
             case LaserScan():
                 numbers = (message.start_angle, message.end_angle, *message.ranges)
                 return self._accept(message, bool(message.ranges) and _finite(numbers) and min(message.ranges) >= 0.0)

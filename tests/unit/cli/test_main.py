@@ -7,7 +7,7 @@ from services.cli.main import main
 from services.errors import RunError, StepError, UsageError
 
 COMMANDS = ["list", "run", "service", "health", "replay", "play", "diff", "info", "doctor", "recover"]
-COMMANDS += ["metrics", "import", "bench", "study"]
+COMMANDS += ["metrics", "import", "export", "study", "bench"]
 
 
 def fail(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:

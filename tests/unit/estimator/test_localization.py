@@ -8,9 +8,11 @@ import msgspec
 import numpy as np
 import pytest
 
+from dynpf.filters.start import KnownStart
 from dynpf.maps.landmarks import LandmarkMap
 from dynpf.metrics.trajectory import Trajectory, TrajectoryScore, pose_errors, score, thin
 from dynpf.motion import ArcsParams, CalibrationParams
+from dynpf.motion.odometry import OdometryParams
 from protocol.codec import encode
 from protocol.messages import (
     Estimate,
@@ -18,6 +20,7 @@ from protocol.messages import (
     LandmarkReadings,
     Message,
     Odometry,
+    OdometryPose,
     PoseInFrame,
     PosesInFrame,
     heading,
@@ -260,3 +263,56 @@ def test_a_real_minute_is_tracked_within_15_cm_and_withholding_the_readings_lose
     assert blind.position_rmse_m > 3 * estimate.position_rmse_m
     assert blind_reckoning.position_rmse_m == pytest.approx(reckoning.position_rmse_m, abs=0.02)
     assert reckoning.position_rmse_m > 3 * estimate.position_rmse_m
+
+
+POSES = ((0.0, (0.0, 0.0, 0.0)), (1.0, (1.0, 0.0, 1.0)), (0.5, (1.0, 1.0, 2.0)), (2.0, (-1.0, 0.5, -3.0)))
+START = (3.0, -1.0, 0.5)
+
+
+def by_poses(kind: object, count: int = len(POSES)) -> tuple[LocalizationEstimator, list[Output]]:
+    """Follow odometry poses, the third of which comes with a stamp that has passed."""
+    start = KnownStart(x=START[0], y=START[1], theta=START[2], sigma_position=0.0, sigma_heading=0.0)
+    estimator = node(n=20, start=start, calibration=None, motion=kind)
+    outputs: list[Output] = []
+    for k, (stamp_s, (x, y, theta)) in enumerate(POSES[:count]):
+        pose = Received(
+            "sensors/odometry_pose", "sensors", "b", k, round(stamp_s * SECOND), OdometryPose(x=x, y=y, theta=theta)
+        )
+        outputs += estimator.step(Step(k, k, pose.stamp_ns, (pose,))).outputs
+    return estimator, outputs
+
+
+def moved(last: tuple[float, float, float]) -> complex:
+    """Where odometry's last pose lies, seen from the start: odometry began at its origin."""
+    return complex(START[0], START[1]) + complex(last[0], last[1]) * complex(math.cos(START[2]), math.sin(START[2]))
+
+
+def test_odometry_that_comes_as_poses_moves_the_belief_by_their_differences_whatever_their_stamps() -> None:
+    noiseless = OdometryParams(alpha_1=0.0, alpha_2=0.0, alpha_3=0.0, alpha_4=0.0)
+    _, outputs = by_poses(noiseless)
+    states = [one.message for one in outputs if isinstance(one.message, Estimate)]
+    assert len(states) == len(POSES)
+    for state, (_, pose) in zip(states, POSES, strict=True):
+        assert complex(state.x, state.y) == pytest.approx(moved(pose), abs=1e-5)
+        assert math.remainder(state.theta - START[2] - pose[2], math.tau) == pytest.approx(0.0, abs=1e-5)
+    reckoned = [one.message for one in outputs if one.topic == "estimator/dead_reckoning"]
+    assert isinstance(reckoned[-1], PoseInFrame)
+    last = reckoned[-1].pose.position
+    assert complex(last.x, last.y) == pytest.approx(moved(POSES[-1][1]), abs=1e-9)
+
+
+def test_a_model_of_twists_gets_the_arc_of_the_same_chord_and_turn() -> None:
+    _, outputs = by_poses(NOISELESS, 2)
+    state = [one.message for one in outputs if isinstance(one.message, Estimate)][-1]
+    assert math.hypot(state.x - START[0], state.y - START[1]) == pytest.approx(1.0, abs=1e-5)
+    assert state.theta - START[2] == pytest.approx(1.0, abs=1e-5)
+
+
+def test_the_last_pose_of_odometry_is_part_of_the_state() -> None:
+    first, _ = by_poses(OdometryParams())
+    second, _ = by_poses(OdometryParams(), 1)
+    second.thaw(decode_state(encode_state(first.freeze())))
+    pose = Received("sensors/odometry_pose", "sensors", "b", 9, 3 * SECOND, OdometryPose(x=-1.0, y=0.7, theta=-3.1))
+    step = Step(9, 9, pose.stamp_ns, (pose,))
+    assert first.step(step) == second.step(step)
+    assert "odometry_pose" not in node().freeze()

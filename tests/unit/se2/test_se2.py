@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynpf.se2 import arc_displacement, circular_mean, compose, wrap_angle
+from dynpf.se2 import arc_displacement, circular_mean, compose, relative, wrap_angle
 
 ANGLES = st.floats(-1e3, 1e3)
 
@@ -43,3 +43,12 @@ def test_the_arc_has_the_straight_line_as_its_limit() -> None:
     nearly = arc_displacement(3.0, np.array([1e-300, 1e-9, -1e-9]))
     assert nearly[0] == pytest.approx(3.0, rel=1e-15)
     assert nearly[1] == pytest.approx([0.0, 1.5e-9, -1.5e-9], rel=1e-9)
+
+
+@settings(derandomize=True, deadline=None)
+@given(ANGLES, st.floats(-10, 10), st.floats(-7, 7))
+def test_a_relative_pose_undoes_composition(heading: float, x: float, theta: float) -> None:
+    pose, step = np.array([1.0, 2.0, heading]), np.array([x, -0.5, theta])
+    found = relative(pose, compose(pose, step))
+    assert found[:2] == pytest.approx(step[:2], abs=1e-9)
+    assert np.exp(1j * found[2]) == pytest.approx(np.exp(1j * theta), abs=1e-9)

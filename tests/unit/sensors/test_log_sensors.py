@@ -4,13 +4,27 @@ import math
 
 import pytest
 
-from protocol.messages import LandmarkReading, LandmarkReadings, LaserScan, Message, Odometry, planar_pose, timestamp
+from protocol.messages import (
+    LandmarkReading,
+    LandmarkReadings,
+    LaserScan,
+    Message,
+    Odometry,
+    OdometryPose,
+    planar_pose,
+    timestamp,
+)
 from services.node import Received, Step, decode_state, encode_state
 from services.sensors.config import LogSensorsConfig
 from services.sensors.log import LogSensors
 from services.task import Landmark
 
-TOPICS = {Odometry: "log/odometry", LandmarkReadings: "log/landmarks", LaserScan: "log/scan"}
+TOPICS = {
+    Odometry: "log/odometry",
+    OdometryPose: "log/odometry_pose",
+    LandmarkReadings: "log/landmarks",
+    LaserScan: "log/scan",
+}
 
 
 def sensors() -> LogSensors:
@@ -43,6 +57,7 @@ def test_good_records_pass_unchanged_and_in_order() -> None:
         LandmarkReadings(readings=(reading(6), reading(7))),
         scan(1.0, 2.0),
         Odometry(v=0, w=0),
+        OdometryPose(x=1.0, y=2.0, theta=3.0),
     )
     result = sensors().step(step(*messages))
     assert [output.topic for output in result.outputs] == [
@@ -50,6 +65,7 @@ def test_good_records_pass_unchanged_and_in_order() -> None:
         "sensors/landmarks",
         "sensors/scan",
         "sensors/odometry",
+        "sensors/odometry_pose",
     ]
     assert tuple(output.message for output in result.outputs) == messages
 

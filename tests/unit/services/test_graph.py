@@ -3,6 +3,7 @@ import pytest
 from services.graph import Graph, input_order
 from services.nodes import build_nodes
 from services.scenario import load_scenario, scenario_files
+from tests.unit.services.small_log import FACTS
 from tests.unit.services.toy_nodes import ToyNode
 
 FULL = (
@@ -45,7 +46,10 @@ def test_a_node_that_reads_nothing_from_before_it_has_the_tick_from_the_source(r
 
 @pytest.mark.parametrize("path", scenario_files(), ids=lambda path: path.stem)
 def test_in_every_scenario_all_wait_for_the_source_and_it_for_all(path: object) -> None:
-    graph = Graph.of(list(build_nodes(load_scenario(str(path))).values()))
+    scenario = load_scenario(str(path))
+    if scenario.needs_log:
+        scenario = load_scenario(str(path), log=FACTS)
+    graph = Graph.of(list(build_nodes(scenario).values()))
     ended = set(graph.lags[graph.source])
     for node in reversed(graph.nodes[1:]):  # who has ended a tick has seen the end of all that it waits for in it
         if node in ended:

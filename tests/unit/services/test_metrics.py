@@ -200,3 +200,24 @@ def test_diff_tells_the_measures_that_differ(tmp_path: Path, capsys: pytest.Capt
     assert "  completed: True and False\n" in capsys.readouterr().out
     assert main(["diff", str(a.path), str(a.path), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["metrics"] == {}
+
+
+def test_a_reference_too_sparse_to_be_interpolated_is_compared_at_its_own_poses(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    resolved = resolved_json(parse_scenario(ROOM, ""))
+    # A reference a second apart; estimates between them, and two at each of its stamps: the second follows it.
+    said = [("estimator/state", 1.0, 9.0), ("truth/robot", 1.0, 0.0), ("estimator/state", 1.0, 0.3)]
+    said += [("estimator/state", 1.5, 9.0), ("estimator/state", 2.0, 9.0), ("truth/robot", 2.0, 0.0)]
+    said += [("estimator/state", 2.0, 0.4), ("estimator/state", 2.0, 9.0), ("truth/robot", 3.0, 0.0)]
+    with RecordingWriter(path, RunHeader(scenario=resolved, seed=1, provenance=HEADER.provenance)) as writer:
+        counts = {"truth/robot": 0, "estimator/state": 0}
+        for topic, stamp_s, x in said:
+            message = estimate(x, 0.0) if topic == "estimator/state" else RobotState(x=x, y=0.0, theta=0.0)
+            node = {"truth": "simulator", "estimator": "estimator"}[topic.partition("/")[0]]
+            writer.message(
+                topic, Envelope(node, "b", counts[topic], 0, round(stamp_s * 1e9), 0), encode(topic, message)
+            )
+            counts[topic] += 1
+        writer.close(complete=True, reason="finished")
+    measures = measure(read_recording(path))
+    assert measures["position_rmse_m"] == pytest.approx(math.sqrt((0.3**2 + 0.4**2) / 2))

@@ -1,0 +1,1 @@
+"""Exporters: recordings of ours in the formats of others."""
