@@ -11,7 +11,7 @@ __all__ = ["add_parser"]
 
 def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
     parser = commands.add_parser("study", help="an experiment of the source documents: many trials, and what they show")
-    parser.add_argument("name", metavar="NAME", help="colon-particles, colon-cases, colon-growth or colon-hypotheses")
+    parser.add_argument("name", metavar="NAME", help="such as colon-cases; any other name lists them")
     parser.add_argument("--trials", type=int, metavar="N", help="trials of each family and setting (default: 100)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of everything random (default: 1)")
     parser.add_argument(
@@ -34,13 +34,11 @@ def run(options: argparse.Namespace) -> int:
     import msgspec
 
     from services.errors import UsageError
-    from services.studies.colon import COLON_STUDIES
+    from services.studies.catalogue import study_named
     from services.studies.rows import as_csv, as_table
     from services.studies.study import run_study, settings_from
 
-    if options.name not in COLON_STUDIES:
-        raise UsageError(f"unknown study {options.name!r}; expected one of {', '.join(COLON_STUDIES)}")
-    study = COLON_STUDIES[options.name]
+    study = study_named(options.name)
     settings = settings_from(study.settings, options.overrides)
     trials = study.trials if options.trials is None else options.trials
     jobs = (os.cpu_count() or 1) if options.jobs is None else options.jobs

@@ -31,7 +31,7 @@ from services.studies.colon_worlds import (
 from services.studies.rows import Row, Sample, summarized
 from services.studies.study import Study
 
-__all__ = ["COLON_STUDIES", "CasesSettings", "change_of", "places"]
+__all__ = ["STUDIES", "CasesSettings", "change_of", "places"]
 
 _LOST = 30.0  # px off at the end
 _TOLD_APART = 10.0  # px by which a range must differ before a change can be seen (COLON: prototypes saw none smaller)
@@ -299,7 +299,7 @@ def _figures(settings: _Common, seed: int, rows: list[Row], folder: Path) -> lis
     return draw(next(places(settings, 1, seed))[0], seed, rows, folder)
 
 
-COLON_STUDIES = {
+STUDIES = {
     "colon-particles": Study(
         "COLON's Table 5.1: error against the number of particles",
         100,

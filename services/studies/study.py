@@ -3,12 +3,11 @@
 import sys
 import tomllib
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import msgspec
+from joblib import Parallel, delayed
 
 from services.errors import UsageError
 from services.studies.rows import Row, Sample
@@ -60,16 +59,12 @@ def run_study(study: Study, settings: msgspec.Struct, trials: int, seed: int, jo
     """Return the rows of a study; the same for any number of jobs."""
     parts = study.parts(settings, trials, seed)
     samples: list[Sample] = []
-    if jobs == 1:
-        for done, part in enumerate(parts):
-            _show(done, len(parts))
-            samples += study.run_part(part)
-    else:
-        with ProcessPoolExecutor(min(jobs, max(len(parts), 1)), mp_context=get_context("spawn")) as pool:
-            for done, found in enumerate(pool.map(study.run_part, parts)):
-                _show(done + 1, len(parts))
-                samples += found
-    _show(len(parts), len(parts))
+    _show(0, len(parts))
+    for done, found in enumerate(
+        Parallel(jobs, return_as="generator")(delayed(study.run_part)(part) for part in parts)
+    ):
+        samples += found
+        _show(done + 1, len(parts))
     return study.rows(samples)
 
 

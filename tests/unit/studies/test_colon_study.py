@@ -10,7 +10,7 @@ from PIL import Image
 
 from dynpf.colon.outline import Bulge, Family, tube
 from services.cli.main import main
-from services.studies.colon import COLON_STUDIES, PRINTED_CASES
+from services.studies.colon import PRINTED_CASES, STUDIES
 from services.studies.study import run_study, settings_from
 
 FEW = ["--trials", "2", "--jobs", "1", "--set", "families=['folds']", "--set", "tubes=1"]
@@ -56,7 +56,7 @@ def test_the_other_studies_say_what_they_measured(
 
 
 def test_the_same_rows_on_one_process_and_on_two() -> None:
-    study = COLON_STUDIES["colon-cases"]
+    study = STUDIES["colon-cases"]
     settings = settings_from(study.settings, ["cases=[2]", "families=['folds','irregular']", "tubes=1"])
     one, two, other = (run_study(study, settings, 2, seed, jobs) for seed, jobs in ((1, 1), (1, 2), (2, 1)))
     assert one == two

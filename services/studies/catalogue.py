@@ -1,0 +1,23 @@
+"""Which studies there are, and where each is found; a study is loaded only when it is asked for."""
+
+from importlib import import_module
+
+from services.errors import UsageError
+from services.studies.study import Study
+
+__all__ = ["study_named"]
+
+_MODULES = {
+    "colon-particles": "colon",
+    "colon-cases": "colon",
+    "colon-growth": "colon",
+    "colon-hypotheses": "colon",
+}
+
+
+def study_named(name: str) -> Study:
+    """Return a study by its name; raises UsageError, which names those that there are."""
+    if name not in _MODULES:
+        raise UsageError(f"unknown study {name!r}; expected one of {', '.join(_MODULES)}")
+    studies: dict[str, Study] = import_module(f"services.studies.{_MODULES[name]}").STUDIES
+    return studies[name]
