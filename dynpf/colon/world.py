@@ -15,7 +15,22 @@ from dynpf.params import validated
 from dynpf.rng import generator
 from dynpf.se2 import FloatArray
 
-__all__ = ["BEAMS", "CASES", "RANGE_MAX", "ROUTE", "Capsule", "Case", "Route", "Run", "simulate", "timeline"]
+__all__ = [
+    "BEAMS",
+    "CASES",
+    "RANGE_MAX",
+    "ROUTE",
+    "Capsule",
+    "Case",
+    "Route",
+    "Run",
+    "blown",
+    "moved",
+    "read_ranges",
+    "simulate",
+    "steered",
+    "timeline",
+]
 
 BEAMS = tuple(math.radians(degrees) for degrees in (-60.0, -30.0, 0.0, 30.0, 60.0))
 """Directions of the five range finders, rad from the heading."""
@@ -118,11 +133,11 @@ def simulate(
     for step in range(len(route.motions) + 1):
         caster = casters[true.at(step)]
         if step > 0:
-            motion = _steered(poses[-1], goals[:, step]) if noisy else route.motions[step - 1]
+            motion = steered(poses[-1], goals[:, step]) if noisy else route.motions[step - 1]
             motions.append(motion)
-            poses.append(_blown(poses[-1], motion, capsule, caster.grid, random))
+            poses.append(blown(poses[-1], motion, capsule, caster.grid, random))
         maps.append(true.at(step))
-        ranges.append(_read(caster, poses[-1], capsule, random))
+        ranges.append(read_ranges(caster, poses[-1], capsule, random))
     return Run(np.stack(poses, axis=1), tuple(motions), np.stack(ranges, axis=1), tuple(maps))
 
 
@@ -132,21 +147,23 @@ def moved(pose: FloatArray, motion: CapsuleMotion) -> FloatArray:
     return np.array([pose[0] + motion.rho * math.cos(heading), pose[1] + motion.rho * math.sin(heading), heading])
 
 
-def _steered(pose: FloatArray, goal: FloatArray) -> CapsuleMotion:
+def steered(pose: FloatArray, goal: FloatArray) -> CapsuleMotion:
+    """Return the motion from a pose (3,) to the place of another, whatever heading that leaves."""
     way = goal[:2] - pose[:2]
     turn = math.remainder(math.atan2(way[1], way[0]) - pose[2], 2.0 * math.pi)
     return CapsuleMotion(float(np.hypot(*way)), turn)
 
 
-def _blown(
+def blown(
     pose: FloatArray, motion: CapsuleMotion, capsule: Capsule, grid: OccupancyGrid, random: np.random.Generator
 ) -> FloatArray:
+    """Return the pose (3,) after a motion with the capsule's noise, where a map leaves room for it."""
     sigmas = np.array([capsule.sigma, capsule.sigma, capsule.sigma_theta])
     aimed = moved(pose, motion)
     for _ in range(20):
-        blown = aimed + sigmas * random.standard_normal(3)
-        if _is_free(grid, blown):
-            return blown
+        there = aimed + sigmas * random.standard_normal(3)
+        if _is_free(grid, there):
+            return there
     return aimed
 
 
@@ -156,7 +173,8 @@ def _is_free(grid: OccupancyGrid, pose: FloatArray) -> bool:
     return 0 <= row < height and 0 <= column < width and bool(grid.free[row, column])
 
 
-def _read(caster: RayCaster, pose: FloatArray, capsule: Capsule, random: np.random.Generator) -> FloatArray:
+def read_ranges(caster: RayCaster, pose: FloatArray, capsule: Capsule, random: np.random.Generator) -> FloatArray:
+    """Return the ranges (B,) that the capsule reads at a pose (3,) in a map."""
     angles = pose[2] + np.array(BEAMS)
     exact = caster.ranges(np.full(angles.size, pose[0]), np.full(angles.size, pose[1]), angles, RANGE_MAX)
     read = np.clip(exact + capsule.sigma_range * random.standard_normal(angles.size), 0.0, RANGE_MAX)

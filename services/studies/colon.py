@@ -1,6 +1,5 @@
 """COLON's experiments: particles, cases, growth of the area, and the map as something that is estimated."""
 
-import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -9,9 +8,9 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from dynpf.colon import CASES, UNLISTED, Run
-from dynpf.colon.beams import expected_ranges
+from dynpf.colon import CASES, Run
 from dynpf.colon.outline import Family
+from dynpf.metrics.colon import first_visible, map_errors, pose_errors
 from dynpf.metrics.quantiles import chi_square_quantile
 from dynpf.se2 import wrap_angle
 from services.errors import UsageError
@@ -32,9 +31,6 @@ from services.studies.rows import Row, Sample, summarized
 from services.studies.study import Study
 
 __all__ = ["STUDIES", "CasesSettings", "change_of", "places"]
-
-_LOST = 30.0  # px off at the end
-_TOLD_APART = 10.0  # px by which a range must differ before a change can be seen (COLON: prototypes saw none smaller)
 
 PRINTED_CASES = {
     1: (1.0732, 1.5973, 6.2108),
@@ -151,52 +147,23 @@ def _factors(task: Task, name: str) -> dict[str, str | int]:
 
 def _pose_measures(happened: Run, track: Track) -> dict[str, float | bool]:
     true, pose = happened.poses[:, -1], track.poses[:, -1]
-    off = np.array([pose[0] - true[0], pose[1] - true[1], float(wrap_angle(pose[2] - true[2]))])
-    percent = 100.0 * np.abs(off / true)
-    position = math.hypot(off[0], off[1])
-    measures: dict[str, float | bool] = {
-        "error_x_percent": float(percent[0]),
-        "error_y_percent": float(percent[1]),
-        "error_theta_percent": float(percent[2]),
-        "error_position_px": position,
-        "error_theta_rad": float(abs(off[2])),
-        "lost_percent": position > _LOST,
-    }
+    measures = pose_errors(true, pose)
+    measures["lost_percent"] = measures.pop("lost")
     if track.covariance is not None:
+        off = np.array([pose[0] - true[0], pose[1] - true[1], float(wrap_angle(pose[2] - true[2]))])
         distance = float(off @ np.linalg.solve(track.covariance + 1e-9 * np.eye(3), off))
         measures["covered_90_percent"] = distance < chi_square_quantile(0.9, 3)
     return measures
 
 
 def _map_measures(trial: Trial, happened: Run, track: Track) -> dict[str, float | bool]:
-    """Return what the posterior over maps is worth: at the end, while nothing has changed, and from the change on."""
     if not track.maps:
         return {}
-    final, before = happened.maps[-1], trial.change.before
-    measures: dict[str, float | bool] = {
-        "posterior_truth": track.maps[-1].get(final, track.maps[-1][UNLISTED]),
-        "false_alarm_percent": math.nan,
-        "missed_percent": math.nan,
-        "delay_steps": math.nan,
-    }
-    reported = [step for step, maps in enumerate(track.maps) if maps[before] < 0.5]
-    if final == before:
-        return measures | {"false_alarm_percent": bool(reported)}
-    visible = _first_visible(trial.place, before, happened)
-    if visible is not None:
-        since = [step for step in reported if step >= visible]
-        measures |= {"missed_percent": not since, "delay_steps": float(since[0] - visible) if since else math.nan}
+    visible = first_visible(happened.maps, happened.poses, lambda name: caster(trial.place, name))
+    measures = map_errors(happened.maps, track.maps, visible)
+    for name in ("false_alarm", "missed"):
+        measures[f"{name}_percent"] = measures.pop(name)
     return measures
-
-
-def _first_visible(place: Place, before: str, happened: Run) -> int | None:
-    """Return the first reading of which a range is another than before the change."""
-    for step, name in enumerate(happened.maps):
-        pose = happened.poses[:, step : step + 1]
-        now, then = (expected_ranges(caster(place, held), pose) for held in (name, before))
-        if np.abs(now - then).max() > _TOLD_APART:
-            return step
-    return None
 
 
 # The studies.

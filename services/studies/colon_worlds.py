@@ -17,17 +17,16 @@ from dynpf.colon import (
     Hypotheses,
     HypothesesParams,
     Run,
-    bore,
     simulate,
 )
-from dynpf.colon.outline import UNIT, Bulge, Family, RoundEnd, tube
+from dynpf.colon.maps import drawn_map, tube_map
+from dynpf.colon.outline import UNIT, Family
 from dynpf.colon.world import timeline
 from dynpf.filters.start import Uniform, UniformStart
-from dynpf.maps.bitmap import decode_bitmap
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.maps.raycast import RayCaster
 from dynpf.maps.timeline import MapTimeline
-from dynpf.rng import Stream, generator
+from dynpf.rng import Stream
 from dynpf.se2 import FloatArray, Floats
 from services.errors import UsageError
 
@@ -94,29 +93,18 @@ class Track(NamedTuple):
 
 @lru_cache(maxsize=64)
 def grid(place: Place, name: str) -> OccupancyGrid:
-    """Return a map of a place by its name.
+    """Return a map of a place by its name: see ``tube_map``; of a user's, a, b and c.
 
-    a; b, with a bulge near the end of the path; c, with one elsewhere; "b 0.5", at half of its size; "other 7", with a
-    bulge that the number 7 stands for; "end 105", with a round end. Raises UsageError for a user's file that is no map.
+    Raises UsageError for a user's file that is no map.
     """
     if place.family is None:
         return _drawn(place.files["abc".index(name)])
-    one = tube(place.family, place.seed)
-    if name.startswith("end "):
-        return bore(one.round_ended(RoundEnd(float(name[4:]))), ROUTE.poses(), name)
-    bulges = {"a": [], "b": [Bulge(False, one.bend + 25.0)], "c": [Bulge(False, one.bend + 115.0)]}
-    if name.startswith("b "):
-        bulges[name] = [bulges["b"][0].grown(float(name[2:]))]
-    if name.startswith("other "):
-        random = generator(int(name[6:]), "studies", place.seed, "bulge")
-        bulges[name] = [Bulge(False, one.bend + random.uniform(-20.0, 150.0), random.uniform(25.0, 50.0))]
-    return bore(one.bore(*bulges[name]), ROUTE.poses(), name)
+    return tube_map(place.family, place.seed, name, ROUTE.poses())
 
 
 def _drawn(file: str) -> OccupancyGrid:
     try:
-        drawing = decode_bitmap(Path(file).read_bytes(), file, origin=(-0.5, -0.5, 0.0), thicken=True)
-        return bore(drawing, ROUTE.poses(), file)
+        return drawn_map(Path(file).read_bytes(), file, ROUTE.poses())
     except OSError as error:
         raise UsageError(f"{file}: {error.strerror}") from error
     except ValueError as error:
