@@ -16,6 +16,8 @@ __all__ = ["PURE", "findings"]
 PURE = (
     "dynpf",
     "protocol",
+    "services/capsule_scene.py",
+    "services/colon.py",
     "services/errors.py",
     "services/maps.py",
     "services/node.py",

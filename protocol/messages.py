@@ -12,6 +12,10 @@ import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
 __all__ = [
+    "CapsuleEstimate",
+    "CapsuleMove",
+    "CapsuleReading",
+    "CapsuleState",
     "Color",
     "Command",
     "CompressedImage",
@@ -34,7 +38,9 @@ __all__ = [
     "LineReadings",
     "Log",
     "LogLevel",
+    "MapProbability",
     "Message",
+    "MovedWall",
     "Odometry",
     "OdometryPose",
     "PartEstimate",
@@ -326,6 +332,25 @@ class PartsState(Message, frozen=True, kw_only=True):
     finished: bool  # the controller has said that it is done
 
 
+class CapsuleMove(Part, frozen=True, kw_only=True):
+    """A turn, and then the way ahead."""
+
+    rho_px: float  # px
+    turn: Angle  # rad
+
+
+class CapsuleState(Message, frozen=True, kw_only=True):
+    """The true pose of the capsule in its tube at a reading, and the name of the map that then holds."""
+
+    schema_name = "dynpf.CapsuleState"
+    reading: Count  # its number: 0 at the start, then one for each motion
+    x_px: float  # px
+    y_px: float  # px
+    theta: Angle  # rad
+    map: str
+    move: CapsuleMove | UnsetType = UNSET  # that it was told to make since the reading before; left out at the start
+
+
 # --- what is sensed ------------------------------------------------------------------------------------------------
 
 
@@ -397,6 +422,17 @@ class PositionFix(Message, frozen=True, kw_only=True):
     y: float  # m
 
 
+class CapsuleReading(Message, frozen=True, kw_only=True):
+    """What a capsule in a tube reads where a motion has brought it."""
+
+    schema_name = "dynpf.CapsuleReading"
+    reading: Count  # its number: 0 at the start, then one for each motion
+    ranges_px: Annotated[
+        tuple[NonNegative, ...], Meta(min_length=5, max_length=5)
+    ]  # px, at -60, -30, 0, 30, 60 degrees
+    move: CapsuleMove | UnsetType = UNSET  # that it was told to make since the reading before; left out at the start
+
+
 class Gripper(Message, frozen=True, kw_only=True):
     """The gripper's own sensing: contact switch and angle encoder (rad, from the x axis of the workspace)."""
 
@@ -448,6 +484,38 @@ class Estimate(Message, frozen=True, kw_only=True):
     parts: Annotated[tuple[PartEstimate, ...], Meta(max_length=64)] = ()
     held: Annotated[int, Meta(ge=-1, lt=64)] = -1  # index of the part in the gripper, or -1
     health: FilterHealth | UnsetType = UNSET  # left out by an estimator that does not judge itself
+
+
+class MapProbability(Part, frozen=True, kw_only=True):
+    map: str  # its name, or "none of these"
+    probability: Annotated[float, Meta(ge=0.0, le=1.0)]
+
+
+class MovedWall(Part, frozen=True, kw_only=True):
+    """A place on the wall of the reference map that has moved, and how far outwards."""
+
+    x_px: float  # px
+    y_px: float  # px
+    moved_px: float  # px
+
+
+class CapsuleEstimate(Message, frozen=True, kw_only=True):
+    """Where the capsule is, and which map of its tube holds."""
+
+    schema_name = "dynpf.CapsuleEstimate"
+    reading: Count  # that it follows
+    x_px: float  # px
+    y_px: float  # px
+    theta: Angle  # rad
+    covariance: Annotated[tuple[float, ...], Meta(min_length=9, max_length=9)]  # px^2, px rad, rad^2, row by row
+    n_eff: NonNegative  # effective sample size
+    map: str  # that is likeliest, or that the filter has been told of
+    maps: Annotated[tuple[MapProbability, ...], Meta(max_length=64)] = ()  # posterior; empty: no map is estimated
+    changed_at: NonNegative | UnsetType = UNSET  # expected number of the reading from which on ``map`` holds
+    reference: str | UnsetType = UNSET  # the map that ``walls`` have moved from
+    walls: Annotated[tuple[MovedWall, ...], Meta(max_length=10_000)] = ()  # what explains "none of these"; else empty
+    end_radius_px: NonNegative | UnsetType = UNSET  # px, from a filter that estimates it
+    end_radius_sigma_px: NonNegative | UnsetType = UNSET  # px
 
 
 class Command(Message, frozen=True, kw_only=True):

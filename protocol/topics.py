@@ -100,6 +100,13 @@ _ROWS = (
         description="True positions of the parts, what is held, contacts so far",
     ),
     Topic(
+        name="truth/capsule",
+        type=messages.CapsuleState,
+        publishers=("simulator",),
+        triggers=("sensors",),
+        description="True pose of the capsule in pixels of its map, and the name of the map that holds",
+    ),
+    Topic(
         name="truth/scene",
         type=messages.SceneUpdate,
         publishers=("simulator",),
@@ -163,6 +170,13 @@ _ROWS = (
         description="Measured position of the robot in the map",
     ),
     Topic(
+        name="sensors/capsule",
+        type=messages.CapsuleReading,
+        publishers=("sensors",),
+        triggers=("estimator",),
+        description="The capsule's last motion, as it was told to make it, and its five ranges",
+    ),
+    Topic(
         name="sensors/gripper",
         type=messages.Gripper,
         publishers=("sensors",),
@@ -174,6 +188,12 @@ _ROWS = (
         publishers=("estimator",),
         triggers=("controller",),
         description="Estimate of the robot's pose, with covariance and effective sample size, and of the parts",
+    ),
+    Topic(
+        name="estimator/capsule",
+        type=messages.CapsuleEstimate,
+        publishers=("estimator",),
+        description="Estimate of the capsule's pose in pixels, with the posterior over maps and what has changed in them",
     ),
     Topic(
         name="estimator/pose",
@@ -203,7 +223,7 @@ _ROWS = (
         name="estimator/scene",
         type=messages.SceneUpdate,
         publishers=("estimator",),
-        description="The landmarks and the estimated robot as shapes, for looking at: at most once a second",
+        description="What the estimator believes as shapes, for looking at: landmarks or tube, and robot; at most once a second",
     ),
     Topic(
         name="controller/command",

@@ -1,20 +1,23 @@
 """Measures of one recorded run against the truth in it, under the names that scripts hold on to."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynpf.maps.raycast import RayCaster
 from dynpf.metrics import rearrangement
+from dynpf.metrics.colon import capsule_errors, first_visible, map_errors
 from dynpf.metrics.consistency import mean_square, nees
 from dynpf.metrics.trajectory import Trajectory, pose_errors, score, thin
 from protocol.codec import decode
-from protocol.messages import Estimate, PartsState, PoseInFrame, RobotState, heading
+from protocol.messages import CapsuleEstimate, CapsuleState, Estimate, PartsState, PoseInFrame, RobotState, heading
 from services.recording.digest import content_digest
 from services.recording.reader import Recorded, Recording
-from services.scenario import Scenario, override_resolved
+from services.recording.scenario import recorded_scenario
+from services.scenario import Scenario, colon_world, override_resolved
 
 __all__ = ["HOME_TOLERANCE_M", "LOST_M", "differing", "measure", "summary"]
 
@@ -28,6 +31,7 @@ LOST_M = 1.0
 
 _SCORED_HZ = 10.0
 _MAX_GAP_S = 0.5
+_AXES = ("x", "y", "theta")
 _TRUTHS = ("truth/robot", "log/truth")
 
 
@@ -48,6 +52,7 @@ def _figures(recording: Recording) -> dict[str, Any]:
     measures: dict[str, Any] = {}
     measures |= _localization(recording)
     measures |= _rearrangement(recording)
+    measures |= _capsule(recording)
     measures["messages"] = sum(1 for _ in recording.messages())
     measures["gaps"] = end.missing if end is not None else None
     measures["complete"] = end is not None and end.complete and not recording.truncated
@@ -60,7 +65,8 @@ def summary(recording: Recording, measures: Mapping[str, Any]) -> str:
     state = "complete" if measures["complete"] else "INCOMPLETE"
     reason = recording.end.reason if recording.end is not None else "it was never closed"
     lines = [f"{scenario.title} (seed {scenario.seed})", f"recording   {recording.path}, {state}: {reason}"]
-    stamps = [record.stamp_ns for record in recording.messages("estimator/state")]
+    topic = "estimator/capsule" if "error_position_px" in measures else "estimator/state"
+    stamps = [record.stamp_ns for record in recording.messages(topic)]
     if stamps:
         lines.append(f"duration    {(max(stamps) - min(stamps)) * 1e-9:.1f} s of logical time, {len(stamps)} estimates")
     lines.append(f"messages    {measures['messages']}, {measures['gaps']} missing")
@@ -76,6 +82,8 @@ def summary(recording: Recording, measures: Mapping[str, Any]) -> str:
         lines.append(text)
     if "heading_rmse_rad" in measures:
         lines.append(f"heading     RMSE {np.degrees(measures['heading_rmse_rad']):.2f} deg")
+    if "error_position_px" in measures:
+        lines += _capsule_summary(measures)
     lines.append(f"digest      {measures['content_digest']}")
     return "\n".join(lines)
 
@@ -184,6 +192,55 @@ def _rearrangement(recording: Recording) -> dict[str, Any]:
         measures["rpee_m"] = rearrangement.robot_position_error(robot, estimated)
         measures["ppee_m"] = rearrangement.part_position_error(parts, placed)
     return measures
+
+
+def _capsule(recording: Recording) -> dict[str, Any]:
+    """Return the measures of COLON: of the pose at the last estimate, and of the posterior over maps up to there."""
+    _, states = _read(recording, "truth/capsule", CapsuleState)
+    _, estimates = _read(recording, "estimator/capsule", CapsuleEstimate)
+    by_reading = {one.reading: one for one in states}
+    followed = [(by_reading[one.reading], one) for one in estimates if one.reading in by_reading]
+    if not followed:
+        return {}
+    true = np.array([(one.x_px, one.y_px, one.theta) for one, _ in followed]).T
+    last = followed[-1][1]
+    measures: dict[str, Any] = capsule_errors(true[:, -1], np.array([last.x_px, last.y_px, last.theta]))
+    held = [one.map for one, _ in followed]
+    if last.maps:
+        posteriors = [{one.map: one.probability for one in estimate.maps} for _, estimate in followed]
+        measures |= map_errors(held, posteriors, first_visible(held, true, _capsule_casters(recording)))
+    if isinstance(last.end_radius_px, float) and held[-1].startswith("end "):
+        radius = float(held[-1].removeprefix("end "))
+        measures["error_radius_percent"] = 100.0 * abs(last.end_radius_px - radius) / radius
+    return {name: value for name, value in measures.items() if np.isfinite(value)}
+
+
+def _capsule_casters(recording: Recording) -> Callable[[str], RayCaster]:
+    world = colon_world(recorded_scenario(recording))
+    assert world is not None
+    casters = {name: RayCaster(grid) for name, grid in world.true_grids().items()}
+    return casters.__getitem__
+
+
+def _capsule_summary(measures: Mapping[str, Any]) -> list[str]:
+    shares = [f"{measures[f'error_{name}_percent']:.3f}" for name in _AXES if f"error_{name}_percent" in measures]
+    lost = ", LOST" if measures["lost"] else ""
+    lines = [
+        f"final pose  {measures['error_position_px']:.2f} px and {measures['error_theta_rad']:.4f} rad off{lost};"
+        f" {' / '.join(shares)} % of x, y, theta"
+    ]
+    if "posterior_truth" in measures:
+        text = f"map         probability of the true one at the end {measures['posterior_truth']:.3f}"
+        if "delay_steps" in measures:
+            text += f", change reported {measures['delay_steps']:.0f} readings after it could be seen"
+        if measures.get("missed"):
+            text += ", change NOT reported"
+        if measures.get("false_alarm"):
+            text += ", change reported that there was NOT"
+        lines.append(text)
+    if "error_radius_percent" in measures:
+        lines.append(f"end radius  {measures['error_radius_percent']:.2f} % off")
+    return lines
 
 
 def _final_error_m(recording: Recording) -> float:

@@ -1,20 +1,24 @@
 """From a scenario to its nodes: the one place that knows which class answers to which section."""
 
+from services.colon import ColonWorld
 from services.controller.config import RearrangementControllerConfig, WaypointsConfig
 from services.controller.rearrangement import RearrangementController
 from services.controller.waypoints import WaypointController
 from services.errors import ScenarioError
-from services.estimator.config import LocalizationConfig, RearrangementConfig
+from services.estimator.capsule import CapsuleEstimator
+from services.estimator.config import CapsuleEstimatorConfig, LocalizationConfig, RearrangementConfig
 from services.estimator.localization import LocalizationEstimator
 from services.estimator.readings import TOPICS
 from services.estimator.rearrangement import RearrangementEstimator
 from services.maps import Maps, open_maps
 from services.node import Node
-from services.scenario import Scenario
-from services.sensors.config import LogSensorsConfig, SimulatedSensorsConfig
+from services.scenario import Scenario, colon_world
+from services.sensors.capsule import CapsuleSensors
+from services.sensors.config import CapsuleSensorsConfig, LogSensorsConfig, SimulatedSensorsConfig
 from services.sensors.log import LogSensors
 from services.sensors.simulated import SimulatedSensors
-from services.simulator.config import RoomConfig, WorkspaceConfig
+from services.simulator.capsule import CapsuleSimulator
+from services.simulator.config import CapsuleConfig, RoomConfig, WorkspaceConfig
 from services.simulator.room import RoomSimulator
 from services.simulator.workspace import WorkspaceSimulator
 from services.task import RearrangementTask
@@ -32,8 +36,8 @@ def build_nodes(scenario: Scenario) -> dict[str, Node]:
 
     Raises ScenarioError where a section does not fit the rest, or a fault lies on a way that nothing takes.
     """
-    maps = _maps(scenario)
-    nodes = {name: _built(scenario, name, maps) for name in scenario.nodes}
+    maps, world = _maps(scenario), colon_world(scenario)
+    nodes = {name: _built(scenario, name, maps, world) for name in scenario.nodes}
     if isinstance(scenario.estimator, LocalizationConfig) and "sensors" in nodes:
         unheard = {one for one in nodes["estimator"].reads - nodes["sensors"].writes if one in READING_TOPICS}
         for topic in sorted(unheard):
@@ -47,7 +51,7 @@ def build_nodes(scenario: Scenario) -> dict[str, Node]:
 
 def build_node(scenario: Scenario, name: str) -> Node:
     """Return one node of a run in its first state; raises ScenarioError where its section does not fit the rest."""
-    return _built(scenario, name, _maps(scenario))
+    return _built(scenario, name, _maps(scenario), colon_world(scenario))
 
 
 def user_classes(scenario: Scenario) -> dict[str, type]:
@@ -73,14 +77,14 @@ def _content(scenario: Scenario, path: str) -> bytes:
     return file.data
 
 
-def _built(scenario: Scenario, name: str, maps: Maps) -> Node:
+def _built(scenario: Scenario, name: str, maps: Maps, world: ColonWorld | None) -> Node:
     try:
-        return _build(scenario, name, maps)
+        return _build(scenario, name, maps, world)
     except ValueError as error:
         raise ScenarioError(f"{name}: {error}") from error
 
 
-def _build(scenario: Scenario, name: str, maps: Maps) -> Node:
+def _build(scenario: Scenario, name: str, maps: Maps, world: ColonWorld | None) -> Node:
     seed, tick_s, landmarks = scenario.seed, scenario.tick_s, scenario.landmarks
     match getattr(scenario, name):
         case WorkspaceConfig() as config:
@@ -91,6 +95,8 @@ def _build(scenario: Scenario, name: str, maps: Maps) -> Node:
             return SimulatedSensors(
                 config=config, seed=seed, tick_s=tick_s, task=scenario.task, landmarks=landmarks, maps=maps
             )
+        case (CapsuleConfig() | CapsuleSensorsConfig() | CapsuleEstimatorConfig()) as capsule:
+            return _build_capsule(capsule, seed, world, name)
         case LogSensorsConfig() as config:
             return LogSensors(config=config, seed=seed, tick_s=tick_s, landmarks=landmarks)
         case RearrangementConfig() as config:
@@ -123,3 +129,20 @@ def _task(scenario: Scenario, name: str) -> RearrangementTask:
     if scenario.task is None:
         raise ScenarioError(f"{name}: needs the table [task] with the parts and their goals")
     return scenario.task
+
+
+def _build_capsule(
+    config: CapsuleConfig | CapsuleSensorsConfig | CapsuleEstimatorConfig,
+    seed: int,
+    world: ColonWorld | None,
+    name: str,
+) -> Node:
+    if world is None:
+        raise ScenarioError(f"{name}: needs the table [colon] with the tube and when its maps hold")
+    match config:
+        case CapsuleConfig():
+            return CapsuleSimulator(config=config, seed=seed, world=world)
+        case CapsuleSensorsConfig():
+            return CapsuleSensors(config=config, seed=seed, world=world)
+        case CapsuleEstimatorConfig():
+            return CapsuleEstimator(config=config, seed=seed, world=world)

@@ -18,13 +18,19 @@ import msgspec
 from msgspec import Meta
 
 from protocol.topics import NODES, TOPICS
+from services.colon import MOST_DRAWINGS, ColonConfig, ColonWorld
 from services.controller.config import RearrangementControllerConfig, WaypointsConfig
 from services.errors import ScenarioError
-from services.estimator.config import LocalizationConfig, RearrangementConfig, UserComponent
+from services.estimator.config import (
+    CapsuleEstimatorConfig,
+    LocalizationConfig,
+    RearrangementConfig,
+    UserComponent,
+)
 from services.faults import Fault
 from services.maps import BitmapConfig, OccupancyConfig, SegmentsConfig, open_maps
-from services.sensors.config import LogSensorsConfig, SimulatedSensorsConfig
-from services.simulator.config import RoomConfig, WorkspaceConfig
+from services.sensors.config import CapsuleSensorsConfig, LogSensorsConfig, SimulatedSensorsConfig
+from services.simulator.config import CapsuleConfig, RoomConfig, WorkspaceConfig
 from services.task import Landmark, RearrangementTask
 from services.user_code import source_digests
 from services.vision.config import VisionConfig
@@ -33,6 +39,7 @@ __all__ = [
     "File",
     "LogFacts",
     "Scenario",
+    "colon_world",
     "find_scenario",
     "first_difference",
     "load_scenario",
@@ -70,10 +77,14 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     task: RearrangementTask | None = None
     map: OccupancyConfig | BitmapConfig | SegmentsConfig | None = None
     landmarks: tuple[Landmark, ...] = ()
-    simulator: WorkspaceConfig | RoomConfig | None = None
+    colon: ColonConfig | None = None
+    # Bitmaps (PNG, BMP, PGM) that take the place of the tube of [colon]: a, b and so on by their order. Paths are seen
+    # from the scenario's folder, on the command line from the current one; a recording carries the content.
+    maps: Annotated[tuple[str, ...], Meta(max_length=MOST_DRAWINGS)] = ()
+    simulator: WorkspaceConfig | RoomConfig | CapsuleConfig | None = None
     vision: VisionConfig | None = None
-    sensors: SimulatedSensorsConfig | LogSensorsConfig | None = None
-    estimator: RearrangementConfig | LocalizationConfig | None = None
+    sensors: SimulatedSensorsConfig | LogSensorsConfig | CapsuleSensorsConfig | None = None
+    estimator: RearrangementConfig | LocalizationConfig | CapsuleEstimatorConfig | None = None
     controller: RearrangementControllerConfig | WaypointsConfig | None = None
     faults: tuple[Fault, ...] = ()
 
@@ -150,6 +161,7 @@ def load_scenario(
         _take_from_log(raw, log)
     for override in overrides:
         _apply(raw, override)
+        _seen_from_here(raw, override)
     if seed is not None:
         raw["seed"] = seed
     if clock is not None:
@@ -196,29 +208,69 @@ def with_what_it_names(scenario: Scenario, where: str, read: Callable[[str], byt
     except ScenarioError as error:
         raise ScenarioError(f"{where}: {error}") from error
     scenario = msgspec.structs.replace(scenario, user_code=code)
-    if not isinstance(scenario.map, OccupancyConfig | BitmapConfig):
-        return msgspec.structs.replace(scenario, files={})
-    path = PurePath(scenario.map.file)
-    bare_name = path.parent == PurePath()
-    held = {name: file.data for name, file in scenario.files.items() if file.data and bare_name}
+    held = {name: file.data for name, file in scenario.files.items() if file.data}
     found: dict[str, bytes] = {}
 
-    def take(name: str) -> bytes:
-        bare = PurePath(name).name
-        found[bare] = held[bare] if bare in held else read(str(path.parent / name))
-        return found[bare]
+    def take(path: PurePath) -> bytes:
+        data = held[path.name] if path.name in held and path.parent == PurePath() else read(str(path))
+        if found.setdefault(path.name, data) != data:
+            raise ValueError(f"two files are called {path.name}")
+        return data
 
-    try:
-        open_maps(scenario.map, None, take)
-    except OSError as error:
-        raise ScenarioError(f"{where}: map.file: {scenario.map.file!r} cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise ScenarioError(f"{where}: map.file: {error}") from error
-    return msgspec.structs.replace(
+    chosen = _take_map(scenario, where, take)
+    drawings = _take_drawings(scenario, where, take)
+    scenario = msgspec.structs.replace(
         scenario,
-        map=msgspec.structs.replace(scenario.map, file=path.name),
+        map=chosen,
+        maps=drawings,
         files={name: File(sha256=hashlib.sha256(data).hexdigest(), data=data) for name, data in found.items()},
     )
+    if drawings and (world := colon_world(scenario)) is not None:
+        try:
+            world.drawn()
+        except ScenarioError as error:
+            raise ScenarioError(f"{where}: {error}") from error
+    return scenario
+
+
+def _take_map(
+    scenario: Scenario, where: str, take: Callable[[PurePath], bytes]
+) -> OccupancyConfig | BitmapConfig | SegmentsConfig | None:
+    """Take the files of the map, if it has any, and return it with the bare name of the one that it names."""
+    config = scenario.map
+    if not isinstance(config, OccupancyConfig | BitmapConfig):
+        return config
+    path = PurePath(config.file)
+    try:
+        open_maps(config, None, lambda name: take(path.parent / name))
+    except OSError as error:
+        raise ScenarioError(f"{where}: map.file: {config.file!r} cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise ScenarioError(f"{where}: map.file: {error}") from error
+    return msgspec.structs.replace(config, file=path.name)
+
+
+def _take_drawings(scenario: Scenario, where: str, take: Callable[[PurePath], bytes]) -> tuple[str, ...]:
+    """Take the bitmaps of the tube and return their bare names."""
+    paths = [PurePath(name) for name in scenario.maps]
+    for path in paths:
+        try:
+            take(path)
+        except OSError as error:
+            raise ScenarioError(f"{where}: maps: {str(path)!r} cannot be read: {error.strerror}") from error
+        except ValueError as error:
+            raise ScenarioError(f"{where}: maps: {error}") from error
+    return tuple(path.name for path in paths)
+
+
+def colon_world(scenario: Scenario) -> ColonWorld | None:
+    """Return the tube of a run with its maps and route, None for a run without; raises ScenarioError."""
+    if scenario.colon is None:
+        return None
+    lacking = [name for name in scenario.maps if name not in scenario.files or not scenario.files[name].data]
+    if lacking:
+        raise ScenarioError(f"maps: the content of {lacking[0]} did not come along with the scenario")
+    return ColonWorld(scenario.colon, [(name, scenario.files[name].data) for name in scenario.maps])
 
 
 def resolved_json(scenario: Scenario) -> str:
@@ -334,6 +386,17 @@ def _apply(raw: dict[str, Any], override: str) -> None:
         raise ScenarioError(f"--set {override}: {'.'.join(parents)} is {table!r}, which has no keys")
 
 
+def _seen_from_here(raw: dict[str, Any], override: str) -> None:
+    """Make paths of bitmaps that an override gives absolute: they are seen from the current folder."""
+    key = override.partition("=")[0]
+    names = raw.get("maps")
+    if key.partition(".")[0] == "maps" and isinstance(names, list):
+        which = range(len(names)) if key == "maps" else [int(key.removeprefix("maps."))]
+        for place in which:
+            if isinstance(names[place], str):
+                names[place] = str(Path(names[place]).absolute())
+
+
 def _child(table: Any, name: str, path: str, override: str) -> Any:
     if isinstance(table, list):
         return table[_index(table, name, path, override)]
@@ -420,6 +483,8 @@ def _contradictions(scenario: Scenario) -> Iterator[str]:
             yield f"faults.{place}.to: {fault.to!r} is not a node of this run{_nearest(fault.to, nodes)}"
     if isinstance(scenario.simulator, WorkspaceConfig) and scenario.task is None:
         yield "task: missing; the workspace simulator needs the parts and their goals"
+    if scenario.maps and scenario.colon is None:
+        yield "maps: bitmaps for the tube of [colon], which this run has not"
     if isinstance(scenario.estimator, LocalizationConfig):
         for key, name in scenario.estimator.user_classes:
             if not re.fullmatch(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*", name):

@@ -31,7 +31,7 @@ NonNegative = Annotated[float, Meta(ge=0.0)]
 
 
 class EndRadiusParams(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="end_radius"
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="colon_end_radius"
 ):
     """Lengths in map units (px)."""
 

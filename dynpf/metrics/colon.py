@@ -10,7 +10,7 @@ from dynpf.colon.hypotheses import UNLISTED
 from dynpf.maps.raycast import RayCaster
 from dynpf.se2 import FloatArray, Floats, wrap_angle
 
-__all__ = ["LOST_PX", "TOLD_APART_PX", "first_visible", "map_errors", "pose_errors"]
+__all__ = ["LOST_PX", "TOLD_APART_PX", "capsule_errors", "first_visible", "map_errors"]
 
 LOST_PX = 30.0
 """The capsule counts as lost when the estimate is farther off than this at the end."""
@@ -18,7 +18,7 @@ TOLD_APART_PX = 10.0
 """By how much a range must differ before a change of the map can be seen (prototypes saw none smaller)."""
 
 
-def pose_errors(true: Floats, pose: Floats) -> dict[str, float | bool]:
+def capsule_errors(true: Floats, pose: Floats) -> dict[str, float | bool]:
     """Return the errors of an estimated pose (3,); percentages are of the true coordinate, NaN where that is 0."""
     off = np.array([pose[0] - true[0], pose[1] - true[1], float(wrap_angle(pose[2] - true[2]))])
     percent = np.full(3, math.nan)

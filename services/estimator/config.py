@@ -1,11 +1,13 @@
 """What a scenario says about the estimator, in the table ``[estimator]``; ``kind`` chooses which one runs; SI units."""
 
 from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
 
+from dynpf.colon.end_radius import EndRadiusParams
+from dynpf.colon.hypotheses import HypothesesParams
 from dynpf.filters.adaptation import AugmentedParams, KldParams, SensorResettingParams
 from dynpf.filters.extended import ExtendedKalmanParams
 from dynpf.filters.health import HealthParams
@@ -28,7 +30,16 @@ from dynpf.motion.linear import LinearGaussianParams
 from dynpf.motion.odometry import OdometryParams
 from dynpf.motion.velocity import VelocityParams
 
-__all__ = ["LocalizationConfig", "RearrangementConfig", "SirParams", "UserComponent"]
+__all__ = [
+    "CapsuleEstimatorConfig",
+    "ClassicFilter",
+    "EndRadiusFilter",
+    "HypothesesFilter",
+    "LocalizationConfig",
+    "RearrangementConfig",
+    "SirParams",
+    "UserComponent",
+]
 
 NonNegative = Annotated[float, Meta(ge=0.0)]
 Positive = Annotated[float, Meta(gt=0.0)]
@@ -125,3 +136,35 @@ class RearrangementConfig(
     prior_variance: Positive = 1.0  # of a position that nothing is known about
     lost_after: Ticks = 20  # detections in which an object is missing, then its position is forgotten
     particle_period_s: NonNegative = 0.2  # logical time between particle clouds
+
+
+class ClassicFilter(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="classic"
+):
+    """COLON's own filter, in the map that it is told of: 100 px, 0.1 px and 0.1 rad, resampling at each step."""
+
+    n: Annotated[int, Meta(ge=1)] = 100  # particles
+
+
+class HypothesesFilter(HypothesesParams, frozen=True, kw_only=True, tag="hypotheses"):
+    """The map is part of what is estimated: one of those listed, or none of these. Lengths are in px."""
+
+    maps: Annotated[tuple[str, ...], Meta(min_length=1)] = ("a", "b")  # those listed; the first holds at the start
+    # What the filter makes of colon.told; obeyed: no map is estimated.
+    schedule: Literal["ignored", "hint", "obeyed"] = "ignored"
+
+
+class EndRadiusFilter(EndRadiusParams, frozen=True, kw_only=True, tag="end_radius"):
+    """The map is a member of the family of tubes with a round end, of a radius that is estimated. Lengths are in px."""
+
+    # Of the members that are drawn; between two, ranges go from one to the other.
+    radii_px: Annotated[tuple[Positive, ...], Meta(min_length=2)] = tuple(float(radius) for radius in range(90, 166, 5))
+
+
+class CapsuleEstimatorConfig(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="capsule"
+):
+    """A filter over the pose of a capsule in the tube of the table ``[colon]``, whose walls may change."""
+
+    filter: ClassicFilter | HypothesesFilter | EndRadiusFilter = HypothesesFilter()
+    start: Literal["known", "anywhere"] = "known"  # anywhere: the pose is searched for in the first map

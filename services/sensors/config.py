@@ -7,6 +7,7 @@ import msgspec
 from msgspec import Meta
 
 __all__ = [
+    "CapsuleSensorsConfig",
     "GripperSensor",
     "LandmarkSensor",
     "LineSensor",
@@ -131,4 +132,13 @@ class LogSensorsConfig(
     """Sensors that hand on the records of an imported log."""
 
 
-SensorsConfig = SimulatedSensorsConfig | LogSensorsConfig
+class CapsuleSensorsConfig(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="capsule"
+):
+    """The capsule's five range finders, at -60, -30, 0, 30 and 60 degrees from its heading, capped at 500 px."""
+
+    sigma_range_px: NonNegative = 0.0  # px
+    outlier_fraction: Probability = 0.0  # share of ranges that are anything up to the cap
+
+
+SensorsConfig = CapsuleSensorsConfig | SimulatedSensorsConfig | LogSensorsConfig

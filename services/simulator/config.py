@@ -7,7 +7,7 @@ from msgspec import Meta
 
 from services.simulator.camera import CameraParams
 
-__all__ = ["RoomConfig", "WorkspaceConfig"]
+__all__ = ["CapsuleConfig", "RoomConfig", "WorkspaceConfig"]
 
 NonNegative = Annotated[float, Meta(ge=0.0)]
 Positive = Annotated[float, Meta(gt=0.0)]
@@ -48,3 +48,15 @@ class RoomConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         0.0,
         0.0,
     )
+
+
+class CapsuleConfig(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="capsule"
+):
+    """A capsule that is driven along its route through the tube of the table ``[colon]``, a motion a tick.
+
+    One that moves with noise is steered: each motion heads for the route's next place from where the capsule is.
+    """
+
+    sigma_px: NonNegative = 0.0  # px a motion, of x and of y
+    sigma_theta: NonNegative = 0.0  # rad a motion

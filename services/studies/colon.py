@@ -10,7 +10,7 @@ from msgspec import Meta
 
 from dynpf.colon import CASES, Run
 from dynpf.colon.outline import Family
-from dynpf.metrics.colon import first_visible, map_errors, pose_errors
+from dynpf.metrics.colon import capsule_errors, first_visible, map_errors
 from dynpf.metrics.quantiles import chi_square_quantile
 from dynpf.se2 import wrap_angle
 from services.errors import UsageError
@@ -147,7 +147,7 @@ def _factors(task: Task, name: str) -> dict[str, str | int]:
 
 def _pose_measures(happened: Run, track: Track) -> dict[str, float | bool]:
     true, pose = happened.poses[:, -1], track.poses[:, -1]
-    measures = pose_errors(true, pose)
+    measures = capsule_errors(true, pose)
     measures["lost_percent"] = measures.pop("lost")
     if track.covariance is not None:
         off = np.array([pose[0] - true[0], pose[1] - true[1], float(wrap_angle(pose[2] - true[2]))])
