@@ -295,7 +295,7 @@ def _default(field: types.Field) -> str:
         case [dict(), *_] | (dict(), *_):
             return "one, its defaults"
         case list() | tuple():
-            return f"[{', '.join(f'{one:.6g}' for one in value)}]"
+            return f"[{', '.join(one if isinstance(one, str) else f'{one:.6g}' for one in value)}]"
     return str(value)
 
 

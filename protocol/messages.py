@@ -509,7 +509,7 @@ class CapsuleEstimate(Message, frozen=True, kw_only=True):
     theta: Angle  # rad
     covariance: Annotated[tuple[float, ...], Meta(min_length=9, max_length=9)]  # px^2, px rad, rad^2, row by row
     n_eff: NonNegative  # effective sample size
-    map: str  # that is likeliest, or that the filter has been told of
+    map: str  # the likeliest; of a filter that estimates no map, the one that it was told of; of radii, the nearest
     maps: Annotated[tuple[MapProbability, ...], Meta(max_length=64)] = ()  # posterior; empty: no map is estimated
     changed_at: NonNegative | UnsetType = UNSET  # expected number of the reading from which on ``map`` holds
     reference: str | UnsetType = UNSET  # the map that ``walls`` have moved from

@@ -193,7 +193,7 @@ _ROWS = (
         name="estimator/capsule",
         type=messages.CapsuleEstimate,
         publishers=("estimator",),
-        description="Estimate of the capsule's pose in pixels, with the posterior over maps and what has changed in them",
+        description="Estimate of the capsule's pose in pixels, posterior over maps, and what has changed in them",
     ),
     Topic(
         name="estimator/pose",
@@ -223,7 +223,7 @@ _ROWS = (
         name="estimator/scene",
         type=messages.SceneUpdate,
         publishers=("estimator",),
-        description="What the estimator believes as shapes, for looking at: landmarks or tube, and robot; at most once a second",
+        description="Landmarks or tube, and the estimated robot, as shapes for looking at: at most once a second",
     ),
     Topic(
         name="controller/command",

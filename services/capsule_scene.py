@@ -32,13 +32,15 @@ def drawn_pose(x_px: float, y_px: float, theta: float) -> Pose:
     return planar_pose(M_PER_PX * x_px, M_PER_PX * y_px, theta)
 
 
-def tube_entity(grid: OccupancyGrid, label: str, now: Timestamp, name: str, color: Color) -> SceneEntity:
-    """Return the outline of a bore, to within a pixel, with a label above it."""
+def tube_entity(
+    grid: OccupancyGrid, label: str, now: Timestamp, name: str, color: Color, *, above: bool
+) -> SceneEntity:
+    """Return the outline of a bore, to within a pixel, with a label above or below it."""
     contours, _ = cv2.findContours(grid.free.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     rings = [cv2.approxPolyDP(contour, 1.0, closed=True)[:, 0] for contour in contours]
     lines = tuple(_line(LOOP, np.stack(grid.to_map(*(ring.T + 0.5))), color) for ring in rings)
-    left, top = (min(ring[:, 0].min() for ring in rings), max(ring[:, 1].max() for ring in rings))
-    x, y = grid.to_map(left, top + LABEL_OFF_PX)
+    columns, rows = np.concatenate(rings).T
+    x, y = grid.to_map(columns.mean(), rows.max() + LABEL_OFF_PX if above else rows.min() - LABEL_OFF_PX)
     text = TextPrimitive(
         pose=drawn_pose(float(x), float(y), 0.0),
         billboard=True,

@@ -22,6 +22,7 @@ MOST_DRAWINGS = len(ascii_lowercase)
 
 Reading = Annotated[int, Meta(ge=0)]
 Positive = Annotated[float, Meta(gt=0.0)]
+Turn = Annotated[float, Meta(ge=-7.0, le=7.0)]
 
 
 class MapHolds(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -48,7 +49,7 @@ class RouteConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """Where the capsule starts and how it is told to move."""
 
     start: tuple[float, float, float] = ROUTE.start  # px, px, rad
-    motions: tuple[tuple[float, float], ...] = ()  # each: px ahead, after a turn by rad; empty: COLON's fifteen
+    motions: tuple[tuple[float, Turn], ...] = ()  # each: px ahead, after a turn by rad; empty: COLON's fifteen
 
 
 class ColonConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

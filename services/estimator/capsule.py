@@ -174,7 +174,7 @@ class CapsuleEstimator:
             ends = np.stack((moved.places, moved.places + moved.distances * moved.outwards))
         return SceneUpdate(
             entities=(
-                tube_entity(self._filter.grids[name], label, now, "believed tube", WALL_COLOR),
+                tube_entity(self._filter.grids[name], label, now, "believed tube", WALL_COLOR, above=False),
                 walls_entity(ends, now, "moved walls", MOVED_COLOR),
                 arrow_entity(located.pose, now, "estimated capsule", CAPSULE_COLOR),
             )
@@ -183,10 +183,9 @@ class CapsuleEstimator:
     def _told(self, located: Located, stamp_ns: int) -> list[Output]:
         """Return a message if another map is likeliest than before."""
         before, self._map = self._map, located.map
-        if before in (None, located.map):
+        if not located.maps or before in (None, located.map):
             return []
-        since = "" if located.changed_at is None else f" since about reading {located.changed_at:.0f}"
-        text = f"the map is no longer {before}: {located.map}{since}"
+        text = f"the map is no longer {before}: {located.map} since about reading {located.changed_at:.0f}"
         return [Output("log", Log(timestamp=timestamp(stamp_ns), level=LogLevel.INFO, message=text, name=self.name))]
 
 

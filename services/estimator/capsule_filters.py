@@ -171,45 +171,54 @@ class _Hypotheses:
         return Belief(**{**state, **{name: np.array(state[name]) for name in arrays}, "cloud": _thawed(state["cloud"])})
 
 
+class _RadiusBelief(NamedTuple):
+    """A cloud over pose and radius, and the last reading at which the radius became another."""
+
+    cloud: Cloud
+    changed_at: int
+
+
 class _EndRadius:
     """The radius of the tube's round end is estimated."""
 
     def __init__(self, table: EndRadiusFilter, world: ColonWorld) -> None:
-        members = {radius: world.grid(f"end {radius:g}", "estimator.filter.radii_px") for radius in table.radii_px}
-        self._filter = EndRadius(table, members)
         first = world.told.at(0)
         if not first.startswith("end "):
             raise ScenarioError(f"colon.told: {first!r} at the start; the filter 'end_radius' expects an 'end RADIUS'")
+        self._world, self._first = world, world.grid(first, "colon.told")
         self._radius = float(first.removeprefix("end "))
-        self._world = world
+        members = {radius: world.grid(f"end {radius:g}", "estimator.filter.radii_px") for radius in table.radii_px}
+        self._filter = EndRadius(table, members)
         self.grids = {f"end {radius:g}": grid for radius, grid in members.items()}
 
-    def start(self, known: bool, stream: Stream) -> Cloud:
-        grid = self._world.grid(self._world.told.at(0), "colon.told")
-        return self._filter.start(_start_poses(self._world, grid, self._filter.params.n, known, stream), self._radius)
+    def start(self, known: bool, stream: Stream) -> _RadiusBelief:
+        poses = _start_poses(self._world, self._first, self._filter.params.n, known, stream)
+        return _RadiusBelief(self._filter.start(poses, self._radius), 0)
 
     def update(
         self,
-        belief: Cloud,
+        belief: _RadiusBelief,
         motion: CapsuleMotion | None,
         ranges: Floats,
         stream: Stream,
-        readings: tuple[int, int],  # noqa: ARG002 - nobody tells this filter anything
-    ) -> tuple[Cloud, Located]:
-        cloud, finding = self._filter.update(belief, motion, ranges, stream)
+        readings: tuple[int, int],
+    ) -> tuple[_RadiusBelief, Located]:
+        cloud, finding = self._filter.update(belief.cloud, motion, ranges, stream)
+        changed_at = readings[1] if finding.changed > 0.5 else belief.changed_at
         covariance = pose_estimate(cloud.particles, cloud.weights).covariance
         nearest = float(self._filter.radii[np.abs(self._filter.radii - finding.radius).argmin()])
         radius = Radius(finding.radius, finding.radius_deviation)
-        return cloud, Located(finding.pose, covariance, f"end {nearest:g}", radius=radius)
+        located = Located(finding.pose, covariance, f"end {nearest:g}", changed_at=float(changed_at), radius=radius)
+        return _RadiusBelief(cloud, changed_at), located
 
-    def cloud(self, belief: Cloud) -> Cloud:
-        return belief
+    def cloud(self, belief: _RadiusBelief) -> Cloud:
+        return belief.cloud
 
-    def freeze(self, belief: Cloud) -> Mapping[str, Any]:
-        return belief._asdict()
+    def freeze(self, belief: _RadiusBelief) -> Mapping[str, Any]:
+        return {"cloud": belief.cloud._asdict(), "changed_at": belief.changed_at}
 
-    def thaw(self, state: Mapping[str, Any]) -> Cloud:
-        return _thawed(state)
+    def thaw(self, state: Mapping[str, Any]) -> _RadiusBelief:
+        return _RadiusBelief(_thawed(state["cloud"]), state["changed_at"])
 
 
 def _start_poses(world: ColonWorld, grid: OccupancyGrid, count: int, known: bool, stream: Stream) -> Floats:
@@ -221,13 +230,12 @@ def _start_poses(world: ColonWorld, grid: OccupancyGrid, count: int, known: bool
 def _nodes(grid: OccupancyGrid, places: Indices, following: Indices) -> tuple[FloatArray, FloatArray]:
     """Return the places (2, J) of a wall's nodes in pixels, and unit vectors (2, J) out of the tube there.
 
-    OpenCV goes round the inside of a bore anticlockwise as rows count here, upwards, and round an island the other way:
-    outwards is to the right of the way to the next node.
+    OpenCV follows the border of what is free with that on its right, rows counted upwards.
     """
     at = np.stack(grid.to_map(*(places + 0.5)))
     along = at[:, following] - at
-    right = np.stack((along[1], -along[0]))
-    return at, right / np.maximum(np.hypot(*right), 1e-9)
+    left = np.stack((-along[1], along[0]))
+    return at, left / np.maximum(np.hypot(*left), 1e-9)
 
 
 def _thawed(state: Mapping[str, Any]) -> Cloud:

@@ -149,7 +149,8 @@ class ClassicFilter(
 class HypothesesFilter(HypothesesParams, frozen=True, kw_only=True, tag="hypotheses"):
     """The map is part of what is estimated: one of those listed, or none of these. Lengths are in px."""
 
-    maps: Annotated[tuple[str, ...], Meta(min_length=1)] = ("a", "b")  # those listed; the first holds at the start
+    # Those listed; the first holds at the start.
+    maps: Annotated[tuple[str, ...], Meta(min_length=1, max_length=63)] = ("a", "b")
     # What the filter makes of colon.told; obeyed: no map is estimated.
     schedule: Literal["ignored", "hint", "obeyed"] = "ignored"
 

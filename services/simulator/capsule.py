@@ -69,7 +69,7 @@ class CapsuleSimulator:
 
     def _scene(self, stamp_ns: int) -> SceneUpdate:
         now, held = timestamp(stamp_ns), self._true.at(self._reading)
-        tube = tube_entity(self._grids[held], f"true map: {held}", now, "tube", WALL_COLOR)
+        tube = tube_entity(self._grids[held], f"true map: {held}", now, "tube", WALL_COLOR, above=True)
         return SceneUpdate(entities=(tube, arrow_entity(self._pose, now, "capsule", CAPSULE_COLOR)))
 
     def freeze(self) -> State:
