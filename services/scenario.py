@@ -211,10 +211,11 @@ def with_what_it_names(scenario: Scenario, where: str, read: Callable[[str], byt
     held = {name: file.data for name, file in scenario.files.items() if file.data}
     found: dict[str, bytes] = {}
 
-    def take(path: PurePath) -> bytes:
-        data = held[path.name] if path.name in held and path.parent == PurePath() else read(str(path))
-        if found.setdefault(path.name, data) != data:
-            raise ValueError(f"two files are called {path.name}")
+    def take(folder: PurePath, name: str) -> bytes:
+        bare = PurePath(name).name
+        data = held[bare] if bare in held and folder == PurePath() else read(str(folder / name))
+        if found.setdefault(bare, data) != data:
+            raise ValueError(f"two files are called {bare}")
         return data
 
     chosen = _take_map(scenario, where, take)
@@ -234,7 +235,7 @@ def with_what_it_names(scenario: Scenario, where: str, read: Callable[[str], byt
 
 
 def _take_map(
-    scenario: Scenario, where: str, take: Callable[[PurePath], bytes]
+    scenario: Scenario, where: str, take: Callable[[PurePath, str], bytes]
 ) -> OccupancyConfig | BitmapConfig | SegmentsConfig | None:
     """Take the files of the map, if it has any, and return it with the bare name of the one that it names."""
     config = scenario.map
@@ -242,7 +243,7 @@ def _take_map(
         return config
     path = PurePath(config.file)
     try:
-        open_maps(config, None, lambda name: take(path.parent / name))
+        open_maps(config, None, lambda name: take(path.parent, name))
     except OSError as error:
         raise ScenarioError(f"{where}: map.file: {config.file!r} cannot be read: {error.strerror}") from error
     except ValueError as error:
@@ -250,12 +251,12 @@ def _take_map(
     return msgspec.structs.replace(config, file=path.name)
 
 
-def _take_drawings(scenario: Scenario, where: str, take: Callable[[PurePath], bytes]) -> tuple[str, ...]:
+def _take_drawings(scenario: Scenario, where: str, take: Callable[[PurePath, str], bytes]) -> tuple[str, ...]:
     """Take the bitmaps of the tube and return their bare names."""
     paths = [PurePath(name) for name in scenario.maps]
     for path in paths:
         try:
-            take(path)
+            take(path.parent, path.name)
         except OSError as error:
             raise ScenarioError(f"{where}: maps: {str(path)!r} cannot be read: {error.strerror}") from error
         except ValueError as error:

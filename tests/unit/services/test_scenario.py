@@ -18,6 +18,7 @@ from services.scenario import (
     parse_scenario,
     resolved_json,
     scenario_files,
+    whole_json,
 )
 from services.simulator.config import RoomConfig
 from tests.unit.services.small_log import FACTS
@@ -26,7 +27,7 @@ Raw = dict[str, Any]
 TOML = 'title = "A room"\n\n[simulator]\nkind = "room"\n\n[[landmarks]]\nid = 1\nx = 0.0\ny = 1.0\n'
 KEYS = (
     "title, seed, clock, tick_s, max_ticks, needs_log, log_digest, state_digest_ticks, files, user_code, task, "
-    "map, landmarks, simulator, vision, sensors, estimator, controller, faults"
+    "map, landmarks, colon, maps, simulator, vision, sensors, estimator, controller, faults"
 )
 
 
@@ -58,8 +59,8 @@ ERRORS: list[tuple[Raw, str]] = [
     (room(landmarks=[{"id": "a", "x": 0, "y": 1}]), 'landmarks.0.id: "a": expected `int`, got `str`'),
     (room(title=None), "scenario: object missing required field `title`"),
     (room(clock="lock-step"), "clock: 'lock-step'; expected one of lockstep, realtime; did you mean 'lockstep'?"),
-    (room(simulator={"kind": "rom"}), "simulator.kind: 'rom'; expected one of workspace, room; did you mean 'room'?"),
-    (room(simulator={}), "simulator.kind: missing; expected one of workspace, room"),
+    (room(simulator={"kind": "rom"}), "simulator.kind: 'rom'; expected one of workspace, room, capsule; did you mean 'room'?"),
+    (room(simulator={}), "simulator.kind: missing; expected one of workspace, room, capsule"),
     (room(simulator=None), "a run needs a source: a [simulator], or [sensors] that play a log"),
     (room(sensors={"kind": "log"}), "sensors.kind: 'log' and needs_log = true go together"),
     (
@@ -200,9 +201,9 @@ def test_later_words_win_and_options_win_over_overrides(write: Any) -> None:
 @pytest.mark.parametrize("path", scenario_files(), ids=lambda path: path.stem)
 def test_a_resolved_scenario_is_the_scenario(path: Path, write: Any) -> None:
     scenario = load_scenario(path.stem)
-    resolved = resolved_json(scenario)
-    assert override_resolved(resolved, (), "") == scenario
-    assert load_scenario(write("again.json", resolved)) == scenario
+    resolved, whole = resolved_json(scenario), whole_json(scenario)
+    assert override_resolved(whole, (), "") == scenario
+    assert load_scenario(write("again.json", whole)) == scenario
     assert first_difference(resolved, resolved_json(override_resolved(resolved, (), ""))) is None
     if scenario.needs_log:
         scenario = load_scenario(path.stem, log=FACTS)
