@@ -45,7 +45,7 @@ def room(**changes: Any) -> Raw:
 FAULT = {"topic": "controller/command", "to": "simulator"}
 ERRORS: list[tuple[Raw, str]] = [
     (room(sede=3), "sede: unknown key; did you mean 'seed'?"),
-    (room(foo=3), f"foo: unknown key; known: {KEYS}"),
+    (room(qqq=3), f"qqq: unknown key; known: {KEYS}"),
     (room(simulator={"kind": "room", "widht": 3}), "simulator.widht: unknown key; did you mean 'width'?"),
     (room(simulator={"kind": "room", "max_ticks": 3}), "simulator.max_ticks: unknown key; did you mean 'max_speed'?"),
     (room(landmarks=[{"id": 1, "x": 0, "y": 1, "z": 2}]), "landmarks.0.z: unknown key; known: id, x, y"),
