@@ -167,8 +167,8 @@ class _Hypotheses:
         return {**belief._asdict(), "cloud": belief.cloud._asdict()}
 
     def thaw(self, state: Mapping[str, Any]) -> Belief:
-        arrays = ("maps", "since", "displacement", "covariance", "chances")
-        return Belief(**{**state, **{name: np.array(state[name]) for name in arrays}, "cloud": _thawed(state["cloud"])})
+        known: dict[str, Any] = {**state, "cloud": _thawed(state["cloud"])}
+        return Belief(**{name: np.array(one) if isinstance(one, np.ndarray) else one for name, one in known.items()})
 
 
 class _RadiusBelief(NamedTuple):

@@ -36,7 +36,11 @@ def _record(name: str, folder: Path, overrides: list[str]) -> Recording:
     return read_recording(path)
 
 
-@pytest.fixture(scope="module", params=[("parts-3-tracked", []), ("landmark-room", SCAN), ("colon-case-5", [])], ids=lambda one: one[0])
+@pytest.fixture(
+    scope="module",
+    params=[("parts-3-tracked", []), ("landmark-room", SCAN), ("colon-case-5", [])],
+    ids=lambda one: one[0],
+)
 def recording(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Recording:
     name, overrides = request.param
     return _record(name, tmp_path_factory.mktemp("run"), overrides)

@@ -59,7 +59,10 @@ ERRORS: list[tuple[Raw, str]] = [
     (room(landmarks=[{"id": "a", "x": 0, "y": 1}]), 'landmarks.0.id: "a": expected `int`, got `str`'),
     (room(title=None), "scenario: object missing required field `title`"),
     (room(clock="lock-step"), "clock: 'lock-step'; expected one of lockstep, realtime; did you mean 'lockstep'?"),
-    (room(simulator={"kind": "rom"}), "simulator.kind: 'rom'; expected one of workspace, room, capsule; did you mean 'room'?"),
+    (
+        room(simulator={"kind": "rom"}),
+        "simulator.kind: 'rom'; expected one of workspace, room, capsule; did you mean 'room'?",
+    ),
     (room(simulator={}), "simulator.kind: missing; expected one of workspace, room, capsule"),
     (room(simulator=None), "a run needs a source: a [simulator], or [sensors] that play a log"),
     (room(sensors={"kind": "log"}), "sensors.kind: 'log' and needs_log = true go together"),
