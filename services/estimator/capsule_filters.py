@@ -167,8 +167,7 @@ class _Hypotheses:
         return {**belief._asdict(), "cloud": belief.cloud._asdict()}
 
     def thaw(self, state: Mapping[str, Any]) -> Belief:
-        known: dict[str, Any] = {**state, "cloud": _thawed(state["cloud"])}
-        return Belief(**{name: np.array(one) if isinstance(one, np.ndarray) else one for name, one in known.items()})
+        return Belief(**{name: _copied(one) for name, one in {**state, "cloud": _thawed(state["cloud"])}.items()})
 
 
 class _RadiusBelief(NamedTuple):
@@ -241,3 +240,7 @@ def _nodes(grid: OccupancyGrid, places: Indices, following: Indices) -> tuple[Fl
 def _thawed(state: Mapping[str, Any]) -> Cloud:
     arrays = {name: np.array(state[name]) for name in ("particles", "weights", "log_weights")}
     return Cloud(**arrays, n_eff=state["n_eff"], moved=state["moved"], memory=tuple(state["memory"]))
+
+
+def _copied(value: Any) -> Any:
+    return value.copy() if isinstance(value, np.ndarray) else value
