@@ -21,7 +21,8 @@ __all__ = ["MOST_DRAWINGS", "BulgeConfig", "ColonConfig", "ColonWorld", "MapHold
 MOST_DRAWINGS = len(ascii_lowercase)
 
 Reading = Annotated[int, Meta(ge=0)]
-Positive = Annotated[float, Meta(gt=0.0)]
+Pixels = Annotated[float, Meta(ge=-1e5, le=1e5)]
+Size = Annotated[float, Meta(gt=0.0, le=1e4)]
 Turn = Annotated[float, Meta(ge=-7.0, le=7.0)]
 
 
@@ -39,17 +40,17 @@ class BulgeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """A place where a wall of the plain tube stands out; bulges of one map go together."""
 
     map: str  # what the map is called that has it
-    beyond_bend_px: float  # px along the centre line from where the tube begins to bend; negative: before that
-    size_px: Positive = 45.0  # px by which the wall stands out
-    width_px: Positive = 38.0  # px along the wall, of a bell
+    beyond_bend_px: Pixels  # px along the centre line from where the tube begins to bend; negative: before that
+    size_px: Size = 45.0  # px by which the wall stands out
+    width_px: Size = 38.0  # px along the wall, of a bell
     left: bool = False  # of the way along the tube; else on the right
 
 
 class RouteConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Where the capsule starts and how it is told to move."""
 
-    start: tuple[float, float, float] = ROUTE.start  # px, px, rad
-    motions: tuple[tuple[float, Turn], ...] = ()  # each: px ahead, after a turn by rad; empty: COLON's fifteen
+    start: tuple[Pixels, Pixels, Turn] = ROUTE.start  # px, px, rad
+    motions: tuple[tuple[Pixels, Turn], ...] = ()  # each: px ahead, after a turn by rad; empty: COLON's fifteen
 
 
 class ColonConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

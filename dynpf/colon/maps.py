@@ -12,6 +12,8 @@ __all__ = ["NAMES", "drawn_map", "tube_map"]
 NAMES = "a, b, c, 'b SHARE', 'other NUMBER', 'end RADIUS'"
 """The names that ``tube_map`` knows."""
 
+_MOST = {"b": 1e3, "end": 1e4, "other": 2.0**62}
+
 
 def tube_map(family: Family, seed: int, name: str, route: Floats) -> OccupancyGrid:
     """Return a map of a tube, around a route of poses (3, T), by its name.
@@ -34,6 +36,8 @@ def _named(one: Tube, seed: int, name: str) -> OccupancyGrid:
     near_the_end = Bulge(False, one.bend + 25.0)
     if not number:
         return one.bore(*{"a": (), "b": (near_the_end,), "c": (Bulge(False, one.bend + 115.0),)}[name])
+    if not 0.0 <= float(number) <= _MOST[kind]:
+        raise ValueError
     if kind == "end":
         return one.round_ended(RoundEnd(float(number)))
     if kind == "other":
