@@ -257,7 +257,7 @@ def _range(info: types.Type) -> str:
                 return f"{low} of them"
             lengths = [f"at least {low}" if low else "", f"at most {high}" if high is not None else ""]
             each = _range(item)
-            return ", ".join([*filter(None, lengths), *([f"each {each}"] if each else [])])
+            return ", ".join([*filter(None, lengths), *([f"each {each.removeprefix('each ')}"] if each else [])])
         case types.TupleType(item_types=items):
             return f"each {_range(items[0])}" if _range(items[0]) else ""
         case types.UnionType(types=choices):
