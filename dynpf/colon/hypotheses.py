@@ -21,6 +21,7 @@ from dynpf.colon.beams import ANGLES, Noise, checked_ranges, dominant_mode, expe
 from dynpf.colon.wall import Wall
 from dynpf.colon.world import RANGE_MAX
 from dynpf.filters.cloud import Cloud, gathered, uniform_cloud, weighted_cloud
+from dynpf.filters.estimate import pose_estimate
 from dynpf.filters.resampling import Indices, systematic
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.maps.raycast import RayCaster
@@ -78,6 +79,7 @@ class HypothesesParams(
     bulge_height: Positive = 30.0
     bulge_deviation: Positive = 15.0  # of its height
     bulge_width: Positive = 40.0  # standard deviation of the bell
+    sight: Positive = 120.0  # how far ahead it looks, about
     bulge_roughness: NonNegative = 4.0  # of how far a wall is from being such a bell, besides its roughness
     unrest: Share = 0.1  # how much of what is known of whether a wall has moved is forgotten within a step
     search: SearchParams = SearchParams()
@@ -235,7 +237,8 @@ class Hypotheses:
     def _expect_bulging(self, belief: Belief, fresh: Floats) -> Belief:
         """Mix bulges that are known of with any that have only just begun, of probability (N,): by their moments."""
         params = self.params
-        unknown, height, variance = (rows[:1] for rows in self._unbulged(belief.reference, 1))
+        unknown, height, variance = self._unbulged(belief.reference, 1)
+        unknown[0, :-1] = self._begun(belief)
         old, new = (1 - fresh)[:, None] * np.exp(belief.log_shapes), fresh[:, None] * np.exp(unknown)
         shapes = old + new + np.float32(1e-30)
         kept = (old / shapes)[:, :-1]
@@ -253,6 +256,23 @@ class Hypotheses:
         prior = self.walls[reference].prior
         displacement = np.zeros((count, len(prior)), dtype=np.float32)
         return displacement, prior.copy(), np.full(len(prior), self.params.moved, dtype=np.float32)
+
+    def _begun(self, belief: Belief) -> Floats:
+        """Return the log-probabilities (S,) of bulges that have just begun: where the beams look.
+
+        Elsewhere they make no difference. They count from when they could be seen.
+        """
+        params, pose = self.params, pose_estimate(belief.cloud.particles, belief.cloud.weights).mean
+        reach = params.sight / self.grids[0].resolution
+        column, row = (float(cell) for cell in self.grids[0].to_cells(pose[0], pose[1]))
+        heading = pose[2] - self.grids[0].origin[2]
+        peaks = self.walls[belief.reference].peaks
+        away = np.hypot(
+            peaks[0] - column - 0.5 * reach * math.cos(heading), peaks[1] - row - 0.5 * reach * math.sin(heading)
+        )
+        shares = np.exp(-0.5 * (away / reach) ** 2) + 1e-6
+        begun: Floats = np.log(params.bulge * shares / shares.sum() + 1e-30).astype(np.float32)
+        return begun
 
     def _unbulged(self, reference: int, count: int) -> tuple[Floats, Floats, Floats]:
         """Return log-probabilities of shapes, heights and their variances where nothing is known of bulges."""
