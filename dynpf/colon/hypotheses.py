@@ -67,7 +67,7 @@ class HypothesesParams(
     sigma_map: Positive = 1.0  # of a range, in a map that is right: particles are no denser
     sigma_range: NonNegative = 0.0  # of the sensor's noise
     outliers: OutlierShare = 0.002  # share of ranges that mean nothing
-    change: Share = 0.005  # probability that a map gives way to another within a step
+    change: Share = 0.02  # probability that a map gives way to another within a step
     told: Share = 0.5  # the same when the filter has been told so
     deviation: Positive = 25.0  # of a wall that has moved to where nobody knows
     length: Positive = 35.0  # along the wall over which displacements are alike
@@ -76,10 +76,9 @@ class HypothesesParams(
     growth: NonNegative = 1.0  # of how far a moved wall moves on within a step
     moved: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.3  # share of the wall that has moved in an unlisted map
     bulge: Share = 0.7  # probability that an unlisted map is the reference map with a bulge: a bell along the wall
-    bulge_height: Positive = 30.0
+    bulge_height: Positive = 40.0
     bulge_deviation: Positive = 15.0  # of its height
     bulge_width: Positive = 40.0  # standard deviation of the bell
-    sight: Positive = 120.0  # how far ahead it looks, about
     bulge_roughness: NonNegative = 4.0  # of how far a wall is from being such a bell, besides its roughness
     unrest: Share = 0.1  # how much of what is known of whether a wall has moved is forgotten within a step
     search: SearchParams = SearchParams()
@@ -258,19 +257,18 @@ class Hypotheses:
         return displacement, prior.copy(), np.full(len(prior), self.params.moved, dtype=np.float32)
 
     def _begun(self, belief: Belief) -> Floats:
-        """Return the log-probabilities (S,) of bulges that have just begun: where the beams look.
+        """Return the log-probabilities (S,) of bulges that have just begun: where the beams end, as far as they reach.
 
-        Elsewhere they make no difference. They count from when they could be seen.
+        Elsewhere they make no difference yet; they count from when they could be seen.
         """
-        params, pose = self.params, pose_estimate(belief.cloud.particles, belief.cloud.weights).mean
-        reach = params.sight / self.grids[0].resolution
-        column, row = (float(cell) for cell in self.grids[0].to_cells(pose[0], pose[1]))
-        heading = pose[2] - self.grids[0].origin[2]
-        peaks = self.walls[belief.reference].peaks
-        away = np.hypot(
-            peaks[0] - column - 0.5 * reach * math.cos(heading), peaks[1] - row - 0.5 * reach * math.sin(heading)
-        )
-        shares = np.exp(-0.5 * (away / reach) ** 2) + 1e-6
+        params, grid, wall = self.params, self.grids[0], self.walls[belief.reference]
+        pose = pose_estimate(belief.cloud.particles, belief.cloud.weights).mean
+        ranges = expected_ranges(self._casters[belief.reference], pose[:, None])[:, 0]
+        directions = pose[2] + ANGLES
+        column, row = grid.to_cells(pose[0] + ranges * np.cos(directions), pose[1] + ranges * np.sin(directions))
+        height, width = grid.cells.shape
+        nodes = wall.node[row.astype(int).clip(0, height - 1), column.astype(int).clip(0, width - 1)]
+        shares = wall.shapes[:, nodes].sum(axis=1) + np.float32(1e-3)
         begun: Floats = np.log(params.bulge * shares / shares.sum() + 1e-30).astype(np.float32)
         return begun
 
@@ -296,7 +294,7 @@ class Hypotheses:
             total = np.logaddexp.reduce(joint, axis=0)
             return total, (np.exp(joint - total), evidence)
 
-        found = annealed(belief.cloud, likelihood, self.params.n, stream)
+        found = annealed(belief.cloud, likelihood, self.params.n, stream, reserve=lambda found: found[0][-1])
         maps, evidence = found.evidence
         learned = self._learn(belief, found.cloud, found.ancestors, evidence, maps)
         return learned, self._finding(learned)

@@ -26,7 +26,7 @@ class Wall(NamedTuple):
     ``node``, ``share`` (H, W): the nearest point of a wall lies between ``node`` and the one ``following`` (J,) it,
     ``share`` of the way on. ``places`` (2, J): column and row of each node. ``prior`` (J, J): covariance of the nodes'
     displacements across the wall, in cells^2: a Gaussian process along the wall. ``shapes`` (S, J): how far bulges move
-    the nodes, each a bell, of height one, at another place; ``near`` (J, W): those that reach farthest at each node; ``peaks`` (2, S): column and row of where each is highest.
+    the nodes, each a bell, of height one, at another place; ``near`` (J, W): those that reach farthest at each node.
     """
 
     beyond: Float32s
@@ -37,7 +37,6 @@ class Wall(NamedTuple):
     prior: Float32s
     shapes: Float32s
     near: Int32s
-    peaks: Int32s
 
     @classmethod
     def of(cls, bore: OccupancyGrid, spacing: float, length: float, deviation: float, width: float = 40.0) -> "Wall":
@@ -77,18 +76,16 @@ class Wall(NamedTuple):
             prior.astype(np.float32),
             shapes.astype(np.float32),
             np.ascontiguousarray(near, dtype=np.int32),
-            np.concatenate([ring.points[ring.peaks] for ring in rings]).T.astype(np.int32),
         )
 
 
 class _Ring(NamedTuple):
-    """Points (M, 2) around a wall, the node before each and the way on from it, and the points that are nodes or bulges' peaks."""
+    """Points (M, 2) around a wall, the node before each and the way on from it, and the points that are nodes."""
 
     points: Int32s
     node: NDArray[np.int64]
     share: NDArray[np.float64]
     starts: NDArray[np.int64]
-    peaks: NDArray[np.int64]
     nodes: int
     circumference: float
 
@@ -100,9 +97,7 @@ def _ring(points: Int32s, spacing: float) -> _Ring:
     position = along * nodes / circumference
     node = np.floor(position).astype(np.int64)
     starts = np.searchsorted(position, np.arange(nodes))
-    # The last peak of a ring of very few points may lie behind the last of them.
-    peaks = np.searchsorted(position, np.arange(_BULGES * nodes) / _BULGES).clip(max=len(points) - 1)
-    return _Ring(points, node, position - node, starts, peaks, nodes, circumference)
+    return _Ring(points, node, position - node, starts, nodes, circumference)
 
 
 def _alike(ring: _Ring, positions: NDArray[np.float64] | NDArray[np.int64], length: float) -> NDArray[np.float64]:
