@@ -14,12 +14,13 @@ from dynpf.filters.cloud import Cloud, gathered, weighted_cloud
 from dynpf.filters.regularization import GaussianKernel
 from dynpf.filters.resampling import Indices, systematic
 from dynpf.rng import Stream
-from dynpf.se2 import Floats
+from dynpf.se2 import Floats, circular_mean, wrap_angle
 
 __all__ = ["Annealed", "annealed", "bearable_share"]
 
 _MOST_LAYERS = 12
-_KERNEL = GaussianKernel(shrink=True)
+_KERNEL = GaussianKernel(shrink=True, scale=0.5)
+_RESERVED = 0.5
 
 EvidenceT = TypeVar("EvidenceT")
 
@@ -40,6 +41,7 @@ def annealed(
     likelihood: Callable[[Floats, Indices], tuple[Floats, EvidenceT]],
     count: int,
     stream: Stream,
+    reserve: Callable[[EvidenceT], Floats] | None = None,
 ) -> Annealed[EvidenceT]:
     """Weigh a cloud by a likelihood, layer by layer, each layer with ``count`` particles.
 
@@ -57,11 +59,36 @@ def annealed(
         if left <= 0.0 or layer == _MOST_LAYERS:
             break
         draws = stream.part(f"layer {layer}")
-        chosen = systematic(weighted.weights, draws.part("resampling").uniform(), count)
-        particles = _KERNEL.spread(gathered(particles, chosen), weighted, draws.part("kernel"))
+        odds = weighted.weights if reserve is None else _reserved(weighted.weights, reserve(evidence))
+        chosen = systematic(odds, draws.part("resampling").uniform(), count)
+        particles = _inflated(_KERNEL.spread(gathered(particles, chosen), weighted, draws.part("kernel")), weighted)
         ancestors = ancestors[chosen]
-        log_weights = np.full(count, -math.log(count), dtype=np.float32)
+        log_weights = (np.log(weighted.weights[chosen] / odds[chosen]) - math.log(count)).astype(np.float32)
     return Annealed(weighted, ancestors, evidence, layer)
+
+
+def _reserved(weights: Floats, probabilities: Floats) -> Floats:
+    """Return the odds (N,) of survival of which ``_RESERVED`` is for what has these probabilities (N,), however small."""
+    of_interest = weights * probabilities
+    total = max(float(np.sum(of_interest, dtype=np.float64)), 1e-30)
+    odds: Floats = np.float32(1.0 - _RESERVED) * weights + np.float32(_RESERVED / total) * of_interest
+    return odds / np.sum(odds, dtype=np.float64).astype(np.float32)
+
+
+def _inflated(particles: Floats, weighted: Cloud) -> Floats:
+    """Return particles (D, N) farther from the mean of the cloud that they were drawn from, by what so few leave out.
+
+    The mean of n_eff draws is off by 1 / n_eff of their variance, and the variance about that mean is as much too
+    small. What a layer forgets the next ones do not know of: without, the cloud would shrink to less than its error, as
+    ensembles of Kalman filters do (Bocquet, 2011: an ensemble of n is worth a variance larger by 1 + 1 / n).
+    """
+    mean = np.asarray(np.sum(weighted.weights * weighted.particles, axis=1, dtype=np.float64))
+    mean[2] = circular_mean(weighted.particles[2], weighted.weights)
+    deviation = particles - mean[:, None]
+    deviation[2] = wrap_angle(deviation[2])
+    n_eff = max(float(weighted.n_eff), 2.0)
+    inflated: Floats = (mean[:, None] + math.sqrt((n_eff + 1.0) / (n_eff - 1.0)) * deviation).astype(particles.dtype)
+    return inflated
 
 
 def bearable_share(log_weights: Floats, log_likelihood: Floats, left: float, kept: float = 0.5) -> float:

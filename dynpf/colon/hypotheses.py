@@ -21,6 +21,7 @@ from dynpf.colon.beams import ANGLES, Noise, checked_ranges, dominant_mode, expe
 from dynpf.colon.wall import Wall
 from dynpf.colon.world import RANGE_MAX
 from dynpf.filters.cloud import Cloud, gathered, uniform_cloud, weighted_cloud
+from dynpf.filters.estimate import pose_estimate
 from dynpf.filters.resampling import Indices, systematic
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.maps.raycast import RayCaster
@@ -66,7 +67,7 @@ class HypothesesParams(
     sigma_map: Positive = 1.0  # of a range, in a map that is right: particles are no denser
     sigma_range: NonNegative = 0.0  # of the sensor's noise
     outliers: OutlierShare = 0.002  # share of ranges that mean nothing
-    change: Share = 0.005  # probability that a map gives way to another within a step
+    change: Share = 0.02  # probability that a map gives way to another within a step
     told: Share = 0.5  # the same when the filter has been told so
     deviation: Positive = 25.0  # of a wall that has moved to where nobody knows
     length: Positive = 35.0  # along the wall over which displacements are alike
@@ -74,6 +75,11 @@ class HypothesesParams(
     roughness: Positive = 3.0  # of where a moved wall is about what its nodes say
     growth: NonNegative = 1.0  # of how far a moved wall moves on within a step
     moved: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.3  # share of the wall that has moved in an unlisted map
+    bulge: Share = 0.7  # probability that an unlisted map is the reference map with a bulge: a bell along the wall
+    bulge_height: Positive = 40.0
+    bulge_deviation: Positive = 15.0  # of its height
+    bulge_width: Positive = 40.0  # standard deviation of the bell
+    bulge_roughness: NonNegative = 4.0  # of how far a wall is from being such a bell, besides its roughness
     unrest: Share = 0.1  # how much of what is known of whether a wall has moved is forgotten within a step
     search: SearchParams = SearchParams()
 
@@ -96,6 +102,9 @@ class Belief(NamedTuple):
     reference: int
     reading: int
     settled: bool
+    log_shapes: Floats
+    heights: Floats
+    height_variances: Floats
 
 
 class Finding(NamedTuple):
@@ -122,8 +131,12 @@ class _Evidence(NamedTuple):
     log_likelihood: Floats
     blame: Floats
     stopped_at: Floats
+    noise: Floats
     places: Indices
     shares: Floats
+    log_shapes: Floats
+    heights: Floats
+    height_variances: Floats
 
 
 class Hypotheses:
@@ -141,19 +154,19 @@ class Hypotheses:
         self.grids = tuple(maps.values())
         if len({(grid.cells.shape, grid.resolution, grid.origin) for grid in self.grids}) > 1:
             raise ValueError(f"the maps {', '.join(maps)} differ in size, resolution or origin: expected the same")
-        self.walls = tuple(Wall.of(grid, params.spacing, params.length, params.deviation) for grid in self.grids)
+        self.walls = tuple(Wall.of(grid, params.spacing, params.length, params.deviation, params.bulge_width) for grid in self.grids)
         self._motion = CapsuleStep(params.motion)
         self._casters = tuple(RayCaster(grid) for grid in self.grids)
         self._noise = Noise.of(params.sigma_map, params.sigma_range, params.outliers)
         self._search_noise = Noise.of(params.search.sigma, params.sigma_range, params.search.outliers)
-        self._roughness = math.hypot(params.roughness, params.sigma_range)
 
     def start(self, poses: Floats, *, known: bool = True) -> Belief:
         """Return the belief at poses (3, N) of equal weight; ``known``: they are of one place, not from anywhere."""
         cloud = uniform_cloud(np.ascontiguousarray(poses, dtype=np.float32))
         maps = np.zeros((len(self.names), poses.shape[1]), dtype=np.float32)
         maps[0] = 1.0
-        return Belief(cloud, maps, np.zeros_like(maps), *self._unmoved(0, poses.shape[1]), 0, 0, known)
+        walls, bulges = self._unmoved(0, poses.shape[1]), self._unbulged(0, poses.shape[1])
+        return Belief(cloud, maps, np.zeros_like(maps), *walls, 0, 0, known, *bulges)
 
     def anywhere(self, stream: Stream) -> Belief:
         """Return the belief that knows nothing: poses uniform over the first map's inside."""
@@ -199,18 +212,42 @@ class Hypotheses:
         likeliest = int(posterior[:-1].argmax())
         if likeliest != belief.reference and posterior[likeliest] > _SURE:
             displacement, covariance, chances = self._unmoved(likeliest, fresh.size)
+            log_shapes, heights, variances = self._unbulged(likeliest, fresh.size)
             return belief._replace(
-                displacement=displacement, covariance=covariance, chances=chances, reference=likeliest
+                displacement=displacement,
+                covariance=covariance,
+                chances=chances,
+                reference=likeliest,
+                log_shapes=log_shapes,
+                heights=heights,
+                height_variances=variances,
             )
         _, prior, unknown = self._unmoved(belief.reference, 0)
         unlisted = weights * belief.maps[-1]
         renewed = np.float32(np.sum(unlisted * fresh) / max(float(np.sum(unlisted)), 1e-30))
         moves_on = (1 - renewed) * np.float32((params.growth / params.deviation) ** 2)
         forgotten = renewed + (1 - renewed) * np.float32(params.unrest)
-        return belief._replace(
+        return self._expect_bulging(belief, fresh)._replace(
             displacement=belief.displacement * (1 - fresh)[:, None],
             covariance=(renewed + moves_on) * prior + (1 - renewed) * belief.covariance,
             chances=belief.chances + forgotten * (unknown - belief.chances),
+        )
+
+    def _expect_bulging(self, belief: Belief, fresh: Floats) -> Belief:
+        """Mix bulges that are known of with any that have only just begun, of probability (N,): by their moments."""
+        params = self.params
+        unknown, height, variance = self._unbulged(belief.reference, 1)
+        unknown[0, :-1] = self._begun(belief)
+        old, new = (1 - fresh)[:, None] * np.exp(belief.log_shapes), fresh[:, None] * np.exp(unknown)
+        shapes = old + new + np.float32(1e-30)
+        kept = (old / shapes)[:, :-1]
+        off = belief.heights - height
+        return belief._replace(
+            log_shapes=np.log(shapes),
+            heights=height + kept * off,
+            height_variances=kept * belief.height_variances
+            + (1 - kept) * (variance + kept * off**2)
+            + np.float32(params.growth**2),
         )
 
     def _unmoved(self, reference: int, count: int) -> tuple[Floats, Floats, Floats]:
@@ -218,6 +255,33 @@ class Hypotheses:
         prior = self.walls[reference].prior
         displacement = np.zeros((count, len(prior)), dtype=np.float32)
         return displacement, prior.copy(), np.full(len(prior), self.params.moved, dtype=np.float32)
+
+    def _begun(self, belief: Belief) -> Floats:
+        """Return the log-probabilities (S,) of bulges that have just begun: where the beams end, as far as they reach.
+
+        Elsewhere they make no difference yet; they count from when they could be seen.
+        """
+        params, grid, wall = self.params, self.grids[0], self.walls[belief.reference]
+        pose = pose_estimate(belief.cloud.particles, belief.cloud.weights).mean
+        ranges = expected_ranges(self._casters[belief.reference], pose[:, None])[:, 0]
+        directions = pose[2] + ANGLES
+        column, row = grid.to_cells(pose[0] + ranges * np.cos(directions), pose[1] + ranges * np.sin(directions))
+        height, width = grid.cells.shape
+        nodes = wall.node[row.astype(int).clip(0, height - 1), column.astype(int).clip(0, width - 1)]
+        shares = wall.shapes[:, nodes].sum(axis=1) + np.float32(1e-3)
+        begun: Floats = np.log(params.bulge * shares / shares.sum() + 1e-30).astype(np.float32)
+        return begun
+
+    def _unbulged(self, reference: int, count: int) -> tuple[Floats, Floats, Floats]:
+        """Return log-probabilities of shapes, heights and their variances where nothing is known of bulges."""
+        params, bulges = self.params, len(self.walls[reference].shapes)
+        shapes = np.append(np.full(bulges, params.bulge / bulges), 1.0 - params.bulge)
+        log_shapes = np.log(shapes + 1e-30).astype(np.float32)
+        return (
+            np.repeat(log_shapes[None], count, axis=0),
+            np.full((count, bulges), params.bulge_height, dtype=np.float32),
+            np.full((count, bulges), params.bulge_deviation**2, dtype=np.float32),
+        )
 
     def _follow(self, belief: Belief, read: Floats, stream: Stream) -> tuple[Belief, Finding]:
         """Update a belief of which the pose is known."""
@@ -230,7 +294,7 @@ class Hypotheses:
             total = np.logaddexp.reduce(joint, axis=0)
             return total, (np.exp(joint - total), evidence)
 
-        found = annealed(belief.cloud, likelihood, self.params.n, stream)
+        found = annealed(belief.cloud, likelihood, self.params.n, stream, reserve=lambda found: found[0][-1])
         maps, evidence = found.evidence
         learned = self._learn(belief, found.cloud, found.ancestors, evidence, maps)
         return learned, self._finding(learned)
@@ -243,7 +307,8 @@ class Hypotheses:
         for index, ranges in enumerate(expected):
             log_likelihood[index] = listed_log_likelihood(ranges, read, self._noise)
         column, row = self.grids[0].to_cells(particles[0], particles[1])
-        blame, stopped_at, shares = (np.empty(shape, dtype=np.float32) for _ in range(3))
+        blame, stopped_at, noise, facings, still, shares = (np.empty(shape, dtype=np.float32) for _ in range(6))
+        generic = np.empty(particles.shape[1], dtype=np.float32)
         places = np.empty(shape, dtype=np.int32)
         kernels.colon.changed(
             (column - 0.5).astype(np.float32),
@@ -262,16 +327,37 @@ class Hypotheses:
             belief.chances,
             self._noise.sigma,
             self._noise.wide,
-            self._roughness,
+            self.params.roughness,
+            self.params.sigma_range,
             self._noise.outliers,
             RANGE_MAX,
-            log_likelihood[-1],
+            generic,
             blame,
             stopped_at,
+            noise,
+            facings,
+            still,
             places,
             shares,
         )
-        return _Evidence(log_likelihood, blame, stopped_at, places, shares)
+        bulges = belief.log_shapes[ancestors], belief.heights[ancestors], belief.height_variances[ancestors]
+        kernels.colon.bulged(
+            stopped_at,
+            noise + np.float32(self.params.bulge_roughness**2),
+            facings,
+            still,
+            places,
+            shares,
+            wall.following,
+            wall.shapes,
+            wall.near,
+            self._noise.outliers,
+            RANGE_MAX,
+            generic,
+            log_likelihood[-1],
+            *bulges,
+        )
+        return _Evidence(log_likelihood, blame, stopped_at, noise, places, shares, *bulges)
 
     def _learn(self, belief: Belief, cloud: Cloud, ancestors: Indices, evidence: _Evidence, maps: Floats) -> Belief:
         """Return the belief at the particles' new poses: maps (K + 1, N) are settled, walls follow the beams."""
@@ -280,11 +366,11 @@ class Hypotheses:
         kernels.colon.follow_walls(
             evidence.blame,
             evidence.stopped_at,
+            evidence.noise,
             evidence.places,
             evidence.shares,
             self.walls[belief.reference].following,
-            self._roughness,
-            cloud.weights * maps[-1] + np.float32(1e-30),
+            cloud.weights * maps[-1] * np.exp(evidence.log_shapes[:, -1]) + np.float32(1e-30),
             displacement,
             covariance,
             chances,
@@ -296,6 +382,9 @@ class Hypotheses:
             displacement=displacement,
             covariance=covariance,
             chances=chances,
+            log_shapes=evidence.log_shapes,
+            heights=evidence.heights,
+            height_variances=evidence.height_variances,
         )
 
     def _search(self, belief: Belief, read: Floats, stream: Stream) -> tuple[Belief, Finding]:
@@ -326,7 +415,10 @@ class Hypotheses:
         likeliest = int(posterior.argmax())
         changed_at = float(np.sum(joint[likeliest] * belief.since[likeliest]) / joint[likeliest].sum())
         unlisted = (joint[-1] + 1e-30) / np.sum(joint[-1] + 1e-30)
-        displacement = np.where(belief.chances > 0.5, np.einsum("n,nj->j", unlisted, belief.displacement), 0.0)
+        shapes = unlisted[:, None] * np.exp(belief.log_shapes)
+        anything = np.where(belief.chances > 0.5, np.einsum("n,nj->j", shapes[:, -1], belief.displacement), 0.0)
+        heights = np.sum(shapes[:, :-1] * belief.heights, axis=0)
+        displacement = anything + np.einsum("s,sj->j", heights, self.walls[belief.reference].shapes)
         return Finding(
             best.mean,
             best.covariance,

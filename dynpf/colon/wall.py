@@ -1,5 +1,6 @@
 """The wall of a map as what may be displaced: nodes along it, and which of them a point belongs to."""
 
+import math
 from typing import NamedTuple
 
 import cv2
@@ -14,6 +15,9 @@ __all__ = ["Wall"]
 Float32s = NDArray[np.float32]
 Int32s = NDArray[np.int32]
 
+_BULGES = 2  # places of bulges to a node
+_REACH = 2.5  # standard deviations of a bell after which nothing is left of it
+
 
 class Wall(NamedTuple):
     """Nodes along the walls of a bore, J in all, each wall a ring.
@@ -21,7 +25,8 @@ class Wall(NamedTuple):
     ``beyond`` (H, W): how far, in cells, the middle of a cell lies beyond the nearest wall, negative inside.
     ``node``, ``share`` (H, W): the nearest point of a wall lies between ``node`` and the one ``following`` (J,) it,
     ``share`` of the way on. ``places`` (2, J): column and row of each node. ``prior`` (J, J): covariance of the nodes'
-    displacements across the wall, in cells^2: a Gaussian process along the wall.
+    displacements across the wall, in cells^2: a Gaussian process along the wall. ``shapes`` (S, J): how far bulges move
+    the nodes, each a bell, of height one, at another place; ``near`` (J, W): those that reach farthest at each node.
     """
 
     beyond: Float32s
@@ -30,12 +35,15 @@ class Wall(NamedTuple):
     following: Int32s
     places: Int32s
     prior: Float32s
+    shapes: Float32s
+    near: Int32s
 
     @classmethod
-    def of(cls, bore: OccupancyGrid, spacing: float, length: float, deviation: float) -> "Wall":
+    def of(cls, bore: OccupancyGrid, spacing: float, length: float, deviation: float, width: float = 40.0) -> "Wall":
         """Return the wall of a bore with nodes about ``spacing`` cells apart.
 
-        ``length`` (cells): how far along the wall displacements are alike; ``deviation`` (cells): their standard one.
+        ``length`` (cells): how far along the wall displacements are alike; ``deviation`` (cells): their standard one;
+        ``width`` (cells): the standard deviation of a bulge's bell.
         """
         free = bore.free
         # Between the middles of two cells, one in the wall and one not, is the wall's surface: half a cell from each.
@@ -50,9 +58,15 @@ class Wall(NamedTuple):
             [start + (np.arange(ring.nodes) + 1) % ring.nodes for ring, start in zip(rings, first, strict=False)]
         )
         prior = np.zeros((first[-1], first[-1]))
+        shapes = np.zeros((_BULGES * first[-1], first[-1]))
         for ring, start in zip(rings, first, strict=False):
             own = slice(start, start + ring.nodes)
-            prior[own, own] = deviation**2 * _alike(ring, length)
+            prior[own, own] = deviation**2 * _alike(ring, np.arange(ring.nodes), length)
+            places = np.arange(_BULGES * ring.nodes) / _BULGES
+            shapes[_BULGES * start : _BULGES * (start + ring.nodes), own] = _alike(ring, places, width)
+        following_shapes = np.maximum(shapes, shapes[:, following])
+        count = min(math.ceil(_BULGES * (2.0 * _REACH * width / spacing + 2.0)), len(shapes))
+        near = np.argsort(-following_shapes, axis=0, kind="stable")[:count].T
         return cls(
             beyond.astype(np.float32),
             node.astype(np.int32)[nearest],
@@ -60,6 +74,8 @@ class Wall(NamedTuple):
             following.astype(np.int32),
             np.concatenate([ring.points[ring.starts] for ring in rings]).T.astype(np.int32),
             prior.astype(np.float32),
+            shapes.astype(np.float32),
+            np.ascontiguousarray(near, dtype=np.int32),
         )
 
 
@@ -84,10 +100,9 @@ def _ring(points: Int32s, spacing: float) -> _Ring:
     return _Ring(points, node, position - node, starts, nodes, circumference)
 
 
-def _alike(ring: _Ring, length: float) -> NDArray[np.float64]:
-    """Return the correlations (J, J) of a ring's nodes."""
-    index = np.arange(ring.nodes)
-    steps = np.abs(index[:, None] - index)
+def _alike(ring: _Ring, positions: NDArray[np.float64] | NDArray[np.int64], length: float) -> NDArray[np.float64]:
+    """Return a bell (P, J) of the distances along a ring between positions (P,), in nodes, and its nodes."""
+    steps = np.abs(positions[:, None] - np.arange(ring.nodes))
     distance = np.minimum(steps, ring.nodes - steps) * ring.circumference / ring.nodes
     alike: NDArray[np.float64] = np.exp(-0.5 * (distance / length) ** 2)
     return alike

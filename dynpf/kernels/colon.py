@@ -9,7 +9,7 @@ import numpy as np
 from dynpf.kernels.compiler import device, kernel
 from dynpf.kernels.elementary import exp, log, sincos
 
-__all__ = ["changed", "follow_walls", "listed"]
+__all__ = ["bulged", "changed", "follow_walls", "listed"]
 
 _f, _i = np.float32, np.int32
 _ZERO, _HALF, _ONE, _TWO = _f(0.0), _f(0.5), _f(1.0), _f(2.0)
@@ -19,6 +19,8 @@ _ONE_OVER_ROOT_TWO_PI = _f(0.3989422804014327)
 _WIDE_SHARE = _f(0.07)
 _NOWHERE = _i(-1)
 _SLANT = _i(3)  # px over which the wall's slope is taken
+# Where a bulge reaches out by less than the first share of its height it is not there, by more than the second it is.
+_LEAST_REACH, _FULL_REACH = _f(0.05), _f(0.25)
 _TINY, _LEAST_BLAME = _f(1e-30), _f(1e-3)
 
 
@@ -100,11 +102,15 @@ def changed(
     sigma,
     wide,
     roughness,
+    sigma_range,
     outliers,
     range_max,
     out,
     blame,
     stopped_at,
+    noise,
+    facings,
+    still,
     places,
     shares,
 ):
@@ -114,14 +120,15 @@ def changed(
     how far a cell lies beyond the reference wall; ``node`` and ``share``: between which nodes of the wall it lies, and
     how far towards the one that follows. Displacements of nodes: means (M, J), of which ``ancestors`` (N,) tells each
     particle's, and one covariance (J, J). ``chances`` (J,): probabilities that nodes have moved at all.
-    ``sigma``, ``wide``: of most ranges and of a few; ``roughness``: of where a wall is about what the nodes say.
+    ``sigma``, ``wide``: of most ranges and of a few; ``roughness``: of where a wall is about what the nodes say;
+    ``sigma_range``: of the sensor alone, which across a wall shrinks as the beam slants.
 
     For the update of the displacements, (B, N) each: ``blame``, the probability that a moved wall stopped the beam;
-    ``stopped_at``, how far beyond the reference wall that was; ``places`` and ``shares``, between which nodes:
-    the place -1 where a beam says nothing of a wall.
+    ``stopped_at``, how far beyond the reference wall that was, and the variance of its ``noise``; ``places`` and
+    ``shares``, between which nodes: the place -1 where a beam says nothing of a wall.
     """
     sigma, wide, outliers, range_max = _f(sigma), _f(wide), _f(outliers), _f(range_max)
-    roughness = _f(roughness)
+    rough, sensed = _f(roughness) * _f(roughness), _f(sigma_range) * _f(sigma_range)
     height, width = beyond.shape
     out[:] = _ZERO
     for beam in range(read.size):
@@ -130,10 +137,14 @@ def changed(
             for i in range(out.size):
                 blame[beam, i] = _ZERO
                 stopped_at[beam, i] = _ZERO
+                noise[beam, i] = rough
+                facings[beam, i] = _ZERO
+                still[beam, i] = _ONE
                 places[beam, i] = _NOWHERE
                 shares[beam, i] = _ZERO
                 if not np.isnan(z):
-                    out[i] += log(beam_density(expected[beam, i] - z, sigma, wide, outliers, range_max))
+                    still[beam, i] = beam_density(expected[beam, i] - z, sigma, wide, outliers, range_max)
+                    out[i] += log(still[beam, i])
             continue
         for i in range(out.size):
             sine, cosine = sincos(theta[i] + angles[beam])
@@ -152,34 +163,106 @@ def changed(
             variance = node_variance(covariance, j, k, f)
             chance = (_ONE - f) * chances[j] + f * chances[k]
             error = distance - moved
-            spread = np.sqrt(variance + roughness * roughness)
+            across_wall = rough + facing * facing * sensed
+            spread = np.sqrt(variance + across_wall)
             stopped = chance * (_ONE - outliers) * facing * normal_density(error, spread)
-            still = beam_density(expected[beam, i] - z, sigma, wide, outliers, range_max)
-            likelihood = stopped + (_ONE - chance) * still + chance * outliers / range_max
+            as_before = beam_density(expected[beam, i] - z, sigma, wide, outliers, range_max)
+            likelihood = stopped + (_ONE - chance) * as_before + chance * outliers / range_max
             out[i] += log(likelihood)
             blame[beam, i] = stopped / max(likelihood, _TINY)
             stopped_at[beam, i] = distance
+            noise[beam, i] = across_wall
+            facings[beam, i] = facing
+            still[beam, i] = as_before
             places[beam, i] = j
             shares[beam, i] = f
 
 
 @kernel
-def follow_walls(blame, stopped_at, places, shares, following, roughness, weights, displacement, covariance, chances):
+def bulged(
+    stopped_at,
+    noise,
+    facings,
+    still,
+    places,
+    shares,
+    following,
+    shapes,
+    near,
+    outliers,
+    range_max,
+    generic,
+    out,
+    log_shapes,
+    heights,
+    variances,
+):
+    """Let ranges weigh bulges: displacements that are one of ``shapes`` (S, J) times a height that nobody knows.
+
+    The first six are what ``changed`` found; ``near`` (J, W): the shapes that matter at each node. ``generic`` (N,):
+    the log-likelihood where the displacement has no such shape. Updated in place, of each particle: ``log_shapes``
+    (N, S + 1), log-probabilities, the last of no shape; ``heights`` and ``variances`` (N, S). Beams of one reading are
+    taken in turn, a Kalman update each. Writes the log-likelihood over all of them to ``out`` (N,).
+    """
+    outliers, range_max = _f(outliers), _f(range_max)
+    nothing = outliers / range_max
+    beams, count = places.shape
+    bulges = heights.shape[1]
+    for i in range(count):
+        base = _ZERO
+        for beam in range(beams):
+            base += log(still[beam, i])
+        for beam in range(beams):
+            j = places[beam, i]
+            if j < _i(0):
+                continue
+            k, f = following[j], shares[beam, i]
+            as_before = still[beam, i]
+            for w in range(near.shape[1]):
+                s = near[j, w]
+                reach = (_ONE - f) * shapes[s, j] + f * shapes[s, k]
+                if reach < _LEAST_REACH:
+                    continue
+                moved = min(reach / _FULL_REACH, _ONE)
+                spread = np.sqrt(reach * reach * variances[i, s] + noise[beam, i])
+                error = stopped_at[beam, i] - reach * heights[i, s]
+                stopped = moved * (_ONE - outliers) * facings[beam, i] * normal_density(error, spread)
+                likelihood = stopped + (_ONE - moved) * as_before + moved * nothing
+                log_shapes[i, s] += log(likelihood) - log(as_before)
+                blame = stopped / max(likelihood, _TINY)
+                if blame > _LEAST_BLAME:
+                    gain = reach * variances[i, s] / (reach * reach * variances[i, s] + noise[beam, i] / blame)
+                    heights[i, s] += gain * error
+                    variances[i, s] *= _ONE - gain * reach
+        log_shapes[i, bulges] += generic[i] - base
+        most = log_shapes[i, 0]
+        for s in range(bulges + 1):
+            most = max(most, log_shapes[i, s])
+        total = _ZERO
+        for s in range(bulges + 1):
+            total += exp(log_shapes[i, s] - most)
+        evidence = most + log(total)
+        for s in range(bulges + 1):
+            log_shapes[i, s] -= evidence
+        out[i] = base + evidence
+
+
+@kernel
+def follow_walls(blame, stopped_at, noise, places, shares, following, weights, displacement, covariance, chances):
     """Update displacements (N, J), their covariance (J, J) and chances (J,), in place, by where beams were stopped.
 
-    A Kalman update a particle and beam, as FastSLAM's of a landmark (Montemerlo et al., 2002), its noise divided by the
-    blame (B, N). Covariance and chances are shared: they follow the mean over the particles, by ``weights`` (N,).
+    A Kalman update a particle and beam, as FastSLAM's of a landmark (Montemerlo et al., 2002), its ``noise`` (B, N)
+    divided by the blame (B, N). Covariance and chances are shared: they follow the mean over the particles, by ``weights`` (N,).
     """
     beams, count = blame.shape
     nodes = covariance.shape[0]
-    noise = _f(roughness) * _f(roughness)
     total = 0.0
     for i in range(count):
         total += np.float64(weights[i])
     for beam in range(beams):
         seen = np.zeros(nodes)
         observed = np.zeros(nodes)
-        blamed = 0.0
+        blamed, noisy = 0.0, 0.0
         for i in range(count):
             j, f = places[beam, i], shares[beam, i]
             if j >= _i(0):
@@ -187,6 +270,7 @@ def follow_walls(blame, stopped_at, places, shares, following, roughness, weight
                 weight = np.float64(weights[i])
                 part = weight * np.float64(blame[beam, i])
                 blamed += part
+                noisy += part * np.float64(noise[beam, i])
                 seen[j] += weight * np.float64(_ONE - f)
                 seen[k] += weight * np.float64(f)
                 observed[j] += part * np.float64(_ONE - f)
@@ -194,11 +278,11 @@ def follow_walls(blame, stopped_at, places, shares, following, roughness, weight
                 if blame[beam, i] > _LEAST_BLAME:
                     moved = (_ONE - f) * displacement[i, j] + f * displacement[i, k]
                     variance = node_variance(covariance, j, k, f)
-                    gain = (stopped_at[beam, i] - moved) / (variance + noise / blame[beam, i])
+                    gain = (stopped_at[beam, i] - moved) / (variance + noise[beam, i] / blame[beam, i])
                     at_j, at_k = gain * (_ONE - f), gain * f
                     for n in range(nodes):
                         displacement[i, n] += at_j * covariance[j, n] + at_k * covariance[k, n]
         for n in range(nodes):
             chances[n] = _f(np.float64(chances[n]) + (observed[n] - seen[n] * np.float64(chances[n])) / total)
         if blamed > np.float64(_LEAST_BLAME) * total:
-            condition(covariance, observed / blamed, np.float64(noise) * total / blamed)
+            condition(covariance, observed / blamed, noisy / blamed * total / blamed)

@@ -5,11 +5,12 @@ from numpy.typing import NDArray
 
 from dynpf.se2 import FloatArray, Floats
 
-__all__ = ["beam_density", "changed", "follow_walls", "listed"]
+__all__ = ["beam_density", "bulged", "changed", "follow_walls", "listed"]
 
 WIDE_SHARE = 0.07
 SLANT = 3
 LEAST_BLAME = 1e-3
+LEAST_REACH, FULL_REACH = 0.05, 0.25
 
 
 def beam_density(error: Floats, sigma: float, wide: float, outliers: float, range_max: float) -> FloatArray:
@@ -43,17 +44,22 @@ def changed(  # noqa: PLR0917 - as the kernel takes them
     sigma: float,
     wide: float,
     roughness: float,
+    sigma_range: float,
     outliers: float,
     range_max: float,
-) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int32], FloatArray]:
-    """Return log-likelihoods (N,), blame, where beams were stopped, node and share, each (B, N), of poses (3, N)."""
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, NDArray[np.int32], FloatArray]:
+    """Return log-likelihoods (N,) of poses (3, N); blame, where beams were stopped and the variance of that, how much
+    the wall faces them, the density of an unmoved wall, node and share, each (B, N).
+    """
     beams, count = expected.shape
     total = np.zeros(count)
-    blame, stopped_at, shares = (np.zeros((beams, count)) for _ in range(3))
+    blame, stopped_at, facings, shares = (np.zeros((beams, count)) for _ in range(4))
+    noise, unmoved = np.full((beams, count), roughness**2), np.ones((beams, count))
     places = np.full((beams, count), -1, dtype=np.int32)
     height, width = beyond.shape
     for b in np.flatnonzero(~np.isnan(read)):
         still = beam_density(expected[b] - read[b], sigma, wide, outliers, range_max)
+        unmoved[b] = still
         if read[b] >= range_max:
             total += np.log(still)
             continue
@@ -64,26 +70,67 @@ def changed(  # noqa: PLR0917 - as the kernel takes them
         c, r = np.rint(column).astype(int), np.rint(row).astype(int)
         along = beyond[r, c + SLANT] - beyond[r, c - SLANT]
         across = beyond[r + SLANT, c] - beyond[r - SLANT, c]
-        facing = np.abs(along * cosine + across * sine) / np.maximum(np.hypot(along, across), 1.0)
+        facings[b] = facing = np.abs(along * cosine + across * sine) / np.maximum(np.hypot(along, across), 1.0)
+        noise[b] = roughness**2 + facing**2 * sigma_range**2
         stopped_at[b] = _between_cells(beyond, column, row)
         places[b], shares[b] = node[r, c], share[r, c]
         moved, variance = _at_nodes(displacement, covariance, places[b], following[places[b]], shares[b])
         chance = (1.0 - shares[b]) * chances[places[b]] + shares[b] * chances[following[places[b]]]
-        spread = np.sqrt(variance + roughness**2)
+        spread = np.sqrt(variance + noise[b])
         stopped = chance * (1.0 - outliers) * facing * _normal(stopped_at[b] - moved, spread)
         likelihood = stopped + (1.0 - chance) * still + chance * outliers / range_max
         total += np.log(likelihood)
         blame[b] = stopped / likelihood
-    return total, blame, stopped_at, places, shares
+    return total, blame, stopped_at, noise, facings, unmoved, places, shares
+
+
+def bulged(  # noqa: PLR0917 - likewise
+    stopped_at: Floats,
+    noise: Floats,
+    facings: Floats,
+    still: Floats,
+    places: NDArray[np.int32],
+    shares: Floats,
+    following: NDArray[np.int32],
+    shapes: Floats,
+    outliers: float,
+    range_max: float,
+    generic: Floats,
+    log_shapes: Floats,
+    heights: Floats,
+    variances: Floats,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return log-likelihoods (N,), and log-probabilities of shapes (N, S + 1), heights and variances (N, S) after it."""
+    after, mean, variance = (np.array(a, dtype=np.float64) for a in (log_shapes, heights, variances))
+    base = np.log(still).sum(axis=0)
+    for b, i in np.argwhere(places >= 0):
+        j = places[b, i]
+        reach = (1.0 - shares[b, i]) * shapes[:, j] + shares[b, i] * shapes[:, following[j]]
+        there = reach >= LEAST_REACH
+        moved = np.minimum(reach / FULL_REACH, 1.0)
+        total = reach**2 * variance[i] + noise[b, i]
+        error = stopped_at[b, i] - reach * mean[i]
+        stopped = moved * (1.0 - outliers) * facings[b, i] * _normal(error, np.sqrt(total))
+        likelihood = stopped + (1.0 - moved) * still[b, i] + moved * outliers / range_max
+        after[i, :-1] += np.where(there, np.log(likelihood / still[b, i]), 0.0)
+        blame = stopped / likelihood
+        learnt = there & (blame > LEAST_BLAME)
+        with np.errstate(divide="ignore"):
+            gain = np.where(learnt, reach * variance[i] / (reach**2 * variance[i] + noise[b, i] / blame), 0.0)
+        mean[i] += gain * error
+        variance[i] *= 1.0 - gain * reach
+    after[:, -1] += generic - base
+    evidence = np.logaddexp.reduce(after, axis=1)
+    return base + evidence, after - evidence[:, None], mean, variance
 
 
 def follow_walls(  # noqa: PLR0917 - likewise
     blame: Floats,
     stopped_at: Floats,
+    noise: Floats,
     places: NDArray[np.int32],
     shares: Floats,
     following: NDArray[np.int32],
-    roughness: float,
     weights: Floats,
     displacement: Floats,
     covariance: Floats,
@@ -99,15 +146,15 @@ def follow_walls(  # noqa: PLR0917 - likewise
         observes[particles, following[places[b]]] += shares[b]
         cross = observes @ shared
         variance = np.sum(cross * observes, axis=1)
-        noise = np.divide(roughness**2, blame[b], out=np.full(len(mean), np.inf), where=blame[b] > LEAST_BLAME)
-        gain = cross / (variance + noise)[:, None]
+        of_each = np.divide(noise[b], blame[b], out=np.full(len(mean), np.inf), where=blame[b] > LEAST_BLAME)
+        gain = cross / (variance + of_each)[:, None]
         mean += gain * (stopped_at[b] - np.sum(observes * mean, axis=1))[:, None]
         blamed = np.sum(weights * blame[b])
         observed = np.sum((weights * blame[b])[:, None] * observes, axis=0)
         moved += observed - np.sum(weights[:, None] * observes, axis=0) * moved
         if blamed > LEAST_BLAME:
             together = shared @ (observed / blamed)
-            shared -= np.outer(together, together) / (observed @ together / blamed + roughness**2 / blamed)
+            shared -= np.outer(together, together) / (observed @ together / blamed + np.sum(weights * blame[b] * noise[b]) / blamed**2)
     return mean, shared, moved
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
 
 from dynpf import kernels
 from dynpf.reference import colon as textbook
@@ -68,17 +69,18 @@ def test_the_density_of_a_range_is_one_in_all_but_for_the_cap() -> None:
 
 
 def changed(rng: np.random.Generator, held: Walls, sigma: float, roughness: float) -> tuple[list, list]:
+    sensed = 2.0 * sigma
     poses = np.stack((rng.uniform(5, 35, COUNT), rng.uniform(5, 35, COUNT), rng.uniform(-3, 3, COUNT)))
     poses = poses.astype(np.float32)
     angles = np.linspace(-1.0, 1.0, BEAMS).astype(np.float32)
     read, expected = ranges(rng), rng.uniform(0.0, 30.0, (BEAMS, COUNT)).astype(np.float32)
-    out = [np.empty(COUNT, dtype=np.float32), *(np.empty((BEAMS, COUNT), dtype=np.float32) for _ in range(2))]
+    out = [np.empty(COUNT, dtype=np.float32), *(np.empty((BEAMS, COUNT), dtype=np.float32) for _ in range(5))]
     out += [np.empty((BEAMS, COUNT), dtype=np.int32), np.empty((BEAMS, COUNT), dtype=np.float32)]
-    kernels.colon.changed(*poses, angles, read, expected, *held, sigma, 5.0 * sigma, roughness, 0.05, 30.0, *out)
+    kernels.colon.changed(*poses, angles, read, expected, *held, sigma, 5.0 * sigma, roughness, sensed, 0.05, 30.0, *out)
     map_tables, (displacement, ancestors), rest = held[:4], held[4:6], held[6:]
     own = displacement[ancestors]
     told = textbook.changed(
-        poses, angles, read, expected, *map_tables, own, *rest, sigma, 5.0 * sigma, roughness, 0.05, 30.0
+        poses, angles, read, expected, *map_tables, own, *rest, sigma, 5.0 * sigma, roughness, sensed, 0.05, 30.0
     )
     return out, list(told)
 
@@ -89,9 +91,9 @@ def test_a_changed_map_is_as_likely_as_the_textbook_says(seed: int, sigma: float
     rng = np.random.default_rng(seed)
     out, told = changed(rng, walls(rng), sigma, roughness)
     # An end that lies half way between two cells may be taken for either: such particles are few.
-    same = (out[3] == told[3]).all(axis=0)
+    same = (out[6] == told[6]).all(axis=0)
     assert same.sum() >= COUNT - 1
-    for ours, theirs, tolerance in zip(out[:3], told[:3], (2e-3, 2e-3, 1e-2), strict=True):
+    for ours, theirs, tolerance in zip(out[:6], told[:6], (2e-3, 2e-3, 1e-2, 1e-2, 1e-3, 1e-4), strict=True):
         np.testing.assert_allclose(ours[..., same], theirs[..., same], rtol=1e-4, atol=tolerance)
 
 
@@ -107,7 +109,8 @@ def test_walls_follow_beams_as_kalman_filters_do(seed: int, roughness: float) ->
     shares = rng.uniform(0.0, 1.0, (BEAMS, COUNT)).astype(np.float32)
     weights = rng.uniform(0.1, 1.0, COUNT).astype(np.float32)
     learned = held.displacement.copy(), held.covariance.copy(), held.chances.copy()
-    seen = blame, stopped_at, places, shares, held.following, roughness, weights
+    noise = (roughness**2 * rng.uniform(1.0, 2.0, (BEAMS, COUNT))).astype(np.float32)
+    seen = blame, stopped_at, noise, places, shares, held.following, weights
     kernels.colon.follow_walls(*seen, *learned)
     for ours, theirs in zip(
         learned, textbook.follow_walls(*seen, held.displacement, held.covariance, held.chances), strict=True
@@ -121,8 +124,50 @@ def test_a_wall_seen_twice_is_where_two_independent_readings_say() -> None:
     beams = np.array([[1.0], [1.0]], dtype=np.float32), np.array([[40.0], [44.0]], dtype=np.float32)
     places, shares = np.zeros((2, 1), dtype=np.int32), np.zeros((2, 1), dtype=np.float32)
     following, weights, chances = np.zeros(1, np.int32), np.ones(1, np.float32), np.array([0.3], np.float32)
-    kernels.colon.follow_walls(*beams, places, shares, following, 3.0, weights, displacement, covariance, chances)
+    noise = np.full((2, 1), 9.0, dtype=np.float32)
+    kernels.colon.follow_walls(*beams, noise, places, shares, following, weights, displacement, covariance, chances)
     precision = 1 / 625 + 2 / 9
     assert covariance[0, 0] == pytest.approx(1 / precision, rel=1e-4)
     assert displacement[0, 0] == pytest.approx((40 + 44) / 9 / precision, rel=1e-4)
     assert chances[0] == pytest.approx(1.0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_bulges_are_weighed_as_the_textbook_says(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    found = [rng.normal(0.0, 20.0, (BEAMS, COUNT)), rng.uniform(1.0, 30.0, (BEAMS, COUNT))]
+    found += [rng.uniform(0.2, 1.0, (BEAMS, COUNT)), rng.uniform(1e-5, 0.1, (BEAMS, COUNT))]
+    places = rng.integers(-1, NODES, (BEAMS, COUNT)).astype(np.int32)
+    beams = [*(a.astype(np.float32) for a in found), places, rng.uniform(0, 1, (BEAMS, COUNT)).astype(np.float32)]
+    shapes = rng.uniform(0.0, 1.0, (4, NODES)).astype(np.float32)
+    near = np.tile(np.arange(4, dtype=np.int32), (NODES, 1))
+    following = ((np.arange(NODES) + 1) % NODES).astype(np.int32)
+    generic, out = rng.normal(-20.0, 5.0, COUNT).astype(np.float32), np.empty(COUNT, dtype=np.float32)
+    held = [np.log(rng.dirichlet(np.ones(5), COUNT)), rng.normal(40, 10, (COUNT, 4)), rng.uniform(20, 200, (COUNT, 4))]
+    log_shapes, heights, variances = (a.astype(np.float32) for a in held)
+    told = textbook.bulged(*beams, following, shapes, 0.05, 500.0, generic, log_shapes, heights, variances)
+    kernels.colon.bulged(
+        *beams, following, shapes, near, 0.05, 500.0, generic, out, log_shapes, heights, variances
+    )
+    for ours, theirs in zip((out, log_shapes, heights, variances), told, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=2e-3, atol=5e-3)
+
+
+def test_two_beams_into_one_bulge_are_as_likely_as_their_joint_gaussian() -> None:
+    """One place, no outliers: the two distances are a Gaussian vector with the height in common."""
+    stopped_at, noise = np.array([[36.0], [20.0]], np.float32), np.array([[9.0], [4.0]], np.float32)
+    facings, still = np.array([[1.0], [0.5]], np.float32), np.full((2, 1), 1e-3, dtype=np.float32)
+    places, shares, following = np.array([[0], [1]], np.int32), np.zeros((2, 1), np.float32), np.arange(2, dtype=np.int32)
+    shapes, near = np.array([[1.0, 0.6]], np.float32), np.zeros((2, 1), dtype=np.int32)
+    log_shapes = np.array([[0.0, -60.0]], dtype=np.float32)
+    heights, variances = np.full((1, 1), 40.0, np.float32), np.full((1, 1), 225.0, np.float32)
+    out, generic = np.empty(1, np.float32), np.zeros(1, np.float32)
+    beams = stopped_at, noise, facings, still, places, shares
+    kernels.colon.bulged(*beams, following, shapes, near, 0.0, 500.0, generic, out, log_shapes, heights, variances)
+    reach = np.array([1.0, 0.6])
+    joint = multivariate_normal(40.0 * reach, 225.0 * np.outer(reach, reach) + np.diag([9.0, 4.0]))
+    assert out[0] == pytest.approx(joint.logpdf([36.0, 20.0]) + math.log(0.5), abs=1e-3)
+    precision = 1 / 225 + 1 / 9 + 0.6**2 / 4
+    assert variances[0, 0] == pytest.approx(1 / precision, rel=1e-3)
+    assert heights[0, 0] == pytest.approx((40 / 225 + 36 / 9 + 0.6 * 20 / 4) / precision, rel=1e-4)
