@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from dynpf.fields.clearance import disc_clearances, wall_clearances
+from dynpf.fields.clearance import disc_clearances
 from dynpf.fields.layout import Layout
 from dynpf.rng import generator
 from protocol import frames
@@ -174,12 +174,12 @@ def draw_starts(
 
 def _touching(robot: FloatArray, parts: FloatArray, held: int, layout: Layout) -> bool:
     """Return whether two discs, or a disc and a wall, overlap; a held part may touch the robot."""
-    free = layout.others(held) if held >= 0 else np.arange(len(parts))
-    first, second = np.triu_indices(len(parts), 1)
-    clearances = [
-        disc_clearances(robot, layout.robot_radius, parts[free], layout.radii[free]),
-        np.hypot(*(parts[first] - parts[second]).T) - (layout.radii[first] + layout.radii[second]),
-        wall_clearances(robot, layout.robot_radius, layout.half_size),
-        *(wall_clearances(part, radius, layout.half_size) for part, radius in zip(parts, layout.radii, strict=True)),
-    ]
-    return bool(np.concatenate(clearances).min() < 0.0)
+    centres, radii = np.vstack([parts, robot]), np.append(layout.radii, layout.robot_radius)
+    if np.any(np.abs(centres) + radii[:, None] > layout.half_size):
+        return True
+    offset = centres[:, None, :] - centres
+    overlap = np.hypot(offset[..., 0], offset[..., 1]) < radii[:, None] + radii
+    np.fill_diagonal(overlap, val=False)
+    if held >= 0:
+        overlap[held, -1] = overlap[-1, held] = False
+    return bool(overlap.any())
