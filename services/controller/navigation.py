@@ -47,6 +47,13 @@ class _Solved(NamedTuple):
     potential: Potential
 
 
+class _Way(NamedTuple):
+    """A subtask, and the length of its way: to the part, and weighted with it."""
+
+    subtask: Subtask
+    length: float
+
+
 class NavigationConstruction:
     progress = 0.005  # metres of way
 
@@ -69,14 +76,14 @@ class NavigationConstruction:
         for level in np.unique(stalls[away]).tolist():
             ranked = sorted(away[stalls[away] == level].tolist(), key=lambda part: -steepness[part])
             for part in ranked:
-                if subtask := self._way(scene, part, self._layout.goals[part]):
-                    return subtask
+                if way := self._way(scene, part, self._layout.goals[part]):
+                    return way.subtask
             for part in ranked if make_way else ():
                 if subtask := self._make_way(scene, part):
                     return subtask
         return None
 
-    def _way(self, scene: Scene, part: int, goal: FloatArray, *, parked: bool = False) -> Subtask | None:
+    def _way(self, scene: Scene, part: int, goal: FloatArray, *, parked: bool = False) -> _Way | None:
         """Return the subtask with the direction to grip from that makes the whole way cheapest; None without a way."""
         layout, place = self._layout, scene.parts[part]
         moving, _ = self._moving_potential(scene, part, goal)
@@ -96,10 +103,16 @@ class NavigationConstruction:
         reached = np.where(reaching.reached(states), reaching.at(states), np.inf)
         cost = np.where(room >= 0.0, reached + self._config.carrying_weight * carried, np.inf)
         best = int(np.argmin(cost))
-        return Subtask(part, goal, parked, float(ANGLES[best])) if np.isfinite(cost[best]) else None
+        if not np.isfinite(cost[best]):
+            return None
+        return _Way(Subtask(part, goal, parked, float(ANGLES[best])), float(cost[best]))
 
     def _make_way(self, scene: Scene, part: int) -> Subtask | None:
-        """Return the parking of one of the parts in the way of ``part``; None when none of them can be parked."""
+        """Return the parking of one of the parts in the way of ``part``; None when none of them can be parked.
+
+        It is the one with which all ways are shortest: there, then that of ``part``, and back. When no single parking
+        opens a way for ``part``, the first one has to do.
+        """
         layout, others = self._layout, self._layout.others(part)
         crossed = crossed_parts(
             layout,
@@ -111,12 +124,23 @@ class NavigationConstruction:
             cost=self._cost,
             arm=self._arm(part),
         )
+        first, best, least = None, None, math.inf
         for blocker in crossed:
+            if scene.sigmas[blocker] > self._config.lost_sigma:
+                continue
             for gap in self._config.parking_gaps:
                 place = free_place(scene.parts, blocker, layout, gap)
-                if place is not None and (subtask := self._way(scene, blocker, place, parked=True)):
-                    return subtask
-        return None
+                if place is None or (parking := self._way(scene, blocker, place, parked=True)) is None:
+                    continue
+                first = first or parking.subtask
+                opened = scene._replace(parts=scene.parts.copy())
+                opened.parts[blocker] = place
+                if way := self._way(opened, part, layout.goals[part]):
+                    back = self._config.carrying_weight * math.dist(place, layout.goals[blocker])
+                    length = parking.length + way.length + back
+                    if length < least:
+                        best, least = parking.subtask, length
+        return best or first
 
     # --- mate-part and move-part ----------------------------------------------------------------------------------
 
