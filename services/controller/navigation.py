@@ -48,10 +48,10 @@ class _Solved(NamedTuple):
 
 
 class _Way(NamedTuple):
-    """A subtask, and the length of its way: to the part, and weighted with it."""
+    """A subtask, and the weighted length of the way with the part."""
 
     subtask: Subtask
-    length: float
+    carried: float
 
 
 class NavigationConstruction:
@@ -105,13 +105,13 @@ class NavigationConstruction:
         best = int(np.argmin(cost))
         if not np.isfinite(cost[best]):
             return None
-        return _Way(Subtask(part, goal, parked, float(ANGLES[best])), float(cost[best]))
+        return _Way(Subtask(part, goal, parked, float(ANGLES[best])), float(carried[best]))
 
     def _make_way(self, scene: Scene, part: int) -> Subtask | None:
         """Return the parking of one of the parts in the way of ``part``; None when none of them can be parked.
 
-        It is the one with which all ways are shortest: there, then that of ``part``, and back. When no single parking
-        opens a way for ``part``, the first one has to do.
+        It is the one with which all ways of parts are shortest: there, then that of ``part``, and back. When no single
+        parking opens a way for ``part``, the first one has to do.
         """
         layout, others = self._layout, self._layout.others(part)
         crossed = crossed_parts(
@@ -136,10 +136,9 @@ class NavigationConstruction:
                 opened = scene._replace(parts=scene.parts.copy())
                 opened.parts[blocker] = place
                 if way := self._way(opened, part, layout.goals[part]):
-                    back = self._config.carrying_weight * math.dist(place, layout.goals[blocker])
-                    length = parking.length + way.length + back
-                    if length < least:
-                        best, least = parking.subtask, length
+                    carried = parking.carried + way.carried + math.dist(place, layout.goals[blocker])
+                    if carried < least:
+                        best, least = parking.subtask, carried
         return best or first
 
     # --- mate-part and move-part ----------------------------------------------------------------------------------
