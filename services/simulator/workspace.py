@@ -45,11 +45,9 @@ class WorkspaceSimulator:
         self._config = config
         self._seed = seed
         self._tick_s = tick_s
-        for index, disturbance in enumerate((*config.interventions, *config.hidings)):
-            if disturbance.part >= len(task.parts):
-                raise ValueError(
-                    f"disturbance {index} of part {disturbance.part}: the task has {len(task.parts)} parts, counted from 0"
-                )
+        for part in [*(one.part for one in config.interventions), *(one.part for one in config.hidings)]:
+            if part >= len(task.parts):
+                raise ValueError(f"part {part} shall be moved or hidden; the task has parts 0 to {len(task.parts) - 1}")
         robot, self._parts = draw_starts(task, config, generator(seed, self.name, 0, "start"))
         self._pose = np.append(robot, 0.0)
         self._command = Command(mode="idle")
@@ -171,9 +169,7 @@ class WorkspaceSimulator:
         )
 
     def _hidden(self, tick: int) -> tuple[int, ...]:
-        return tuple(
-            sorted({hiding.part for hiding in self._config.hidings if 0 <= tick - hiding.tick < hiding.ticks})
-        )
+        return tuple(sorted({hiding.part for hiding in self._config.hidings if 0 <= tick - hiding.tick < hiding.ticks}))
 
 
 def draw_starts(

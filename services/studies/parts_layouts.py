@@ -60,16 +60,15 @@ def _random(random: np.random.Generator, count: int) -> RearrangementTask:
 def _swap(random: np.random.Generator) -> RearrangementTask:
     """Two parts in each other's goals, 4 to 34 cm apart."""
     radii = random.permutation(RADII[6])[:2]
-    half = 0.5 * (radii.sum() + random.uniform(GAP, 0.34)) * _direction(random.uniform(0.0, math.tau))
-    goals = random.uniform(-0.4, 0.4, 2) + np.stack([half, -half])
+    apart = radii.sum() + random.uniform(GAP, 0.34)
+    goals = _around(random.uniform(-0.4, 0.4, 2), 0.5 * apart, 2, random)
     return _task(radii, goals, goals[::-1])
 
 
 def _cycle(random: np.random.Generator) -> RearrangementTask:
     """Three parts, each in the next one's goal."""
     radii = random.permutation(RADII[6])[:3]
-    angles = random.uniform(0.0, math.tau) + math.tau / 3.0 * np.arange(3)
-    goals = random.uniform(-0.3, 0.3, 2) + random.uniform(0.17, 0.3) * _direction(angles)
+    goals = _around(random.uniform(-0.3, 0.3, 2), random.uniform(0.17, 0.3), 3, random)
     return _task(radii, goals, np.roll(goals, 1, axis=0))
 
 
@@ -77,7 +76,7 @@ def _ring(random: np.random.Generator, *, inside: bool) -> RearrangementTask:
     """Five parts that are home, a ring that the robot cannot pass; one more that belongs into it, or out of it."""
     radii = np.array([RADII[6][0], *random.permutation(RADII[6][1:])])
     centre, radius = random.uniform(-0.4, 0.4, 2), random.uniform(0.24, 0.28)
-    ring = centre + radius * _direction(random.uniform(0.0, math.tau) + math.tau / 5.0 * np.arange(5))
+    ring = _around(centre, radius, 5, random)
     outside = centre
     while math.dist(outside, centre) < radius + 0.27:
         outside = random.uniform(-0.85, 0.85, 2)
@@ -95,8 +94,11 @@ CASES: dict[Case, Callable[[np.random.Generator], RearrangementTask]] = {
 }
 
 
-def _direction(angle: float | FloatArray) -> FloatArray:
-    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+def _around(centre: FloatArray, radius: float, count: int, random: np.random.Generator) -> FloatArray:
+    """Return points (count, 2) evenly on a circle."""
+    angles = random.uniform(0.0, math.tau) + np.linspace(0.0, math.tau, count, endpoint=False)
+    points: FloatArray = centre + radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    return points
 
 
 def _task(radii: FloatArray, goals: FloatArray, starts: FloatArray | None = None) -> RearrangementTask:
@@ -142,7 +144,9 @@ def _figures(settings: LayoutsSettings, seed: int, rows: list[Row], folder: Path
     )
     for axis in axes.flat[len(settings.cases) :]:
         axis.remove()
-    for axis, task in zip(axes.flat, _tasks(msgspec.structs.replace(settings, noises=("none",)), 1, seed), strict=False):
+    for axis, task in zip(
+        axes.flat, _tasks(msgspec.structs.replace(settings, noises=("none",)), 1, seed), strict=False
+    ):
         _draw(axis, task)
     path = folder / "parts-layouts.png"
     figure.savefig(path, dpi=90)

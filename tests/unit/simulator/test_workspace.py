@@ -198,5 +198,5 @@ def test_it_slips_as_often_as_the_scenario_says():
 
 def test_a_disturbed_part_has_to_exist():
     config = msgspec.structs.replace(QUIET, hidings=(Hiding(tick=1, ticks=2, part=1),))
-    with pytest.raises(ValueError, match="disturbance 0 of part 1: the task has 1 parts"):
+    with pytest.raises(ValueError, match="part 1 shall be moved or hidden; the task has parts 0 to 0"):
         simulator(task((0.4, 0.0)), config)
