@@ -21,7 +21,7 @@ class Intervention(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """Someone puts a part elsewhere, out of the gripper if need be."""
 
     tick: Annotated[int, Meta(ge=1)]
-    part: Index
+    part: Index  # its place in the task's list, from 0
     to: tuple[float, float]  # m
 
 
@@ -30,7 +30,7 @@ class Hiding(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     tick: Annotated[int, Meta(ge=0)]  # the first
     ticks: Annotated[int, Meta(ge=1)]  # how many
-    part: Index
+    part: Index  # its place in the task's list, from 0
 
 
 class WorkspaceConfig(
@@ -43,8 +43,8 @@ class WorkspaceConfig(
     grip_angle: Positive = 0.2  # the same for the direction
     slip_probability: Probability = 0.0  # that a part slips out of the jaws as they close on it ...
     slip_distance: NonNegative = 0.03  # ... this far ahead, if there is room
-    interventions: tuple[Intervention, ...] = ()
-    hidings: tuple[Hiding, ...] = ()
+    interventions: tuple[Intervention, ...] = ()  # parts that someone moves
+    hidings: tuple[Hiding, ...] = ()  # parts that something covers
     start_gap: NonNegative = 0.26  # between drawn starts: the robot fits between any two parts
     start_wall_gap: NonNegative = 0.10  # between drawn starts and the walls
     camera: CameraParams | None = None  # the overhead camera; absent: no frames are rendered
