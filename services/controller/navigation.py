@@ -124,22 +124,34 @@ class NavigationConstruction:
             cost=self._cost,
             arm=self._arm(part),
         )
-        first, best, least = None, None, math.inf
-        for blocker in crossed:
-            if scene.sigmas[blocker] > self._config.lost_sigma:
+        places = [
+            (blocker, place)
+            for blocker in crossed
+            if scene.sigmas[blocker] <= self._config.lost_sigma
+            for gap in self._config.parking_gaps
+            if (place := free_place(scene.parts, blocker, layout, gap)) is not None
+        ]
+        straight = [
+            math.dist(scene.parts[blocker], place) + math.dist(place, layout.goals[blocker])
+            for blocker, place in places
+        ]
+        own = math.dist(scene.parts[part], layout.goals[part])
+        best, least = None, math.inf
+        for index in sorted(range(len(places)), key=straight.__getitem__):
+            if straight[index] + own >= least:  # no way is shorter than the straight one
+                break
+            blocker, place = places[index]
+            opened = scene._replace(parts=scene.parts.copy())
+            opened.parts[blocker] = place
+            parking = self._way(scene, blocker, place, parked=True)
+            way = self._way(opened, part, layout.goals[part]) if parking else None
+            if parking is None or way is None:
                 continue
-            for gap in self._config.parking_gaps:
-                place = free_place(scene.parts, blocker, layout, gap)
-                if place is None or (parking := self._way(scene, blocker, place, parked=True)) is None:
-                    continue
-                first = first or parking.subtask
-                opened = scene._replace(parts=scene.parts.copy())
-                opened.parts[blocker] = place
-                if way := self._way(opened, part, layout.goals[part]):
-                    carried = parking.carried + way.carried + math.dist(place, layout.goals[blocker])
-                    if carried < least:
-                        best, least = parking.subtask, carried
-        return best or first
+            carried = parking.carried + way.carried + math.dist(place, layout.goals[blocker])
+            if carried < least:
+                best, least = parking.subtask, carried
+        ways = (self._way(scene, *place, parked=True) for place in places)
+        return best or next((way.subtask for way in ways if way), None)
 
     # --- mate-part and move-part ----------------------------------------------------------------------------------
 
