@@ -1,4 +1,4 @@
-"""The navigation construction: potentials solved by fast marching, from the estimate as it is now.
+"""The navigation construction: potentials solved by a marching front, from the estimate as it is now.
 
 A potential is solved anew when what it was solved for has moved. Which one is in use thus follows from the estimate
 at which it was solved; that is the state, and the potential itself is made from it again.
