@@ -148,6 +148,9 @@ def _figures(settings: LayoutsSettings, seed: int, rows: list[Row], folder: Path
         axes.flat, _tasks(msgspec.structs.replace(settings, noises=("none",)), 1, seed), strict=False
     ):
         _draw(axis, task)
+    figure.suptitle(
+        "Noise-free runs: starts dashed, goals filled; ways of the parts, and of the robot in grey", fontsize=11
+    )
     path = folder / "parts-layouts.png"
     figure.savefig(path, dpi=90)
     pyplot.close(figure)
@@ -162,7 +165,7 @@ def _draw(axis: Any, task: Task) -> None:
 
     run = run_parts(given, task.seed, watch=watch)
     robot, *parts = np.moveaxis(np.array(ways), 1, 0)
-    axis.plot(*robot.T, color="0.6", linewidth=0.7, label="robot")
+    axis.plot(*robot.T, color="0.6", linewidth=0.7)
     for index, (spec, way) in enumerate(zip(given.parts, parts, strict=True)):
         colour = f"C{index}"
         axis.add_patch(_disc(spec.goal, spec.radius, facecolor=colour, alpha=0.35, linewidth=0))
@@ -170,7 +173,6 @@ def _draw(axis: Any, task: Task) -> None:
         axis.plot(*way.T, color=colour, linewidth=1.4)
     axis.set(title=f"{task.case}: npl {run.npl:.2f}", aspect="equal", xlim=(-1, 1), ylim=(-1, 1))
     axis.set(xlabel="x in m", ylabel="y in m")
-    axis.legend(loc="upper left", fontsize=8, title="dashed: start, filled: goal", title_fontsize=7)
 
 
 def _disc(centre: Any, radius: float, **style: Any) -> Any:
