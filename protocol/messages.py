@@ -330,6 +330,7 @@ class PartsState(Message, frozen=True, kw_only=True):
     held: Annotated[int, Meta(ge=-1, lt=64)]
     contacts: Count  # ticks so far in which two discs, or a disc and a wall, overlapped
     finished: bool  # the controller has said that it is done
+    hidden: Annotated[tuple[Annotated[int, Meta(ge=0, lt=64)], ...], Meta(max_length=64)] = ()  # seen by no camera
 
 
 class CapsuleMove(Part, frozen=True, kw_only=True):

@@ -40,6 +40,7 @@ BEYOND = 10.0  # their rise a metre
 CROSSING = 20.0  # slowness of driving through parts, when it is asked which one is in the way
 TIP = 0.01  # rounds off the potential at the goal
 FAR = 1e3
+CORNERS = np.indices((2, 2, 2)).reshape(3, 8)  # of the cell between nodes that a state lies in
 
 
 class Obstacles(NamedTuple):
@@ -123,14 +124,13 @@ class Potential:
 
         A state in the fringe of closed space has one if no open node beside it is without one.
         """
-        shape = np.array(self.values.shape)
-        place = np.clip((states[:, :2] - self.lower) / self.spacing, 0.0, shape[:2] - 1.0)
-        first = np.column_stack([place, states[:, 2] * (shape[2] / (2.0 * np.pi))])
-        first = np.floor(first).astype(int)
-        first[:, :2] = np.minimum(first[:, :2], shape[:2] - 2)
-        corners = (first[:, None, :] + np.stack(np.meshgrid(*[[0, 1]] * 3), axis=-1).reshape(-1, 3)) % shape
-        at = tuple(np.moveaxis(corners, -1, 0))
-        depth, pocket = self.depths[at], np.isfinite(self.slowness[at]) & (self.depths[at] < 0)
+        size_x, size_y, size_t = self.values.shape
+        x, y = ((states[:, axis] - self.lower[axis]) / self.spacing for axis in (0, 1))
+        i, j = (np.clip(place.astype(int), 0, size - 2)[:, None] for place, size in ((x, size_x), (y, size_y)))
+        k = np.floor(states[:, 2] * (size_t / (2.0 * np.pi))).astype(int)[:, None]
+        at = i + CORNERS[0], j + CORNERS[1], (k + CORNERS[2]) % size_t
+        depth = self.depths[at]
+        pocket = (depth < 0) & np.isfinite(self.slowness[at])
         found: NDArray[np.bool_] = (depth == 0).any(axis=1) | ((depth > 0).any(axis=1) & ~pocket.any(axis=1))
         return found
 

@@ -24,9 +24,9 @@ def blocked_goals(parts: FloatArray, layout: Layout, gap: float) -> tuple[NDArra
 
 
 def free_place(parts: FloatArray, part: int, layout: Layout, gap: float) -> FloatArray | None:
-    """Return the nearest place, (2,), for ``part`` that leaves ``gap`` to all other parts, goals and walls.
+    """Return the place, (2,), for ``part`` by which the way to its goal is shortest; None when there is none.
 
-    None when there is no such place on a grid of 2 cm.
+    It leaves ``gap`` to all other parts, goals and walls, and is sought on a grid of 2 cm.
     """
     others = layout.others(part)
     limit = layout.half_size - layout.radii[part] - gap
@@ -40,5 +40,6 @@ def free_place(parts: FloatArray, part: int, layout: Layout, gap: float) -> Floa
     free = places[(distance >= needed).all(axis=1)]
     if not len(free):
         return None
-    nearest: FloatArray = free[np.argmin(np.linalg.norm(free - parts[part], axis=1))]
-    return nearest
+    ways = np.linalg.norm(free - parts[part], axis=1) + np.linalg.norm(free - layout.goals[part], axis=1)
+    best: FloatArray = free[np.argmin(ways)]
+    return best

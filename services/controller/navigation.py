@@ -1,4 +1,4 @@
-"""The navigation construction: potentials solved by fast marching, from the estimate as it is now.
+"""The navigation construction: potentials solved by a marching front, from the estimate as it is now.
 
 A potential is solved anew when what it was solved for has moved. Which one is in use thus follows from the estimate
 at which it was solved; that is the state, and the potential itself is made from it again.
@@ -47,6 +47,13 @@ class _Solved(NamedTuple):
     potential: Potential
 
 
+class _Way(NamedTuple):
+    """A subtask, and the weighted length of the way with the part."""
+
+    subtask: Subtask
+    carried: float
+
+
 class NavigationConstruction:
     progress = 0.005  # metres of way
 
@@ -69,14 +76,14 @@ class NavigationConstruction:
         for level in np.unique(stalls[away]).tolist():
             ranked = sorted(away[stalls[away] == level].tolist(), key=lambda part: -steepness[part])
             for part in ranked:
-                if subtask := self._way(scene, part, self._layout.goals[part]):
-                    return subtask
+                if way := self._way(scene, part, self._layout.goals[part]):
+                    return way.subtask
             for part in ranked if make_way else ():
                 if subtask := self._make_way(scene, part):
                     return subtask
         return None
 
-    def _way(self, scene: Scene, part: int, goal: FloatArray, *, parked: bool = False) -> Subtask | None:
+    def _way(self, scene: Scene, part: int, goal: FloatArray, *, parked: bool = False) -> _Way | None:
         """Return the subtask with the direction to grip from that makes the whole way cheapest; None without a way."""
         layout, place = self._layout, scene.parts[part]
         moving, _ = self._moving_potential(scene, part, goal)
@@ -96,10 +103,16 @@ class NavigationConstruction:
         reached = np.where(reaching.reached(states), reaching.at(states), np.inf)
         cost = np.where(room >= 0.0, reached + self._config.carrying_weight * carried, np.inf)
         best = int(np.argmin(cost))
-        return Subtask(part, goal, parked, float(ANGLES[best])) if np.isfinite(cost[best]) else None
+        if not np.isfinite(cost[best]):
+            return None
+        return _Way(Subtask(part, goal, parked, float(ANGLES[best])), float(carried[best]))
 
     def _make_way(self, scene: Scene, part: int) -> Subtask | None:
-        """Return the parking of one of the parts in the way of ``part``; None when none of them can be parked."""
+        """Return the parking of one of the parts in the way of ``part``; None when none of them can be parked.
+
+        It is the one with which all ways of parts are shortest: there, then that of ``part``, and back. When no single
+        parking opens a way for ``part``, the first one has to do.
+        """
         layout, others = self._layout, self._layout.others(part)
         crossed = crossed_parts(
             layout,
@@ -111,12 +124,34 @@ class NavigationConstruction:
             cost=self._cost,
             arm=self._arm(part),
         )
-        for blocker in crossed:
-            for gap in self._config.parking_gaps:
-                place = free_place(scene.parts, blocker, layout, gap)
-                if place is not None and (subtask := self._way(scene, blocker, place, parked=True)):
-                    return subtask
-        return None
+        places = [
+            (blocker, place)
+            for blocker in crossed
+            if scene.sigmas[blocker] <= self._config.lost_sigma
+            for gap in self._config.parking_gaps
+            if (place := free_place(scene.parts, blocker, layout, gap)) is not None
+        ]
+        straight = [
+            math.dist(scene.parts[blocker], place) + math.dist(place, layout.goals[blocker])
+            for blocker, place in places
+        ]
+        own = math.dist(scene.parts[part], layout.goals[part])
+        best, least = None, math.inf
+        for index in sorted(range(len(places)), key=straight.__getitem__):
+            if straight[index] + own >= least:  # no way is shorter than the straight one
+                break
+            blocker, place = places[index]
+            opened = scene._replace(parts=scene.parts.copy())
+            opened.parts[blocker] = place
+            parking = self._way(scene, blocker, place, parked=True)
+            way = self._way(opened, part, layout.goals[part]) if parking else None
+            if parking is None or way is None:
+                continue
+            carried = parking.carried + way.carried + math.dist(place, layout.goals[blocker])
+            if carried < least:
+                best, least = parking.subtask, carried
+        ways = (self._way(scene, *place, parked=True) for place in places)
+        return best or next((way.subtask for way in ways if way), None)
 
     # --- mate-part and move-part ----------------------------------------------------------------------------------
 

@@ -163,10 +163,11 @@ def read_position(sensor: PositionSensor, robot: RobotState, rng: np.random.Gene
 def read_overhead(
     sensor: OverheadSensor, robot: RobotState, parts: PartsState, task: RearrangementTask, rng: np.random.Generator
 ) -> Detections:
-    """Return noisy discs in random order, as a tracker without identities would."""
+    """Return noisy discs in random order, as a tracker without identities would; hidden parts are not among them."""
     true = [(robot.x, robot.y, task.robot_radius, sensor.robot_grey)]
     true += [(part.x, part.y, part.radius, sensor.part_grey) for part in parts.parts]
     missed = rng.random(len(true)) < sensor.miss_probability
+    missed[[part + 1 for part in parts.hidden]] = True
     noise = rng.standard_normal((len(true), 3)).tolist()
     std = math.sqrt(sensor.variance)
     discs = [

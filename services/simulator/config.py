@@ -7,10 +7,30 @@ from msgspec import Meta
 
 from services.simulator.camera import CameraParams
 
-__all__ = ["CapsuleConfig", "RoomConfig", "WorkspaceConfig"]
+__all__ = ["CapsuleConfig", "Hiding", "Intervention", "RoomConfig", "WorkspaceConfig"]
 
 NonNegative = Annotated[float, Meta(ge=0.0)]
 Positive = Annotated[float, Meta(gt=0.0)]
+
+
+Index = Annotated[int, Meta(ge=0, lt=64)]
+Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
+
+
+class Intervention(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Someone puts a part elsewhere, out of the gripper if need be."""
+
+    tick: Annotated[int, Meta(ge=1)]
+    part: Index  # its place in the task's list, from 0
+    to: tuple[float, float]  # m
+
+
+class Hiding(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Something covers a part: neither the camera nor the overhead sensor sees it."""
+
+    tick: Annotated[int, Meta(ge=0)]  # the first
+    ticks: Annotated[int, Meta(ge=1)]  # how many
+    part: Index  # its place in the task's list, from 0
 
 
 class WorkspaceConfig(
@@ -21,6 +41,10 @@ class WorkspaceConfig(
     process_variance: NonNegative = 0.06e-4  # m^2 a tick and coordinate, of the robot's motion (PARTS: 0.06 cm^2)
     grip_tolerance: NonNegative = 0.01  # gap beyond the reach at which the jaws still catch a part
     grip_angle: Positive = 0.2  # the same for the direction
+    slip_probability: Probability = 0.0  # that a part slips out of the jaws as they close on it ...
+    slip_distance: NonNegative = 0.03  # ... this far ahead, if there is room
+    interventions: tuple[Intervention, ...] = ()  # parts that someone moves
+    hidings: tuple[Hiding, ...] = ()  # parts that something covers
     start_gap: NonNegative = 0.26  # between drawn starts: the robot fits between any two parts
     start_wall_gap: NonNegative = 0.10  # between drawn starts and the walls
     camera: CameraParams | None = None  # the overhead camera; absent: no frames are rendered

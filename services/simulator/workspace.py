@@ -2,7 +2,7 @@
 
 The robot moves as commanded, plus process noise. A part moves only in the gripper, whose jaws centre it: it is then
 at the contact distance d in the direction of the gripper (PARTS section 2.2). Nothing is pushed; discs and walls that
-overlap are counted as contacts.
+overlap are counted as contacts. A scenario may disturb the run: parts that slip, are moved by someone, or are hidden.
 """
 
 import math
@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from dynpf.fields.clearance import disc_clearances, wall_clearances
+from dynpf.fields.clearance import disc_clearances
 from dynpf.fields.layout import Layout
 from dynpf.rng import generator
 from protocol import frames
@@ -39,12 +39,15 @@ class WorkspaceSimulator:
     writes = frozenset({"truth/robot", "truth/parts", "truth/scene", "camera/image"})
 
     def __init__(self, *, config: WorkspaceConfig, seed: int, tick_s: float, task: RearrangementTask) -> None:
-        """Place the robot and the parts; raises ValueError when they do not fit."""
+        """Place the robot and the parts; raises ValueError when they do not fit, or a disturbed part does not exist."""
         self._task = task
         self._layout = layout_of(task)
         self._config = config
         self._seed = seed
         self._tick_s = tick_s
+        for part in [*(one.part for one in config.interventions), *(one.part for one in config.hidings)]:
+            if part >= len(task.parts):
+                raise ValueError(f"part {part} shall be moved or hidden; the task has parts 0 to {len(task.parts) - 1}")
         robot, self._parts = draw_starts(task, config, generator(seed, self.name, 0, "start"))
         self._pose = np.append(robot, 0.0)
         self._command = Command(mode="idle")
@@ -58,8 +61,9 @@ class WorkspaceSimulator:
             if isinstance(item.message, Command):
                 self._command = item.message
         if self._ticks > 0:  # the first tick shows where everything starts
-            self._grip()
+            self._grip(step.number)
             self._move(step.number)
+            self._intervene()
         self._ticks += 1
         self._contacts += _touching(self._pose[:2], self._parts, self._held, self._layout)
         outputs = [Output("truth/robot", self._robot_state()), Output("truth/parts", self._parts_state())]
@@ -88,12 +92,31 @@ class WorkspaceSimulator:
         self._held, self._contacts = state["held"], state["contacts"]
         self._ticks, self._scene_ns = state["ticks"], state["scene_ns"]
 
-    def _grip(self) -> None:
-        """Open or close the gripper; what its jaws close on, they pull to the contact distance."""
+    def _grip(self, number: int) -> None:
+        """Open or close the gripper; what its jaws close on, they pull to the contact distance, or it slips."""
         if not self._command.grip:
             self._held = -1
-        elif self._held < 0:
-            self._held = self._part_in_jaws()
+        elif self._held < 0 and (part := self._part_in_jaws()) >= 0:
+            slips = generator(self._seed, self.name, number, "slip").random() < self._config.slip_probability
+            if slips:
+                self._slip(part)
+            else:
+                self._held = part
+
+    def _slip(self, part: int) -> None:
+        """Let the part jump ahead of the jaws, by half as far as long as it would touch something there."""
+        ahead = np.array([math.cos(self._pose[2]), math.sin(self._pose[2])])
+        start = self._parts[part].copy()
+        for share in (1.0, 0.5, 0.25, 0.0):
+            self._parts[part] = start + share * self._config.slip_distance * ahead
+            if not _touching(self._pose[:2], self._parts, -1, self._layout):
+                break
+
+    def _intervene(self) -> None:
+        for intervention in self._config.interventions:
+            if intervention.tick == self._ticks:
+                self._parts[intervention.part] = intervention.to
+                self._held = -1 if self._held == intervention.part else self._held
 
     def _move(self, number: int) -> None:
         noise = generator(self._seed, self.name, number, "process").standard_normal(2)
@@ -115,9 +138,11 @@ class WorkspaceSimulator:
 
     def _photograph(self, camera: CameraParams, step: Step) -> CompressedImage:
         x, y, theta = self._pose.tolist()
+        hidden = self._hidden(self._ticks - 1)
         discs = [
             DrawnDisc(part_x, part_y, spec.radius, camera.part_colour)
-            for (part_x, part_y), spec in zip(self._parts.tolist(), self._task.parts, strict=True)
+            for index, ((part_x, part_y), spec) in enumerate(zip(self._parts.tolist(), self._task.parts, strict=True))
+            if index not in hidden
         ]
         discs.append(DrawnDisc(x, y, self._task.robot_radius, camera.robot_colour, theta))
         frame = render(discs, camera, self._seed, step.tick)
@@ -135,7 +160,16 @@ class WorkspaceSimulator:
             PartState(x=x, y=y, radius=spec.radius, goal_x=spec.goal[0], goal_y=spec.goal[1])
             for (x, y), spec in zip(self._parts.tolist(), self._task.parts, strict=True)
         )
-        return PartsState(parts=parts, held=self._held, contacts=self._contacts, finished=self._command.finished)
+        return PartsState(
+            parts=parts,
+            held=self._held,
+            contacts=self._contacts,
+            finished=self._command.finished,
+            hidden=self._hidden(self._ticks - 1),
+        )
+
+    def _hidden(self, tick: int) -> tuple[int, ...]:
+        return tuple(sorted({hiding.part for hiding in self._config.hidings if 0 <= tick - hiding.tick < hiding.ticks}))
 
 
 def draw_starts(
@@ -174,12 +208,12 @@ def draw_starts(
 
 def _touching(robot: FloatArray, parts: FloatArray, held: int, layout: Layout) -> bool:
     """Return whether two discs, or a disc and a wall, overlap; a held part may touch the robot."""
-    free = layout.others(held) if held >= 0 else np.arange(len(parts))
-    first, second = np.triu_indices(len(parts), 1)
-    clearances = [
-        disc_clearances(robot, layout.robot_radius, parts[free], layout.radii[free]),
-        np.hypot(*(parts[first] - parts[second]).T) - (layout.radii[first] + layout.radii[second]),
-        wall_clearances(robot, layout.robot_radius, layout.half_size),
-        *(wall_clearances(part, radius, layout.half_size) for part, radius in zip(parts, layout.radii, strict=True)),
-    ]
-    return bool(np.concatenate(clearances).min() < 0.0)
+    centres, radii = np.vstack([parts, robot]), np.append(layout.radii, layout.robot_radius)
+    if np.any(np.abs(centres) + radii[:, None] > layout.half_size):
+        return True
+    offset = centres[:, None, :] - centres
+    overlap = np.hypot(offset[..., 0], offset[..., 1]) < radii[:, None] + radii
+    np.fill_diagonal(overlap, val=False)
+    if held >= 0:
+        overlap[held, -1] = overlap[-1, held] = False
+    return bool(overlap.any())

@@ -25,6 +25,7 @@ TICKS = {
     "parts-3-easy": 6,
     "colon-case-5": 11,
     "colon-own-maps": 11,
+    "parts-3-disturbed": 110,
 }
 CASES = [(name, node) for name in TICKS for node in load_scenario(name).nodes]
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -185,6 +186,18 @@ def test_old_missing_and_repeated_truth_never_crash_or_speak() -> None:
     assert node.step(step(1, parts((0.5, 0.5, 0.06)))).outputs == ()
     assert len(node.step(step(5, robot(), robot(x=1.0))).outputs) == 3
     assert node.step(step(3, robot())).outputs == ()  # older than what was read
+
+
+def test_a_hidden_part_is_not_detected_and_the_others_are_as_without_it() -> None:
+    config = SimulatedSensorsConfig(overhead=OverheadSensor(variance=1e-6))
+    seen = parts((0.4, 0.0, 0.06), (-0.4, 0.0, 0.11))
+    found = []
+    for state in (seen, msgspec.structs.replace(seen, hidden=(1,))):
+        (output,) = sensors(config).step(step(0, robot(), state)).outputs
+        assert isinstance(output.message, Detections)
+        found.append({(disc.x, disc.y) for disc in output.message.discs})
+    assert len(found[1]) == 2
+    assert found[1] < found[0]
 
 
 def test_robot_alone_gives_no_overhead_reading_before_the_parts_are_known() -> None:

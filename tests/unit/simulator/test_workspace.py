@@ -2,13 +2,15 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
 from dynpf.rng import generator
 from protocol.messages import Command
 from services.node import Received, Step, state_digest
-from services.simulator.config import WorkspaceConfig
+from services.simulator.camera import CameraParams
+from services.simulator.config import Hiding, Intervention, WorkspaceConfig
 from services.simulator.workspace import WorkspaceSimulator, draw_starts
 from services.task import PartSpec, RearrangementTask
 
@@ -151,3 +153,50 @@ def test_the_scene_is_drawn_five_times_a_second():
         if output.topic == "truth/scene"
     ]
     assert drawn == [0, 4, 8]
+
+
+def test_someone_puts_a_part_elsewhere_even_out_of_the_gripper():
+    put = Intervention(tick=3, part=0, to=(-0.5, 0.5))
+    world = simulator(task((0.19, 0.0)), msgspec.structs.replace(QUIET, interventions=(put,)))
+    hold = Command(mode="move", target=0, grip=True)
+    seen = [(parts.held, parts.parts[0].x) for _, parts, _ in drive(world, hold, hold, hold, hold)]
+    assert [held for held, _ in seen] == [-1, 0, 0, -1, -1]
+    assert [x for _, x in seen[3:]] == [-0.5, -0.5]
+
+
+def test_a_hidden_part_is_told_and_not_drawn():
+    given = task((0.4, 0.0), (-0.4, 0.0))
+    hidden = msgspec.structs.replace(QUIET, hidings=(Hiding(tick=1, ticks=2, part=1),))
+    seen = drive(simulator(given, hidden), *[IDLE] * 3)
+    assert [parts.hidden for _, parts, _ in seen] == [(), (1,), (1,), ()]
+    pictures = []
+    for config in (hidden, QUIET):
+        world = simulator(given, msgspec.structs.replace(config, camera=CameraParams()))
+        outputs = [world.step(Step(tick, tick, tick * 50_000_000, ())).outputs for tick in range(2)]
+        pictures.append([tick[-1].message.data for tick in outputs])
+    (before, covered), (same, bare) = pictures
+    assert before == same
+    assert covered != bare
+
+
+def test_what_slips_jumps_ahead_of_the_jaws_as_far_as_there_is_room():
+    slippery = msgspec.structs.replace(QUIET, slip_probability=1.0)
+    close = Command(mode="mate", target=0, grip=True)
+    alone = drive(simulator(task((0.19, 0.0)), slippery), close)[-1][1]
+    assert (alone.held, alone.parts[0].x, alone.contacts) == (-1, pytest.approx(0.22), 0)
+    crowded = drive(simulator(task((0.19, 0.0), (0.36, 0.0)), slippery), close)[-1][1]
+    assert (crowded.parts[0].x, crowded.contacts) == (pytest.approx(0.1975), 0)
+
+
+def test_it_slips_as_often_as_the_scenario_says():
+    config = msgspec.structs.replace(QUIET, slip_probability=0.3, slip_distance=0.0)
+    world, close, held = simulator(task((0.19, 0.0)), config), Command(mode="mate", target=0, grip=True), 0
+    for _, parts, _ in drive(world, *[close, IDLE] * 400)[1::2]:
+        held += parts.held == 0
+    assert held / 400 == pytest.approx(0.7, abs=4.0 * math.sqrt(0.3 * 0.7 / 400))
+
+
+def test_a_disturbed_part_has_to_exist():
+    config = msgspec.structs.replace(QUIET, hidings=(Hiding(tick=1, ticks=2, part=1),))
+    with pytest.raises(ValueError, match="part 1 shall be moved or hidden; the task has parts 0 to 0"):
+        simulator(task((0.4, 0.0)), config)
