@@ -1,6 +1,7 @@
 """COLON's experiments: particles, cases, growth of the area, and the map as something that is estimated."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -8,7 +9,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from dynpf.colon import CASES, Run
+from dynpf.colon import CASES, UNLISTED, Run
 from dynpf.colon.outline import Family
 from dynpf.metrics.colon import capsule_errors, first_visible, map_errors
 from dynpf.metrics.quantiles import chi_square_quantile
@@ -51,6 +52,9 @@ PRINTED_PARTICLES = {
 PRINTED_GROWTH = {"M_1": (0.169, 1.0182, 4.1656), "M_2": (1.2715, 1.3064, 6.2652), "M_3": (2.647, 3.5147, 5.8579)}
 """COLON, Table 5.3."""
 
+_SAID = ((0.99, "99 to 100 %"), (0.95, "95 to 99 %"), (0.85, "85 to 95 %"), (0.7, "70 to 85 %"), (0.0, "up to 70 %"))
+"""Intervals of the probability of the likeliest map, from the highest down."""
+
 Count = Annotated[int, Meta(ge=1)]
 
 
@@ -82,7 +86,7 @@ class GrowthSettings(_Common, frozen=True, kw_only=True):
 
 class HypothesesSettings(_Common, frozen=True, kw_only=True):
     n: Count = 100
-    noises: tuple[Noise, ...] = ("none", "3px_5pct", "10px", "robot")
+    noises: tuple[Noise, ...] = ("none", "3px_5pct", "10px", "robot", "robot_3px_5pct")
     global_trials: Annotated[int, Meta(ge=0)] = 20  # of a family, at most
 
 
@@ -125,11 +129,33 @@ def _run_task(task: Task) -> list[Sample]:
         happened = run(trial)
         names = ("seed", "seed_program") if trial.filter == "seed" else (trial.filter,)
         for name, track in zip(names, follow(trial, happened), strict=True):
+            factors = _factors(task, name)
             measures = _pose_measures(happened, track) | _map_measures(trial, happened, track)
+            if task.case == "random" and not _is_told_apart(trial, happened):
+                factors["case"] = "random, unseen"
             if track.radius is not None:
                 true = float(happened.maps[-1].removeprefix("end "))
                 measures["error_radius_percent"] = 100.0 * abs(track.radius - true) / true
-            samples.append(Sample(_factors(task, name), measures))
+            samples.append(Sample(factors, measures))
+            if track.maps and trial.filter == "hypotheses":
+                samples += _calibration(task, name, happened, track, measures)
+    return samples
+
+
+def _calibration(
+    task: Task, name: str, happened: Run, track: Track, measures: dict[str, float | bool]
+) -> list[Sample]:
+    """Return samples for all cases together: whether the pose is in its 90 % region at the end, and, at every reading,
+    whether the likeliest map is the true one, by the probability that the filter gives it.
+    """
+    pooled = _factors(task, name) | {"case": "all"}
+    samples = [Sample(pooled, {"covered_90_percent": measures["covered_90_percent"]})]
+    for true, maps in zip(happened.maps, track.maps, strict=True):
+        likeliest = max(maps, key=maps.__getitem__)
+        said = next(label for least, label in _SAID if maps[likeliest] >= least)
+        right = likeliest == (true if true in maps else UNLISTED)
+        found = {"said_percent": 100.0 * maps[likeliest], "right_percent": right}
+        samples.append(Sample(pooled | {"said": said}, found))
     return samples
 
 
@@ -163,7 +189,17 @@ def _map_measures(trial: Trial, happened: Run, track: Track) -> dict[str, float 
     measures = map_errors(happened.maps, track.maps, visible)
     for name in ("false_alarm", "missed"):
         measures[f"{name}_percent"] = measures.pop(name)
+    if happened.maps[-1] != happened.maps[0]:
+        measures["posterior_changed"] = 1.0 - track.maps[-1][happened.maps[0]]
     return measures
+
+
+def _is_told_apart(trial: Trial, happened: Run) -> bool:
+    """Return whether some range after the change is unlike that of each listed map."""
+    since = next(step for step, name in enumerate(happened.maps) if name != happened.maps[0])
+    maps, poses = happened.maps[since:], happened.poses[:, since:]
+    of = partial(caster, trial.place)
+    return all(first_visible((listed, *maps), poses[:, [0, *range(len(maps))]], of) is not None for listed in "ab")
 
 
 # The studies.
@@ -259,7 +295,22 @@ _MAPS = (
     ("delay", ".2f", "delay_steps_mean"),
     ("in 90 %", ".0f", "covered_90_percent"),
 )
+_CALIBRATION = (
+    ("said of maps", "", "said"),
+    ("mean", ".1f", "said_percent_mean"),
+    ("right %", ".1f", "right_percent"),
+)
 _START = ("start", "", "start")
+
+
+def _hypothesis_rows(samples: list[Sample]) -> list[Row]:
+    """Return rows, and those of calibration for all kinds of noise together too."""
+    pooled = [sample._replace(factors=sample.factors | {"noise": "all"}) for sample in samples if _is_pooled(sample)]
+    return summarized([*samples, *pooled], "tube")
+
+
+def _is_pooled(sample: Sample) -> bool:
+    return bool(sample.factors["case"] == "all" and sample.factors["start"] == "known")
 
 
 def _figures(settings: _Common, seed: int, rows: list[Row], folder: Path) -> list[Path]:
@@ -308,8 +359,8 @@ STUDIES = {
         HypothesesSettings,
         _hypothesis_tasks,
         _run_task,
-        lambda samples: summarized(samples, "tube"),
-        (*_FACTORS, ("noise", "", "noise"), _START, *_ERRORS, *_MAPS),
+        _hypothesis_rows,
+        (*_FACTORS, ("noise", "", "noise"), _START, *_ERRORS, *_MAPS, *_CALIBRATION),
         _figures,
     ),
 }

@@ -41,7 +41,7 @@ def draw(place: Place, seed: int, rows: list[Row], folder: Path) -> list[Path]:
 
 def _errors(pyplot: Any, rows: list[Row], path: Path) -> Path:
     """Bars of the mean errors over all tubes, with confidence intervals and the printed figures."""
-    pooled = [row for row in rows if row["tube"] == "all"]
+    pooled = [row for row in rows if row["tube"] == "all" and "error_x_percent_mean" in row]
     labels = [" ".join(str(row[key]) for key in ("case", "filter", "n", "noise", "start")) for row in pooled]
     figure, axes = pyplot.subplots(1, 3, figsize=(13, 0.25 * len(pooled) + 2), sharey=True, layout="constrained")
     place = np.arange(len(pooled))

@@ -33,7 +33,7 @@ from services.errors import UsageError
 __all__ = ["NOISES", "RADII", "Change", "Filter", "Noise", "Place", "Track", "Trial", "caster", "follow", "grid", "run"]
 
 Filter = Literal["seed", "scheduled", "told", "hypotheses", "end_radius"]
-Noise = Literal["none", "3px_5pct", "10px", "robot"]
+Noise = Literal["none", "3px_5pct", "10px", "robot", "robot_3px_5pct"]
 
 
 class Setup(NamedTuple):
@@ -49,6 +49,7 @@ NOISES: dict[Noise, Setup] = {
     "3px_5pct": Setup(Capsule(sigma_range=3.0, outlier_fraction=0.05), 3.0, 0.08),
     "10px": Setup(Capsule(sigma_range=10.0), 10.0, 0.01),
     "robot": Setup(Capsule(sigma=0.1, sigma_theta=0.1), 0.0, 0.002),
+    "robot_3px_5pct": Setup(Capsule(sigma=0.1, sigma_theta=0.1, sigma_range=3.0, outlier_fraction=0.05), 3.0, 0.08),
 }
 RADII = {"M_1": 3.5 * UNIT, "M_2": 4.0 * UNIT, "M_3": 4.5 * UNIT}
 """Radii of COLON's round ends, px."""
