@@ -1,7 +1,7 @@
 """What a scenario says about the estimator, in the table ``[estimator]``; ``kind`` chooses which one runs; SI units."""
 
 from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
@@ -108,13 +108,17 @@ class LocalizationConfig(
 class RearrangementConfig(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="rearrangement"
 ):
-    """Particle filter for the robot, Kalman filters for the parts, and how detections are matched to them."""
+    """A filter for the robot, Kalman filters for the parts, and how detections are matched to them."""
 
-    n: Annotated[int, Meta(ge=1, le=1_000_000)] = 100  # particles
+    # The robot's: a particle filter with this proposal, or a Kalman filter.
+    filter: Literal["optimal", "prior", "auxiliary", "local_linearization", "extended_kalman", "unscented_kalman"] = (
+        "optimal"
+    )
+    n: Annotated[int, Meta(ge=1, le=1_000_000)] = 100  # particles, of a filter that has some
     process_variance: NonNegative = 0.06e-4  # of the robot's motion, a tick and coordinate
     measurement_variance: Positive = 0.2e-4  # of a detected centre, each coordinate
     part_process_variance: NonNegative = 1e-7  # of a part that nobody holds, a tick and coordinate
-    encoder_variance: NonNegative = 1e-6  # of the gripper's angle
+    encoder_variance: NonNegative = 1e-6  # rad^2, of the gripper's angle
     resampling_threshold: Annotated[float, Meta(ge=0.0, le=1.0)] = 2.0 / 3.0  # N_eff below this share of n resamples
     gate: Positive = 20.0  # squared Mahalanobis distance beyond which a detection is another object's
     radius_sigma: Positive = 0.002

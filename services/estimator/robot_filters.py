@@ -1,0 +1,183 @@
+"""Filters for the robot of the rearrangement task: a point that moves as commanded, and is seen with Gaussian noise."""
+
+import math
+from functools import lru_cache
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynpf.filters import kalman
+from dynpf.filters.cloud import Cloud, uniform_cloud
+from dynpf.filters.estimate import mean_and_covariance
+from dynpf.filters.extended import ExtendedKalman, ExtendedKalmanParams
+from dynpf.filters.particle import ParticleFilter
+from dynpf.filters.proposal import Auxiliary, LocalLinearization, Optimal, Prior, Proposal
+from dynpf.filters.resampling import Systematic
+from dynpf.filters.unscented import UnscentedKalman, UnscentedKalmanParams
+from dynpf.measurement.linear import LinearMeasurement, Observation
+from dynpf.motion.linear import LinearGaussian, LinearGaussianParams
+from dynpf.rng import Stream
+from dynpf.se2 import Floats
+from services.estimator.config import RearrangementConfig
+from services.node import State
+
+__all__ = ["Belief", "RobotFilter", "Seen", "fused", "robot_filter"]
+
+FloatArray = NDArray[np.float64]
+
+SHOWN = 200  # particles at most, of a cloud that is published
+
+
+class Seen(NamedTuple):
+    """Where a robot was seen, (2,), and the variance of each coordinate of that."""
+
+    position: FloatArray
+    variance: float
+
+
+class Belief(NamedTuple):
+    """Mean (2,) and covariance (2, 2) of the robot's position; ``cloud``: the particles, of a filter that has some."""
+
+    mean: FloatArray
+    covariance: FloatArray
+    n_eff: float = 0.0
+    cloud: Cloud | None = None
+
+    def freeze(self) -> State:
+        return {**self._asdict(), "cloud": None if self.cloud is None else list(self.cloud)}
+
+    @classmethod
+    def thaw(cls, state: State) -> "Belief":
+        cloud = None if state["cloud"] is None else Cloud(*state["cloud"])
+        return cls(state["mean"].copy(), state["covariance"].copy(), state["n_eff"], cloud)
+
+    @property
+    def variance(self) -> float:
+        """The variance of a coordinate, mean of both."""
+        return float(self.covariance[0, 0] + self.covariance[1, 1]) / 2.0
+
+    @property
+    def shown(self) -> Floats:
+        """Some of the particles, (2, M), or the mean and points about it that have the covariance."""
+        if self.cloud is not None:
+            return self.cloud.particles[:, :: math.ceil(self.cloud.weights.size / SHOWN)]
+        offsets = kalman.symmetric_offsets(self.covariance, 2.0)
+        return np.concatenate([self.mean[:, None], self.mean[:, None] + offsets], axis=1)
+
+
+class RobotFilter(Protocol):
+    """A filter without state: beliefs go in and come out."""
+
+    def start(self, seen: Seen, stream: Stream) -> Belief:
+        """Return what is believed of a robot that has been seen once (PARTS table 3.1, step 1)."""
+
+    def step(self, belief: Belief, shift: FloatArray, variance: float, seen: Seen | None, stream: Stream) -> Belief:
+        """Return the belief after a motion by ``shift``, (2,), with noise of a variance, and what was seen after it."""
+
+    def rehearse(self, belief: Belief, stream: Stream) -> None:
+        """Do once what a step may do, with a belief that is thrown away."""
+
+
+def fused(seen: list[Seen]) -> Seen | None:
+    """Return the one sight that says the same as all of them together; None without any."""
+    if len(seen) < 2:
+        return seen[0] if seen else None
+    information = [1.0 / one.variance for one in seen]
+    total = sum(information)
+    position = np.add.reduce([one.position * share for one, share in zip(seen, information, strict=True)]) / total
+    return Seen(position, 1.0 / total)
+
+
+def robot_filter(config: RearrangementConfig) -> RobotFilter:
+    """Return the filter that a scenario names."""
+    match config.filter:
+        case "extended_kalman" | "unscented_kalman":
+            return _GaussianRobot(config.filter)
+        case name:
+            return _ParticleRobot(_PROPOSALS[name], config.n, config.resampling_threshold)
+
+
+class _ParticleRobot:
+    """Sequential importance resampling with a proposal by name."""
+
+    def __init__(self, proposal: Proposal, n: int, threshold: float) -> None:
+        self._proposal, self._n = proposal, n
+        self._resampling = Systematic(threshold=threshold)
+
+    def start(self, seen: Seen, stream: Stream) -> Belief:
+        drawn = seen.position[:, None] + math.sqrt(seen.variance) * stream.normals(2, self._n).astype(np.float64)
+        cloud = uniform_cloud(drawn)
+        return Belief(*mean_and_covariance(cloud.particles, cloud.weights), cloud.n_eff, cloud)
+
+    def step(self, belief: Belief, shift: FloatArray, variance: float, seen: Seen | None, stream: Stream) -> Belief:
+        assert belief.cloud is not None
+        readings = [] if seen is None else [Observation(seen.position)]
+        particles = self._filter(variance, 1.0 if seen is None else seen.variance)
+        cloud, report = particles.update(belief.cloud, shift, readings, stream)
+        return Belief(*report.estimate, report.n_eff, cloud)
+
+    def rehearse(self, belief: Belief, stream: Stream) -> None:
+        assert belief.cloud is not None
+        self._filter(0.0, 1.0).resample(belief.cloud, 0.0, [], stream)
+
+    def _filter(self, process: float, measured: float) -> ParticleFilter[tuple[FloatArray, FloatArray]]:
+        motion, measurement = _models(process, measured)
+        return ParticleFilter(
+            motion,
+            {Observation: measurement},
+            proposal=self._proposal,
+            resampling=self._resampling,
+            estimate=mean_and_covariance,
+        )
+
+
+class _GaussianRobot:
+    """An extended or an unscented Kalman filter: with these linear models either is the Kalman filter."""
+
+    def __init__(self, name: str) -> None:
+        self._extended = name == "extended_kalman"
+
+    def start(self, seen: Seen, stream: Stream) -> Belief:  # noqa: ARG002
+        return Belief(seen.position, seen.variance * np.eye(2))
+
+    def step(
+        self,
+        belief: Belief,
+        shift: FloatArray,
+        variance: float,
+        seen: Seen | None,
+        stream: Stream,  # noqa: ARG002
+    ) -> Belief:
+        motion, measurement = _models(variance, 1.0 if seen is None else seen.variance)
+        models: dict[type, Any] = {Observation: measurement}
+        gaussian = kalman.Gaussian(belief.mean, belief.covariance)
+        named: ExtendedKalman[Any] | UnscentedKalman[Any]
+        if self._extended:
+            named = ExtendedKalman(motion, models, ExtendedKalmanParams(angles=()))
+        else:
+            named = UnscentedKalman(motion, models, UnscentedKalmanParams(angles=()))
+        gaussian = named.predict(gaussian, shift)
+        if seen is not None:
+            gaussian, _ = named.update(gaussian, Observation(seen.position))
+        return Belief(*gaussian)
+
+    def rehearse(self, belief: Belief, stream: Stream) -> None:
+        """A step is all that there is."""
+
+
+@lru_cache(maxsize=64)
+def _models(process: float, measured: float) -> tuple[LinearGaussian, LinearMeasurement]:
+    """Return x' = x + shift + noise and z = x + noise, of these variances a coordinate (PARTS eq. 3.1 and 3.4)."""
+    identity = ((1.0, 0.0), (0.0, 1.0))
+    noise = ((process, 0.0), (0.0, process))
+    motion = LinearGaussian(LinearGaussianParams(transition=identity, noise=noise, input=identity))
+    return motion, LinearMeasurement(np.eye(2), measured * np.eye(2))
+
+
+_PROPOSALS: dict[str, Proposal] = {
+    "optimal": Optimal(),
+    "prior": Prior(),
+    "auxiliary": Auxiliary(),
+    "local_linearization": LocalLinearization(),
+}
