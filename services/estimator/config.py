@@ -28,7 +28,7 @@ from dynpf.motion.linear import LinearGaussianParams
 from dynpf.motion.odometry import OdometryParams
 from dynpf.motion.velocity import VelocityParams
 
-__all__ = ["LocalizationConfig", "RearrangementConfig", "SirParams", "UserComponent"]
+__all__ = ["FilterName", "LocalizationConfig", "RearrangementConfig", "SirParams", "UserComponent"]
 
 NonNegative = Annotated[float, Meta(ge=0.0)]
 Positive = Annotated[float, Meta(gt=0.0)]
@@ -50,6 +50,8 @@ class SirParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     threads: Annotated[int, Meta(ge=1, le=64)] = 1  # that share the work on many particles; the results are the same
 
+
+FilterName = Literal["optimal", "prior", "auxiliary", "local_linearization", "extended_kalman", "unscented_kalman"]
 
 FilterTable = SirParams | ExtendedKalmanParams | UnscentedKalmanParams | UserComponent
 MotionTable = ArcsParams | VelocityParams | OdometryParams | CapsuleStepParams | LinearGaussianParams | UserComponent
@@ -110,10 +112,7 @@ class RearrangementConfig(
 ):
     """A filter for the robot, Kalman filters for the parts, and how detections are matched to them."""
 
-    # The robot's: a particle filter with this proposal, or a Kalman filter.
-    filter: Literal["optimal", "prior", "auxiliary", "local_linearization", "extended_kalman", "unscented_kalman"] = (
-        "optimal"
-    )
+    filter: FilterName = "optimal"  # the robot's: a particle filter with this proposal, or a Kalman filter
     n: Annotated[int, Meta(ge=1, le=1_000_000)] = 100  # particles, of a filter that has some
     process_variance: NonNegative = 0.06e-4  # of the robot's motion, a tick and coordinate
     measurement_variance: Positive = 0.2e-4  # of a detected centre, each coordinate

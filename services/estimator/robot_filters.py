@@ -13,7 +13,7 @@ from dynpf.filters.estimate import mean_and_covariance
 from dynpf.filters.extended import ExtendedKalman, ExtendedKalmanParams
 from dynpf.filters.particle import ParticleFilter
 from dynpf.filters.proposal import Auxiliary, LocalLinearization, Optimal, Prior, Proposal
-from dynpf.filters.resampling import Systematic
+from dynpf.filters.resampling import Systematic, systematic
 from dynpf.filters.unscented import UnscentedKalman, UnscentedKalmanParams
 from dynpf.measurement.linear import LinearMeasurement, Observation
 from dynpf.motion.linear import LinearGaussian, LinearGaussianParams
@@ -59,9 +59,10 @@ class Belief(NamedTuple):
 
     @property
     def shown(self) -> Floats:
-        """Some of the particles, (2, M), or the mean and points about it that have the covariance."""
+        """Particles chosen by weight, (2, M), or the mean and points about it that have the covariance."""
         if self.cloud is not None:
-            return self.cloud.particles[:, :: math.ceil(self.cloud.weights.size / SHOWN)]
+            weights = self.cloud.weights
+            return self.cloud.particles[:, systematic(weights, 0.5, min(SHOWN, weights.size))]
         offsets = kalman.symmetric_offsets(self.covariance, 2.0)
         return np.concatenate([self.mean[:, None], self.mean[:, None] + offsets], axis=1)
 
