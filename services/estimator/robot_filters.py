@@ -27,6 +27,7 @@ __all__ = ["Belief", "RobotFilter", "Seen", "fused", "robot_filter"]
 FloatArray = NDArray[np.float64]
 
 SHOWN = 200  # particles at most, of a cloud that is published
+FEWEST = 5.0  # effective particles that a covariance can be judged by
 
 
 class Seen(NamedTuple):
@@ -109,14 +110,14 @@ class _ParticleRobot:
     def start(self, seen: Seen, stream: Stream) -> Belief:
         drawn = seen.position[:, None] + math.sqrt(seen.variance) * stream.normals(2, self._n).astype(np.float64)
         cloud = uniform_cloud(drawn)
-        return Belief(*mean_and_covariance(cloud.particles, cloud.weights), cloud.n_eff, cloud)
+        return _believed(*mean_and_covariance(cloud.particles, cloud.weights), cloud.n_eff, cloud)
 
     def step(self, belief: Belief, shift: FloatArray, variance: float, seen: Seen | None, stream: Stream) -> Belief:
         assert belief.cloud is not None
         readings = [] if seen is None else [Observation(seen.position)]
         particles = self._filter(variance, 1.0 if seen is None else seen.variance)
         cloud, report = particles.update(belief.cloud, shift, readings, stream)
-        return Belief(*report.estimate, report.n_eff, cloud)
+        return _believed(*report.estimate, report.n_eff, cloud)
 
     def rehearse(self, belief: Belief, stream: Stream) -> None:
         assert belief.cloud is not None
@@ -131,6 +132,16 @@ class _ParticleRobot:
             resampling=self._resampling,
             estimate=mean_and_covariance,
         )
+
+
+def _believed(mean: FloatArray, covariance: FloatArray, n_eff: float, cloud: Cloud) -> Belief:
+    """Return the belief of so many draws from the posterior: they know its mean and covariance only so well.
+
+    Against the mean and covariance of n draws the squared Mahalanobis distance of another one is Hotelling's T^2
+    (1931), of mean D (n + 1) (n - 1) / (n (n - D - 2)); that of the truth is D under the covariance returned.
+    """
+    n = max(n_eff, FEWEST)
+    return Belief(mean, covariance * ((n + 1.0) * (n - 1.0) / (n * (n - 4.0))), n_eff, cloud)
 
 
 class _GaussianRobot:
