@@ -2,9 +2,9 @@
 
 The robot's filter draws from the optimal importance density (PARTS eq. 3.19-3.24) unless another is named, and moves
 its particles along the velocity last commanded: the way down the potential from where the robot was thought to be,
-which is what the robot does, wherever it really was. A part is a random walk until it is held; then it goes where the gripper goes, and what is
-seen of it tells about the robot too. Detections carry no names: they are matched to the robot and the parts
-by position, radius and the grey that each has shown so far.
+which is what the robot does, wherever it really was. A part is a random walk until it is held; then it goes where the
+gripper goes, and what is seen of it tells about the robot too. Detections carry no names: they are matched to the robot
+and the parts by position, radius and the grey that each has shown so far.
 """
 
 import math

@@ -12,7 +12,7 @@ from dynpf.filters.cloud import Cloud, uniform_cloud
 from dynpf.filters.estimate import mean_and_covariance
 from dynpf.filters.extended import ExtendedKalman, ExtendedKalmanParams
 from dynpf.filters.particle import ParticleFilter
-from dynpf.filters.proposal import Auxiliary, LocalLinearization, Optimal, Prior, Proposal
+from dynpf.filters.proposal import Auxiliary, LocalLinearization, Optimal, Prior
 from dynpf.filters.resampling import Systematic, systematic
 from dynpf.filters.unscented import UnscentedKalman, UnscentedKalmanParams
 from dynpf.measurement.linear import LinearMeasurement, Observation
@@ -25,6 +25,8 @@ from services.node import State
 __all__ = ["Belief", "RobotFilter", "Seen", "fused", "robot_filter"]
 
 FloatArray = NDArray[np.float64]
+
+_Proposal = Optimal | Prior | Auxiliary | LocalLinearization
 
 SHOWN = 200  # particles at most, of a cloud that is published
 FEWEST = 5.0  # effective particles that a covariance can be judged by
@@ -103,9 +105,8 @@ def robot_filter(config: RearrangementConfig) -> RobotFilter:
 class _ParticleRobot:
     """Sequential importance resampling with a proposal by name."""
 
-    def __init__(self, proposal: Proposal, n: int, threshold: float) -> None:
-        self._proposal, self._n = proposal, n
-        self._resampling = Systematic(threshold=threshold)
+    def __init__(self, proposal: _Proposal, n: int, threshold: float) -> None:
+        self._proposal, self._n, self._threshold = proposal, n, threshold
 
     def start(self, seen: Seen, stream: Stream) -> Belief:
         drawn = seen.position[:, None] + math.sqrt(seen.variance) * stream.normals(2, self._n).astype(np.float64)
@@ -115,23 +116,13 @@ class _ParticleRobot:
     def step(self, belief: Belief, shift: FloatArray, variance: float, seen: Seen | None, stream: Stream) -> Belief:
         assert belief.cloud is not None
         readings = [] if seen is None else [Observation(seen.position)]
-        particles = self._filter(variance, 1.0 if seen is None else seen.variance)
+        particles = _particle_filter(self._proposal, self._threshold, variance, 1.0 if seen is None else seen.variance)
         cloud, report = particles.update(belief.cloud, shift, readings, stream)
         return _believed(*report.estimate, report.n_eff, cloud)
 
     def rehearse(self, belief: Belief, stream: Stream) -> None:
         assert belief.cloud is not None
-        self._filter(0.0, 1.0).resample(belief.cloud, 0.0, [], stream)
-
-    def _filter(self, process: float, measured: float) -> ParticleFilter[tuple[FloatArray, FloatArray]]:
-        motion, measurement = _models(process, measured)
-        return ParticleFilter(
-            motion,
-            {Observation: measurement},
-            proposal=self._proposal,
-            resampling=self._resampling,
-            estimate=mean_and_covariance,
-        )
+        _particle_filter(self._proposal, self._threshold, 0.0, 1.0).resample(belief.cloud, 0.0, [], stream)
 
 
 def _believed(mean: FloatArray, covariance: FloatArray, n_eff: float, cloud: Cloud) -> Belief:
@@ -179,6 +170,20 @@ class _GaussianRobot:
 
 
 @lru_cache(maxsize=64)
+def _particle_filter(
+    proposal: _Proposal, threshold: float, process: float, measured: float
+) -> ParticleFilter[tuple[FloatArray, FloatArray]]:
+    motion, measurement = _models(process, measured)
+    return ParticleFilter(
+        motion,
+        {Observation: measurement},
+        proposal=proposal,
+        resampling=Systematic(threshold=threshold),
+        estimate=mean_and_covariance,
+    )
+
+
+@lru_cache(maxsize=64)
 def _models(process: float, measured: float) -> tuple[LinearGaussian, LinearMeasurement]:
     """Return x' = x + shift + noise and z = x + noise, of these variances a coordinate (PARTS eq. 3.1 and 3.4)."""
     identity = ((1.0, 0.0), (0.0, 1.0))
@@ -187,7 +192,7 @@ def _models(process: float, measured: float) -> tuple[LinearGaussian, LinearMeas
     return motion, LinearMeasurement(np.eye(2), measured * np.eye(2))
 
 
-_PROPOSALS: dict[str, Proposal] = {
+_PROPOSALS: dict[str, _Proposal] = {
     "optimal": Optimal(),
     "prior": Prior(),
     "auxiliary": Auxiliary(),

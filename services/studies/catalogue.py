@@ -12,6 +12,10 @@ _MODULES = {
     "colon-cases": "colon",
     "colon-growth": "colon",
     "colon-hypotheses": "colon",
+    "parts-3": "parts_studies",
+    "parts-6": "parts_studies",
+    "parts-bounds": "parts_studies",
+    "parts-time": "parts_studies",
 }
 
 

@@ -44,7 +44,22 @@ from services.simulator.config import WorkspaceConfig
 from services.simulator.workspace import WorkspaceSimulator
 from services.task import PartSpec, RearrangementTask
 
-__all__ = ["LAYOUTS", "NOISE", "SETTLED", "PartsRun", "Record", "layout_task", "measured", "record_parts", "run_parts"]
+__all__ = [
+    "LAYOUTS",
+    "NOISE",
+    "PROCESS",
+    "RADII",
+    "SETTLED",
+    "TICK_S",
+    "Conditions",
+    "FloatArray",
+    "PartsRun",
+    "Record",
+    "layout_task",
+    "measured",
+    "record_parts",
+    "run_parts",
+]
 
 FloatArray = NDArray[np.float64]
 Inputs = tuple[tuple[str, Message], ...]
@@ -56,6 +71,7 @@ NOISE = {"none": 0.0, "low": 0.2e-4, "medium": 1.0e-4, "high": 5.0e-4}
 """Measurement variance in m^2 (PARTS chapter 4)."""
 PROCESS = 0.06e-4
 """Variance of the robot's motion, m^2 a tick and coordinate, where there is noise."""
+MAX_TICKS = 6000
 SETTLED = 20
 """Ticks after which the robot's filter is judged."""
 
@@ -76,6 +92,27 @@ LAYOUTS = {
     "6H": ((-0.215, 0.1075), (-0.01, 0.1075), (0.215, 0.1075), (-0.215, -0.1075), (0.01, -0.1075), (0.215, -0.1075)),
 }
 """Goals of three and six parts: easy, intermediate, hard."""
+
+
+class Conditions(NamedTuple):
+    """Under what a task is done.
+
+    ``variance`` (m^2) is that of the measured positions; 0: they are true, and so is the motion. ``particles``: those
+    of the robot's filter, which for a Kalman filter may be any number; 0: measured positions are used as they come.
+    """
+
+    variance: float = 0.0
+    particles: int = 0
+    robot_filter: FilterName = "optimal"
+    process_variance: float | None = None  # of the motion, if it is to be another than the usual
+    controller: RearrangementControllerConfig | None = None
+    max_ticks: int = MAX_TICKS
+
+    @property
+    def motion_variance(self) -> float:
+        if self.process_variance is not None:
+            return self.process_variance
+        return PROCESS if self.variance > 0.0 else 0.0
 
 
 class Record(NamedTuple):
@@ -109,7 +146,8 @@ class Record(NamedTuple):
     @property
     def information(self) -> FloatArray:
         """What the readings of each tick tell of a coordinate of the robot, (T',): of its disc and of what it holds."""
-        return (1.0 + (self.held >= 0)) / self.measurement_variance
+        sights = 1.0 + (self.held >= 0).astype(np.float64)
+        return sights / self.measurement_variance
 
 
 class PartsRun(NamedTuple):
@@ -146,40 +184,29 @@ def run_parts(
     robot_filter: FilterName = "optimal",
     process_variance: float | None = None,
     controller: RearrangementControllerConfig | None = None,
-    max_ticks: int = 6000,
+    max_ticks: int = MAX_TICKS,
     watch: Callable[[RearrangementController, Estimate], None] | None = None,
 ) -> PartsRun:
-    """Run the loop of simulator, sensors, estimator and controller to its end, and measure it; see ``record_parts``."""
-    given = {"process_variance": process_variance, "controller": controller, "max_ticks": max_ticks, "watch": watch}
-    return measured(
-        record_parts(task, seed, variance=variance, particles=particles, robot_filter=robot_filter, **given)
-    )
+    """Run the loop to its end, and measure it; see ``Conditions`` and ``record_parts``."""
+    conditions = Conditions(variance, particles, robot_filter, process_variance, controller, max_ticks)
+    return measured(record_parts(task, seed, conditions, watch))
 
 
 def record_parts(
     task: RearrangementTask,
     seed: int,
-    *,
-    variance: float = 0.0,
-    particles: int = 0,
-    robot_filter: FilterName = "optimal",
-    process_variance: float | None = None,
-    controller: RearrangementControllerConfig | None = None,
-    max_ticks: int = 6000,
+    conditions: Conditions,
     watch: Callable[[RearrangementController, Estimate], None] | None = None,
 ) -> Record:
     """Run the loop of simulator, sensors, estimator and controller to its end.
 
-    ``variance`` (m^2) is that of the measured positions; 0: they are true, and so is the motion. ``particles``: those
-    of the robot's filter; 0: measured positions are used as they come. ``watch`` is shown each tick's estimate first.
+    ``watch`` is shown each tick's estimate before the controller is.
     """
-    motion = (PROCESS if variance > 0.0 else 0.0) if process_variance is None else process_variance
+    variance, motion = conditions.variance, conditions.motion_variance
     workspace = WorkspaceConfig(process_variance=motion)
     simulator = WorkspaceSimulator(config=workspace, seed=seed, tick_s=TICK_S, task=task)
-    estimates: _Filtered | _Measured = _Measured(seed, variance)
-    if particles:
-        estimates = _Filtered(task, seed, variance, motion, particles, robot_filter)
-    config = RearrangementControllerConfig() if controller is None else controller
+    estimates = _Filtered(task, seed, conditions) if conditions.particles else _Measured(seed, variance)
+    config = conditions.controller or RearrangementControllerConfig()
     node = RearrangementController(config=config, seed=seed, tick_s=TICK_S, task=task)
     robots: list[RobotState] = []
     places: list[PartsState] = []
@@ -187,7 +214,7 @@ def record_parts(
     commands: list[Command] = []
     seconds: list[tuple[float, float]] = []
     command: Inputs = ()
-    for tick in range(max_ticks):
+    for tick in range(conditions.max_ticks):
         result = simulator.step(_step(tick, command))
         robot, parts = (output.message for output in result.outputs[:2])
         assert isinstance(robot, RobotState)
@@ -294,24 +321,16 @@ class _Measured:
 class _Filtered:
     """Sensors and the rearrangement estimator."""
 
-    def __init__(
-        self,
-        task: RearrangementTask,
-        seed: int,
-        variance: float,
-        motion: float,
-        particles: int,
-        robot_filter: FilterName,
-    ) -> None:
+    def __init__(self, task: RearrangementTask, seed: int, conditions: Conditions) -> None:
         self.clouds: list[FloatArray] = []
         self.seconds = 0.0
-        overhead = OverheadSensor(variance=variance)
+        overhead = OverheadSensor(variance=conditions.variance)
         config = RearrangementConfig(
-            filter=robot_filter,
-            n=particles,
+            filter=conditions.robot_filter,
+            n=conditions.particles,
             encoder_variance=0.0,
-            measurement_variance=variance,
-            process_variance=motion,
+            measurement_variance=conditions.variance,
+            process_variance=conditions.motion_variance,
             robot_grey=overhead.robot_grey,
             part_grey=overhead.part_grey,
         )
