@@ -109,7 +109,7 @@ def _build(scenario: Scenario, name: str, maps: Maps) -> Node:
         case WaypointsConfig() as config:
             return WaypointController(config=config, seed=seed, tick_s=tick_s)
         case VisionConfig() as config:
-            return VisionNode(config=config, seed=seed)
+            return VisionNode(config=config, seed=seed, task=scenario.task)
         case missing:
             raise ScenarioError(f"{name}: takes no part in this run ({missing!r})")
 

@@ -52,6 +52,7 @@ class RearrangementEstimator:
     def __init__(self, *, config: RearrangementConfig, seed: int, tick_s: float, task: RearrangementTask) -> None:
         self._layout = layout_of(task)
         self._config = config
+        self._noise = config.noise(task)
         self._seed = seed
         self._tick_s = tick_s
         count = len(task.parts)
@@ -97,12 +98,10 @@ class RearrangementEstimator:
     def rehearse(self) -> None:
         """See Rehearsing."""
         stream = Stream.of(self._seed, self.name, 0, "rehearsal")
-        seen = Seen(np.zeros(2), self._config.measurement_variance)
+        seen = Seen(np.zeros(2), self._noise.measurement)
         belief = self._robot_filter.start(seen, stream.part("start"))
         for sight in (None, seen):
-            belief = self._robot_filter.step(
-                belief, np.zeros(2), self._config.process_variance, sight, stream.part("step")
-            )
+            belief = self._robot_filter.step(belief, np.zeros(2), self._noise.process, sight, stream.part("step"))
         self._robot_filter.rehearse(belief, stream.part("rehearse"))
 
     def freeze(self) -> State:
@@ -136,7 +135,7 @@ class RearrangementEstimator:
         """Predict, match the detections, and take them in: first the robot's, then the parts'."""
         ticks = elapsed_s / self._tick_s
         shift = np.array([self._command.vx, self._command.vy]) * elapsed_s
-        variance = self._config.process_variance * ticks
+        variance = self._noise.process * ticks
         self._variances = self._variances + self._config.part_process_variance * ticks
         measured = _Measured.of(detections)
         predicted, variances = self._predictions(shift, variance)
@@ -168,7 +167,7 @@ class RearrangementEstimator:
     def _costs(self, measured: "_Measured", predicted: FloatArray, variances: FloatArray) -> FloatArray:
         """Return the negative log-likelihood of each detection for each object, infinite outside the gates."""
         config = self._config
-        innovation_variance = (variances + config.measurement_variance)[:, None]
+        innovation_variance = (variances + self._noise.measurement)[:, None]
         offset = measured.centres - predicted[:, None, :]
         distance = np.einsum("omk,omk->om", offset, offset) / innovation_variance
         radius_error = measured.radii - self._radii[:, None]
@@ -200,7 +199,7 @@ class RearrangementEstimator:
 
     def _sights(self, matches: NDArray[np.intp], measured: "_Measured") -> list[Seen]:
         """Return what was seen of the robot: its own disc, and that of the part in its gripper."""
-        noise = self._config.measurement_variance
+        noise = self._noise.measurement
         seen = [Seen(measured.centres[matches[ROBOT]], noise)] if matches[ROBOT] >= 0 else []
         if self._held >= 0 and matches[self._held + 1] >= 0:
             place = measured.centres[matches[self._held + 1]] - self._grip_offset(self._held)
@@ -215,7 +214,7 @@ class RearrangementEstimator:
             self._parts[held] = self._robot.mean + self._grip_offset(held)
             self._variances[held] = self._robot.variance + self._swing_variance(held)
             free[held] = False
-        gains = (self._variances / (self._variances + self._config.measurement_variance))[free]
+        gains = (self._variances / (self._variances + self._noise.measurement))[free]
         self._parts[free] += gains[:, None] * (measured.centres[matches[free]] - self._parts[free])
         self._variances[free] *= 1.0 - gains
 

@@ -42,6 +42,7 @@ from services.sensors.config import GripperSensor, OverheadSensor, SimulatedSens
 from services.sensors.simulated import SimulatedSensors
 from services.simulator.config import WorkspaceConfig
 from services.simulator.workspace import WorkspaceSimulator
+from services.task import NOISE as LEVELS
 from services.task import PartSpec, RearrangementTask
 
 __all__ = [
@@ -67,9 +68,9 @@ Inputs = tuple[tuple[str, Message], ...]
 TICK_S, TICK_NS = 0.05, 50_000_000
 HOME = 0.05  # metres from the goal within which a part counts as home at the end of a study's run
 
-NOISE = {"none": 0.0, "low": 0.2e-4, "medium": 1.0e-4, "high": 5.0e-4}
+NOISE = {level: noise.measurement for level, noise in LEVELS.items()}
 """Measurement variance in m^2 (PARTS chapter 4)."""
-PROCESS = 0.06e-4
+PROCESS = LEVELS["low"].process
 """Variance of the robot's motion, m^2 a tick and coordinate, where there is noise."""
 MAX_TICKS = 6000
 SETTLED = 20

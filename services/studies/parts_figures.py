@@ -80,8 +80,12 @@ def _measures(pyplot: Any, rows: list[Row], path: Path) -> Path:
         max(len(noises), 1), len(_MEASURES), figsize=size, sharex=True, sharey="col", squeeze=False,
         layout="constrained",
     )  # fmt: skip
+    for axis, (_, label) in zip(axes[0], _MEASURES, strict=True):
+        axis.set_title(label, fontsize=10)
+    for axis in axes[-1]:
+        axis.set_xlabel("packing density comp")
     for panels, noise in zip(axes, noises, strict=False):
-        for axis, (name, label) in zip(panels, _MEASURES, strict=True):
+        for axis, (name, _) in zip(panels, _MEASURES, strict=True):
             for place, (title, group) in enumerate(_lines(rows, noise).items()):
                 means = np.array([row[f"{name}_mean"] for row in group])
                 ends = [[row[f"{name}_ci_{end}"] or row[f"{name}_mean"] for row in group] for end in ("low", "high")]
@@ -89,10 +93,6 @@ def _measures(pyplot: Any, rows: list[Row], path: Path) -> Path:
                 density = np.array([row["comp"] for row in group]) + 0.08 * (place - 1.5)  # side by side
                 axis.errorbar(density, means, np.abs(np.array(ends) - means), label=title, linewidth=1, **style)
             axis.grid(alpha=0.3)
-            if panels is axes[0]:
-                axis.set_title(label, fontsize=10)
-            if panels is axes[-1]:
-                axis.set_xlabel("packing density comp")
         panels[0].set_ylabel(f"{noise} noise")
     axes[0][-1].legend(fontsize=8)
     return _saved(pyplot, figure, path)
@@ -181,8 +181,8 @@ def _bound(pyplot: Any, runs: dict[str, list[Record]], path: Path) -> Path:
         axis.fill_between(
             seconds, 0.0, held * raw, color="#fdb863", alpha=0.35, linewidth=0, label="share in move-part"
         )
-        axis.set(title=f"{noise} noise", ylabel="cm", ylim=(0.0, 1.1 * raw), xlim=(0.0, seconds[-1]))
-    axes[0][0].legend(fontsize=7, ncols=3, loc="upper right")
+        axis.set(ylabel=f"{noise} noise: cm", ylim=(0.0, 1.1 * raw), xlim=(0.0, seconds[-1]))
+    figure.legend(*axes[0][0].get_legend_handles_labels(), fontsize=8, ncols=3, loc="outside upper center")
     axes[-1][0].set_xlabel("time (s)")
     return _saved(pyplot, figure, path)
 

@@ -133,21 +133,20 @@ def _run_start(start: _Start) -> list[Sample]:
     perfect = run_parts(task, seed)
     samples = []
     for noise in settings.noises:
-        for n, name in [(0, "none")] if noise == "none" else _filters(settings):
+        for n, name in [(0, None)] if noise == "none" else _filters(settings):
             run = perfect
             if noise != "none":
                 # The number of particles is nothing to a Kalman filter, nor the filter's name to raw measurements.
-                particles = 0 if name == "none" else n or 1
-                named: FilterName = "optimal" if name == "none" else name
-                run = run_parts(task, seed, variance=NOISE[noise], particles=particles, robot_filter=named)
-            factors = {**start.factors, "noise": noise, "n": n, "filter": name}
+                particles = 0 if name is None else n or 1
+                run = run_parts(task, seed, variance=NOISE[noise], particles=particles, robot_filter=name or "optimal")
+            factors = {**start.factors, "noise": noise, "n": n, "filter": name or "none"}
             samples.append(Sample(factors, _measures(run, perfect)))
     return samples
 
 
-def _filters(settings: TaskSettings) -> list[tuple[int, FilterName | Literal["none"]]]:
-    """Return the numbers of particles and the filters to be run; zero particles are no filter, or a Kalman filter."""
-    chosen: list[tuple[int, FilterName | Literal["none"]]] = [(0, "none")] if 0 in settings.n else []
+def _filters(settings: TaskSettings) -> list[tuple[int, FilterName | None]]:
+    """Return the numbers of particles and the filters to be run; none with zero particles is no filter."""
+    chosen: list[tuple[int, FilterName | None]] = [(0, None)] if 0 in settings.n else []
     chosen += [(0, name) for name in settings.filters if name in GAUSSIAN]
     return chosen + [(n, name) for name in settings.filters if name not in GAUSSIAN for n in settings.n if n]
 
