@@ -13,7 +13,7 @@ from dynpf.filters.estimate import mean_and_covariance
 from dynpf.filters.extended import ExtendedKalman, ExtendedKalmanParams
 from dynpf.filters.particle import ParticleFilter
 from dynpf.filters.proposal import Auxiliary, LocalLinearization, Optimal, Prior
-from dynpf.filters.resampling import Systematic, systematic
+from dynpf.filters.resampling import Indices, Systematic, systematic
 from dynpf.filters.unscented import UnscentedKalman, UnscentedKalmanParams
 from dynpf.measurement.linear import LinearMeasurement, Observation
 from dynpf.motion.linear import LinearGaussian, LinearGaussianParams
@@ -40,12 +40,16 @@ class Seen(NamedTuple):
 
 
 class Belief(NamedTuple):
-    """Mean (2,) and covariance (2, 2) of the robot's position; ``cloud``: the particles, of a filter that has some."""
+    """Mean (2,) and covariance (2, 2) of the robot's position; ``cloud``: the particles, of a filter that has some.
+
+    ``families`` (N,) numbers the particles by whose copies they were when the cloud was last resampled.
+    """
 
     mean: FloatArray
     covariance: FloatArray
     n_eff: float = 0.0
     cloud: Cloud | None = None
+    families: Indices | None = None
 
     def freeze(self) -> State:
         return {**self._asdict(), "cloud": None if self.cloud is None else list(self.cloud)}
@@ -53,7 +57,7 @@ class Belief(NamedTuple):
     @classmethod
     def thaw(cls, state: State) -> "Belief":
         cloud = None if state["cloud"] is None else Cloud(*state["cloud"])
-        return cls(state["mean"].copy(), state["covariance"].copy(), state["n_eff"], cloud)
+        return cls(state["mean"].copy(), state["covariance"].copy(), state["n_eff"], cloud, state["families"])
 
     @property
     def variance(self) -> float:
@@ -111,28 +115,49 @@ class _ParticleRobot:
     def start(self, seen: Seen, stream: Stream) -> Belief:
         drawn = seen.position[:, None] + math.sqrt(seen.variance) * stream.normals(2, self._n).astype(np.float64)
         cloud = uniform_cloud(drawn)
-        return _believed(*mean_and_covariance(cloud.particles, cloud.weights), cloud.n_eff, cloud)
+        mean, covariance = mean_and_covariance(cloud.particles, cloud.weights)
+        families = np.arange(self._n, dtype=np.int32)
+        return Belief(mean, covariance * _allowance(float(self._n)), cloud.n_eff, cloud, families)
 
     def step(self, belief: Belief, shift: FloatArray, variance: float, seen: Seen | None, stream: Stream) -> Belief:
         assert belief.cloud is not None
+        assert belief.families is not None
         readings = [] if seen is None else [Observation(seen.position)]
         particles = _particle_filter(self._proposal, self._threshold, variance, 1.0 if seen is None else seen.variance)
         cloud, report = particles.update(belief.cloud, shift, readings, stream)
-        return _believed(*report.estimate, report.n_eff, cloud)
+        mean, covariance = report.estimate
+        copies_of, families = belief.families, belief.families
+        if report.survivors is not None:
+            copies_of, families = families[report.survivors], report.survivors
+        widened = covariance * _allowance(_independent(cloud, copies_of))
+        return Belief(mean, widened, report.n_eff, cloud, families)
 
     def rehearse(self, belief: Belief, stream: Stream) -> None:
         assert belief.cloud is not None
         _particle_filter(self._proposal, self._threshold, 0.0, 1.0).resample(belief.cloud, 0.0, [], stream)
 
 
-def _believed(mean: FloatArray, covariance: FloatArray, n_eff: float, cloud: Cloud) -> Belief:
-    """Return the belief of so many draws from the posterior: they know its mean and covariance only so well.
+def _independent(cloud: Cloud, families: Indices) -> float:
+    """Return how many independent draws know the mean as well as the cloud: its variance over that of its mean.
+
+    The variance of the mean is the sum over families of squared sums of weighted deviations (Lee and Whiteley, 2018,
+    with ancestors one resampling back): copies that the motion has not yet parted count as one draw.
+    """
+    deviation = cloud.particles - np.sum(cloud.weights * cloud.particles, axis=1, keepdims=True)
+    weighted = cloud.weights * deviation
+    of_mean = sum(float(np.sum(np.bincount(families, row) ** 2)) for row in weighted)
+    of_one = float(np.sum(weighted * deviation))
+    return of_one / of_mean if of_mean > 0.0 else math.inf
+
+
+def _allowance(draws: float) -> float:
+    """Return by how much to widen the covariance of so many draws from the posterior: it is known only so well.
 
     Against the mean and covariance of n draws the squared Mahalanobis distance of another one is Hotelling's T^2
-    (1931), of mean D (n + 1) (n - 1) / (n (n - D - 2)); that of the truth is D under the covariance returned.
+    (1931), of mean D (n + 1) (n - 1) / (n (n - D - 2)); that of the truth is D after this.
     """
-    n = max(n_eff, FEWEST)
-    return Belief(mean, covariance * ((n + 1.0) * (n - 1.0) / (n * (n - 4.0))), n_eff, cloud)
+    n = max(draws, FEWEST)
+    return (n + 1.0) * (n - 1.0) / (n * (n - 4.0)) if math.isfinite(n) else 1.0
 
 
 class _GaussianRobot:
