@@ -285,8 +285,9 @@ def test_the_cloud_is_small_and_comes_five_times_a_second():
     assert clouds == [(0, 200), (4, 200), (8, 200)]
 
 
-def test_a_thawed_estimator_continues_as_the_first():
-    first, second, other = Bench(), Bench(), Bench(seed=2)
+@pytest.mark.parametrize("name", ["optimal", "auxiliary", "extended_kalman"])
+def test_a_thawed_estimator_continues_as_the_first(name):
+    first, second, other = Bench(filter=name), Bench(filter=name), Bench(seed=2, filter=name)
     for _ in range(5):
         first.see()
         other.see()

@@ -114,3 +114,13 @@ def test_cells_of_a_task_study():
     assert rows[0]["npl_normalized_mean"] == 1.0
     assert rows[2]["npl_normalized_mean"] == pytest.approx(rows[2]["npl_mean"] / rows[0]["npl_mean"])
     assert all(row["completed_percent"] == 100.0 for row in rows)
+
+
+def test_times_of_a_step_stand_beside_the_printed_ones():
+    study = study_named("parts-time")
+    settings = settings_from(study.settings, ["parts=3", "goals=E", "n=[49]"])
+    rows = run_study(study, settings, 1, 1, 1)
+    assert {(row["stage"], row["printed_filter_ms"]) for row in rows} == {("mate", 40), ("move", 90), ("all", None)}
+    for row in rows:
+        assert 0.0 < row["controller_ms_median"] <= row["controller_ms_p99"]
+        assert row.get("filter_ms_median", 0.0) < row["estimator_ms_p99"]
