@@ -314,7 +314,6 @@ def _filter_times(n: int, variance: float, *, held: bool, steps: int = 400) -> l
 def _time_rows(samples: list[Sample]) -> list[Row]:
     rows = [row for row in summarized(samples, "goals") if row["goals"] != "all"]
     for row in rows:
-        row["steps"] = row.pop("trials")
         row["printed_filter_ms"] = PRINTED_MS.get((row["stage"], row["n"]))
         for name in ("filter_ms", "estimator_ms", "controller_ms"):
             values = [measures[name] for measures in _of_row(row, samples)]
@@ -426,7 +425,7 @@ STUDIES = {
         (
             *_FACTORS,
             ("stage", "", "stage"),
-            ("steps", "", "steps"),
+            ("steps", "", "trials"),
             ("filter ms", ".3f", "filter_ms_median"),
             ("printed", ".0f", "printed_filter_ms"),
             ("estimator ms", ".3f", "estimator_ms_median"),
