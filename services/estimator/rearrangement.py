@@ -99,10 +99,7 @@ class RearrangementEstimator:
         """See Rehearsing."""
         stream = Stream.of(self._seed, self.name, 0, "rehearsal")
         seen = Seen(np.zeros(2), self._noise.measurement)
-        belief = self._robot_filter.start(seen, stream.part("start"))
-        for sight in (None, seen):
-            belief = self._robot_filter.step(belief, np.zeros(2), self._noise.process, sight, stream.part("step"))
-        self._robot_filter.rehearse(belief, stream.part("rehearse"))
+        self._robot_filter.rehearse(seen, self._noise.process, stream)
 
     def freeze(self) -> State:
         return {

@@ -83,8 +83,8 @@ class RobotFilter(Protocol):
     def step(self, belief: Belief, shift: FloatArray, variance: float, seen: Seen | None, stream: Stream) -> Belief:
         """Return the belief after a motion by ``shift``, (2,), with noise of a variance, and what was seen after it."""
 
-    def rehearse(self, belief: Belief, stream: Stream) -> None:
-        """Do once what a step may do, with a belief that is thrown away."""
+    def rehearse(self, seen: Seen, variance: float, stream: Stream) -> None:
+        """Do once all that the other methods may do, with beliefs that are thrown away."""
 
 
 def fused(seen: list[Seen]) -> Seen | None:
@@ -132,9 +132,9 @@ class _ParticleRobot:
         widened = covariance * _allowance(_independent(cloud, copies_of))
         return Belief(mean, widened, report.n_eff, cloud, families)
 
-    def rehearse(self, belief: Belief, stream: Stream) -> None:
-        assert belief.cloud is not None
-        _particle_filter(self._proposal, self._threshold, 0.0, 1.0).resample(belief.cloud, 0.0, [], stream)
+    def rehearse(self, seen: Seen, variance: float, stream: Stream) -> None:
+        always = _ParticleRobot(self._proposal, self._n, threshold=1.0)  # resamples at every step
+        _rehearse(always, seen, variance, stream)
 
 
 def _independent(cloud: Cloud, families: Indices) -> float:
@@ -190,8 +190,14 @@ class _GaussianRobot:
             gaussian, _ = named.update(gaussian, Observation(seen.position))
         return Belief(*gaussian)
 
-    def rehearse(self, belief: Belief, stream: Stream) -> None:
-        """A step is all that there is."""
+    def rehearse(self, seen: Seen, variance: float, stream: Stream) -> None:
+        _rehearse(self, seen, variance, stream)
+
+
+def _rehearse(robot: RobotFilter, seen: Seen, variance: float, stream: Stream) -> None:
+    belief = robot.start(seen, stream.part("start"))
+    for number, sight in enumerate((None, seen, seen)):
+        belief = robot.step(belief, np.zeros(2), variance, sight, stream.part(number))
 
 
 @lru_cache(maxsize=64)

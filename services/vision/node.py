@@ -1,6 +1,5 @@
 """The vision node: camera frames in, discs in workspace coordinates out."""
 
-import math
 from typing import cast
 
 import cv2
@@ -11,7 +10,6 @@ from dynpf.rng import generator
 from dynpf.vision import detect_discs
 from protocol.messages import CompressedImage, Detection, Detections, Log, LogLevel, timestamp
 from services.node import Output, Result, State, Step
-from services.task import NOISE, RearrangementTask
 from services.vision.config import VisionConfig
 
 __all__ = ["BrokenFrameError", "VisionNode"]
@@ -37,10 +35,8 @@ class VisionNode:
     reads = frozenset({"camera/image"})
     writes = frozenset({"vision/detections", "log"})
 
-    def __init__(self, *, config: VisionConfig, seed: int, task: RearrangementTask | None = None) -> None:
+    def __init__(self, *, config: VisionConfig, seed: int) -> None:
         self._config = config
-        usual = 0.0 if task is None else math.sqrt(NOISE[task.noise].measurement)
-        self._position_noise_m = usual if config.position_noise_m is None else config.position_noise_m
         self._seed = seed
         self._calibration = config.calibrated()
 
@@ -106,4 +102,4 @@ class VisionNode:
 
     def _noise(self, count: int, number: int) -> NDArray[np.float64]:
         draws = generator(self._seed, self.name, number, "position noise").standard_normal((count, 2))
-        return self._position_noise_m * draws
+        return (self._config.position_noise_m or 0.0) * draws
