@@ -165,8 +165,8 @@ class RearrangementEstimator:
         """Return the negative log-likelihood of each detection for each object, infinite outside the gates."""
         config = self._config
         innovation_variance = (variances + self._noise.measurement)[:, None]
-        offset = measured.centres - predicted[:, None, :]
-        distance = np.einsum("omk,omk->om", offset, offset) / innovation_variance
+        aside, ahead = (measured.centres[:, axis] - predicted[:, axis, None] for axis in (0, 1))
+        distance = (aside * aside + ahead * ahead) / innovation_variance
         radius_error = measured.radii - self._radii[:, None]
         grey_error = measured.greys - self._greys[:, None]
         grey_error[np.isnan(grey_error)] = 0.0
@@ -224,10 +224,8 @@ class RearrangementEstimator:
         return self._config.encoder_variance * self._layout.grip_distance(part) ** 2
 
     def _outputs(self, robot: Belief, step: Step) -> tuple[Output, ...]:
-        full = np.zeros((3, 3))
-        full[:2, :2] = robot.covariance
-        full[2, 2] = self._config.encoder_variance
         x, y = robot.mean.tolist()
+        (xx, xy), (yx, yy) = robot.covariance.tolist()
         parts = tuple(
             PartEstimate(x=px, y=py, variance=variance, seen=seen)
             for (px, py), variance, seen in zip(
@@ -238,7 +236,7 @@ class RearrangementEstimator:
             x=x,
             y=y,
             theta=self._theta,
-            covariance=tuple(full.ravel().tolist()),
+            covariance=(xx, xy, 0.0, yx, yy, 0.0, 0.0, 0.0, self._config.encoder_variance),
             n_eff=robot.n_eff,
             parts=parts,
             held=self._held,
@@ -265,8 +263,5 @@ class _Measured(msgspec.Struct, frozen=True):
     @classmethod
     def of(cls, detections: Detections | None) -> "_Measured":
         discs = () if detections is None else detections.discs
-        return cls(
-            np.array([(disc.x, disc.y) for disc in discs]).reshape(-1, 2),
-            np.array([disc.radius for disc in discs]),
-            np.array([disc.grey for disc in discs]),
-        )
+        table = np.array([(disc.x, disc.y, disc.radius, disc.grey) for disc in discs]).reshape(-1, 4)
+        return cls(table[:, :2], table[:, 2], table[:, 3])
