@@ -94,15 +94,15 @@ def _measures(pyplot: Any, rows: list[Row], path: Path) -> Path:
                 axis.errorbar(density, means, np.abs(np.array(ends) - means), label=title, linewidth=1, **style)
             axis.grid(alpha=0.3)
         panels[0].set_ylabel(f"{noise} noise")
-    axes[0][-1].legend(fontsize=8)
+    figure.legend(*axes[0][0].get_legend_handles_labels(), fontsize=9, ncols=6, loc="outside upper center")
     return _saved(pyplot, figure, path)
 
 
 def _success(pyplot: Any, rows: list[Row], path: Path) -> Path:
-    """Runs that were completed without a collision, against comp."""
+    """Runs that were completed without a collision, against comp, and PARTS's that were without one."""
     noises = [noise for noise in _NOISES if any(row["noise"] == noise for row in rows)]
     figure, axes = pyplot.subplots(
-        1, max(len(noises), 1), figsize=(3.6 * len(noises) + 0.4, 3.4), sharey=True, squeeze=False, layout="constrained"
+        1, max(len(noises), 1), figsize=(3.6 * len(noises) + 0.4, 3.8), sharey=True, squeeze=False, layout="constrained"
     )
     for axis, noise in zip(axes[0], noises, strict=False):
         for place, (title, group) in enumerate(_lines(rows, noise).items()):
@@ -111,10 +111,14 @@ def _success(pyplot: Any, rows: list[Row], path: Path) -> Path:
             style = {"color": _COLOURS[place], "marker": _MARKS[place], "markersize": 5, "capsize": 2}
             density = np.array([row["comp"] for row in group]) + 0.08 * (place - 1.5)
             axis.errorbar(density, shares, np.abs(np.array(ends) - shares), label=title, linewidth=1, **style)
+            printed = [100.0 - row.get("printed_collided_percent", np.nan) for row in group]
+            if not np.isnan(printed).all():
+                hollow = {"facecolors": "none", "edgecolors": _COLOURS[place], "marker": _MARKS[place], "s": 45}
+                axis.scatter(density, printed, label=f"{title}: PARTS", **hollow)
         axis.set(title=f"{noise} noise", xlabel="packing density comp", ylim=(-3, 103))
         axis.grid(alpha=0.3)
     axes[0][0].set_ylabel("completed without collision (%)")
-    axes[0][0].legend(fontsize=8, loc="lower left")
+    figure.legend(*axes[0][0].get_legend_handles_labels(), fontsize=8, ncols=4, loc="outside upper center")
     return _saved(pyplot, figure, path)
 
 
