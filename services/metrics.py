@@ -1,5 +1,6 @@
 """Measures of one recorded run against the truth in it, under the names that scripts hold on to."""
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -13,11 +14,22 @@ from dynpf.metrics.colon import capsule_errors, first_visible, map_errors
 from dynpf.metrics.consistency import mean_square, nees
 from dynpf.metrics.trajectory import Trajectory, pose_errors, score, thin
 from protocol.codec import decode
-from protocol.messages import CapsuleEstimate, CapsuleState, Estimate, PartsState, PoseInFrame, RobotState, heading
+from protocol.messages import (
+    CapsuleEstimate,
+    CapsuleState,
+    Estimate,
+    PartsState,
+    PoseInFrame,
+    PosesInFrame,
+    RobotState,
+    heading,
+)
+from services.estimator.config import RearrangementConfig
 from services.recording.digest import content_digest
 from services.recording.reader import Recorded, Recording
 from services.recording.scenario import recorded_scenario
 from services.scenario import Scenario, colon_world, override_resolved
+from services.task import RearrangementTask
 
 __all__ = ["HOME_TOLERANCE_M", "LOST_M", "differing", "measure", "summary"]
 
@@ -75,6 +87,8 @@ def summary(recording: Recording, measures: Mapping[str, Any]) -> str:
         error_cm = 100.0 * _final_error_m(recording)
         lines.append(f"task        {home}, {measures['collisions']} collisions, final error {error_cm:.2f} cm")
         lines.append(f"paths       npl {measures['npl']:.3f}, nrl {measures['nrl']:.3f} (1 = straight lines)")
+    if "crlb_ratio" in measures:
+        lines.append(f"bound       robot's RMS error {measures['crlb_ratio']:.2f} times the Cramer-Rao bound")
     if "position_rmse_m" in measures:
         text = f"position    RMSE {measures['position_rmse_m']:.4f} m, median {measures['position_median_m']:.4f} m"
         if "dead_reckoning_rmse_m" in measures:
@@ -185,13 +199,48 @@ def _rearrangement(recording: Recording) -> dict[str, Any]:
         "nrl": rearrangement.normalized_robot_length(robot, parts, goals, radii, task.robot_radius),
         "pi": rearrangement.positional_inaccuracy(parts[-1], goals, radii),
     }
+    with contextlib.suppress(ValueError):  # goals that overlap have none
+        measures["comp"] = rearrangement.packing_density(goals, radii)
     _, estimates = _read(recording, "estimator/state", Estimate)
     if len(estimates) == len(robots) and all(len(one.parts) == len(task.parts) for one in estimates):
         estimated = np.array([(one.x, one.y) for one in estimates])
         placed = np.array([[(part.x, part.y) for part in one.parts] for one in estimates])
         measures["rpee_m"] = rearrangement.robot_position_error(robot, estimated)
         measures["ppee_m"] = rearrangement.part_position_error(parts, placed)
-    return measures
+    return measures | _filter_figures(recording, task, robots, estimates)
+
+
+def _filter_figures(
+    recording: Recording, task: RearrangementTask, robots: list[RobotState], estimates: list[Estimate]
+) -> dict[str, float]:
+    """Return what is said of the robot's filter: signal to noise, kurtosis of its particles, error against the bound.
+
+    The bound takes the noise to be what the filter expects, and every disc that counts to be in view at every tick; the
+    error is compared from the second second on, where each tick of the truth has its estimate.
+    """
+    scenario = _scenario(recording)
+    if not isinstance(scenario.estimator, RearrangementConfig) or not estimates:
+        return {}
+    noise = scenario.estimator.noise(task)
+    speeds = np.array([one.v for one in robots])
+    measures = {"snr_db": rearrangement.signal_to_noise_db(speeds, noise.measurement)}
+    _, clouds = _read(recording, "estimator/particles", PosesInFrame)
+    shapes = [
+        rearrangement.kurtosis(np.array([(pose.position.x, pose.position.y) for pose in cloud.poses]).T)
+        for cloud in clouds
+    ]
+    if shapes and scenario.estimator.filter not in {"extended_kalman", "unscented_kalman"}:
+        measures["kurtosis"] = float(np.nanmean(shapes)) if not np.isnan(shapes).all() else np.nan
+    settled = round(1.0 / scenario.tick_s)
+    late = len(robots) - len(estimates)
+    if settled < len(estimates) and 0 <= late < settled:
+        held = np.array([one.held >= 0 for one in estimates])
+        information = (1.0 + held) / noise.measurement
+        bounds = rearrangement.robot_bound(information, noise.process).noisy
+        truth = np.array([(one.x, one.y) for one in robots[late:]])
+        errors = np.linalg.norm(np.array([(one.x, one.y) for one in estimates]) - truth, axis=1)
+        measures["crlb_ratio"] = rearrangement.bound_ratio(errors[settled:], bounds[settled:])
+    return {name: value for name, value in measures.items() if np.isfinite(value)}
 
 
 def _capsule(recording: Recording) -> dict[str, Any]:

@@ -1,5 +1,9 @@
 """From a scenario to its nodes: the one place that knows which class answers to which section."""
 
+import math
+
+import msgspec
+
 from services.colon import ColonWorld
 from services.controller.config import RearrangementControllerConfig, WaypointsConfig
 from services.controller.rearrangement import RearrangementController
@@ -21,7 +25,7 @@ from services.simulator.capsule import CapsuleSimulator
 from services.simulator.config import CapsuleConfig, RoomConfig, WorkspaceConfig
 from services.simulator.room import RoomSimulator
 from services.simulator.workspace import WorkspaceSimulator
-from services.task import RearrangementTask
+from services.task import NOISE, RearrangementTask
 from services.user_code import find_class
 from services.vision.config import VisionConfig
 from services.vision.node import VisionNode
@@ -115,7 +119,7 @@ def _build(scenario: Scenario, name: str, maps: Maps, world: ColonWorld | None) 
         case WaypointsConfig() as config:
             return WaypointController(config=config, seed=seed, tick_s=tick_s)
         case VisionConfig() as config:
-            return VisionNode(config=config, seed=seed)
+            return VisionNode(config=_with_noise(config, scenario.task), seed=seed)
         case missing:
             raise ScenarioError(f"{name}: takes no part in this run ({missing!r})")
 
@@ -123,6 +127,13 @@ def _build(scenario: Scenario, name: str, maps: Maps, world: ColonWorld | None) 
 def _scan_range_max(scenario: Scenario) -> float | None:
     sensors = scenario.sensors
     return sensors.scan.range_max if isinstance(sensors, SimulatedSensorsConfig) and sensors.scan is not None else None
+
+
+def _with_noise(config: VisionConfig, task: RearrangementTask | None) -> VisionConfig:
+    """Return the configuration with the task's noise, where it does not say otherwise."""
+    if config.position_noise_m is not None or task is None:
+        return config
+    return msgspec.structs.replace(config, position_noise_m=math.sqrt(NOISE[task.noise].measurement))
 
 
 def _task(scenario: Scenario, name: str) -> RearrangementTask:

@@ -154,7 +154,9 @@ class Hypotheses:
         self.grids = tuple(maps.values())
         if len({(grid.cells.shape, grid.resolution, grid.origin) for grid in self.grids}) > 1:
             raise ValueError(f"the maps {', '.join(maps)} differ in size, resolution or origin: expected the same")
-        self.walls = tuple(Wall.of(grid, params.spacing, params.length, params.deviation, params.bulge_width) for grid in self.grids)
+        self.walls = tuple(
+            Wall.of(grid, params.spacing, params.length, params.deviation, params.bulge_width) for grid in self.grids
+        )
         self._motion = CapsuleStep(params.motion)
         self._casters = tuple(RayCaster(grid) for grid in self.grids)
         self._noise = Noise.of(params.sigma_map, params.sigma_range, params.outliers)

@@ -1,5 +1,7 @@
 """Which measurement belongs to which object: gated nearest neighbours in order of likelihood."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,8 +18,8 @@ def associate(costs: NDArray[np.float64]) -> NDArray[np.intp]:
     remaining = costs.copy()
     assigned = np.full(costs.shape[0], -1, dtype=np.intp)
     for _ in range(min(costs.shape)):
-        chosen, measurement = np.unravel_index(np.argmin(remaining), remaining.shape)
-        if not np.isfinite(remaining[chosen, measurement]):
+        chosen, measurement = divmod(int(remaining.argmin()), costs.shape[1])
+        if not math.isfinite(remaining[chosen, measurement]):
             break
         assigned[chosen] = measurement
         remaining[chosen, :] = np.inf

@@ -1,21 +1,100 @@
-"""Measures of a rearrangement run, from arrays of the true and the estimated positions (PARTS eq. 4.3-4.7).
+"""Measures of a rearrangement run, from arrays of the true and the estimated positions (PARTS chapter 4).
 
 Arrays over time have one row a tick: robot (T, 2), parts (T, p, 2). Lengths are in metres.
 """
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from dynpf.metrics.bounds import noiseless_information, posterior_information, rms_bound
+
 __all__ = [
+    "RobotBound",
     "all_home",
+    "bound_ratio",
+    "kurtosis",
     "normalized_part_length",
     "normalized_robot_length",
+    "packing_density",
     "part_position_error",
     "positional_inaccuracy",
+    "robot_bound",
     "robot_position_error",
+    "signal_to_noise_db",
 ]
 
 FloatArray = NDArray[np.float64]
+
+
+class RobotBound(NamedTuple):
+    """The least root mean square error of the robot's position at each tick, (T,), in metres."""
+
+    noisy: FloatArray  # by PARTS eq. 3.35, for a robot whose motion has noise
+    noiseless: FloatArray  # by PARTS eq. 3.38, for one that moves just as commanded
+
+
+def packing_density(goals: FloatArray, radii: FloatArray) -> float:
+    """Return comp: 100 C(p, 2) / ln prod (||g_i - g_j||^2 - (rho_i + rho_j)^2), lengths in cm (PARTS chapter 4).
+
+    PARTS prints (rho_i - rho_j)^2, with which discs that overlap would still have a density. Zero for a single part.
+    Raises ValueError where goals overlap, or are so close that the product is 1 or less: then it says nothing.
+    """
+    first, second = np.triu_indices(len(goals), 1)
+    if not first.size:
+        return 0.0
+    squared = np.sum((goals[first] - goals[second]) ** 2, axis=1) - (radii[first] + radii[second]) ** 2
+    if np.any(squared <= 0.0):
+        raise ValueError("packing density: two goals overlap")
+    total = float(np.log(1e4 * squared).sum())
+    if total <= 0.0:
+        raise ValueError("packing density: the goals are too close for it to be defined")
+    return 100.0 * first.size / total
+
+
+def signal_to_noise_db(speeds: FloatArray, variance: float) -> float:
+    """Return 10 log10 of the mean squared speed (T,), m/s, over the measurement's ``variance``, m^2 (eq. 4.1 and 4.2).
+
+    As PARTS has it the ratio has a unit, 1/s^2. Infinite without noise.
+    """
+    power = float(np.mean(speeds**2))
+    if variance == 0.0:
+        return math.inf
+    return 10.0 * math.log10(power / variance) if power > 0.0 else -math.inf
+
+
+def kurtosis(particles: FloatArray) -> float:
+    """Return E (r - mu)^4 / sigma^4 of particles (D, N) of equal weight, mean over the coordinates (eq. 4.8).
+
+    3 for a Gaussian; N draws from one have 3 (N - 1) / (N + 1) in the mean. NaN where a coordinate does not vary.
+    """
+    deviation = particles - particles.mean(axis=1, keepdims=True)
+    variance = np.mean(deviation**2, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return float(np.mean(np.mean(deviation**4, axis=1) / variance**2))
+
+
+def robot_bound(information: FloatArray, process_variance: float) -> RobotBound:
+    """Return how well the robot's position can be known, from what the readings of each tick tell.
+
+    ``information`` (T,): of a coordinate, the sum of 1 / R over the sights of a tick, the first of which is all that
+    is known at the start (eq. 3.40). ``process_variance``: of a coordinate, a tick. The robot moves as commanded, and
+    the filter knows the command: so the motion's Jacobian is the identity, in mate-part and in move-part alike.
+    """
+    gained = information[1:, None, None, None] * np.eye(2)
+    transitions = np.broadcast_to(np.eye(2), gained.shape)
+    prior = information[0] * np.eye(2)
+    noisy = posterior_information(prior, transitions, process_variance * np.eye(2), gained)
+    noiseless = noiseless_information(prior, transitions[:, 0], gained[:, 0])
+    return RobotBound(rms_bound(noisy), rms_bound(noiseless))
+
+
+def bound_ratio(errors: FloatArray, bounds: FloatArray) -> float:
+    """Return the root mean square of errors (T,) over that of their bounds (T,); NaN where these are zero."""
+    square = float(np.mean(bounds**2))
+    return math.sqrt(float(np.mean(errors**2)) / square) if square > 0.0 else math.nan
 
 
 def all_home(final: FloatArray, goals: FloatArray, tolerance: float) -> bool:

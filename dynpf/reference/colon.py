@@ -154,7 +154,9 @@ def follow_walls(  # noqa: PLR0917 - likewise
         moved += observed - np.sum(weights[:, None] * observes, axis=0) * moved
         if blamed > LEAST_BLAME:
             together = shared @ (observed / blamed)
-            shared -= np.outer(together, together) / (observed @ together / blamed + np.sum(weights * blame[b] * noise[b]) / blamed**2)
+            shared -= np.outer(together, together) / (
+                observed @ together / blamed + np.sum(weights * blame[b] * noise[b]) / blamed**2
+            )
     return mean, shared, moved
 
 

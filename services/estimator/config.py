@@ -31,11 +31,13 @@ from dynpf.motion.gradient_flow import GradientFlowParams
 from dynpf.motion.linear import LinearGaussianParams
 from dynpf.motion.odometry import OdometryParams
 from dynpf.motion.velocity import VelocityParams
+from services.task import NOISE, Noise, RearrangementTask
 
 __all__ = [
     "CapsuleEstimatorConfig",
     "ClassicFilter",
     "EndRadiusFilter",
+    "FilterName",
     "HypothesesFilter",
     "LocalizationConfig",
     "RearrangementConfig",
@@ -46,6 +48,9 @@ __all__ = [
 NonNegative = Annotated[float, Meta(ge=0.0)]
 Positive = Annotated[float, Meta(gt=0.0)]
 Ticks = Annotated[int, Meta(ge=1)]
+
+
+_STEADY, _SHARP = 1e-8, 2.5e-7  # m^2: noise that is left of a motion and of a detection without noise
 
 
 class UserComponent(
@@ -69,6 +74,8 @@ class GradientFlowTable(GradientFlowParams, frozen=True, kw_only=True, tag="grad
 
     field: DescentFlowParams
 
+
+FilterName = Literal["optimal", "prior", "auxiliary", "local_linearization", "extended_kalman", "unscented_kalman"]
 
 FilterTable = SirParams | ExtendedKalmanParams | UnscentedKalmanParams | UserComponent
 MotionTable = (
@@ -135,13 +142,16 @@ class LocalizationConfig(
 class RearrangementConfig(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="rearrangement"
 ):
-    """Particle filter for the robot, Kalman filters for the parts, and how detections are matched to them."""
+    """A filter for the robot, Kalman filters for the parts, and how detections are matched to them."""
 
-    n: Annotated[int, Meta(ge=1, le=1_000_000)] = 100  # particles
-    process_variance: NonNegative = 0.06e-4  # of the robot's motion, a tick and coordinate
-    measurement_variance: Positive = 0.2e-4  # of a detected centre, each coordinate
+    filter: FilterName = "optimal"  # the robot's: a particle filter with this proposal, or a Kalman filter
+    n: Annotated[int, Meta(ge=1, le=1_000_000)] = 100  # particles, of a filter that has some
+    # m^2, of the robot's motion, a tick and coordinate; absent: that of the task's noise, but at least (0.1 mm)^2.
+    process_variance: NonNegative | None = None
+    # m^2, of a detected centre, each coordinate; absent: that of the task's noise and (0.5 mm)^2 of the detection.
+    measurement_variance: Positive | None = None
     part_process_variance: NonNegative = 1e-7  # of a part that nobody holds, a tick and coordinate
-    encoder_variance: NonNegative = 1e-6  # of the gripper's angle
+    encoder_variance: NonNegative = 1e-6  # rad^2, of the gripper's angle
     resampling_threshold: Annotated[float, Meta(ge=0.0, le=1.0)] = 2.0 / 3.0  # N_eff below this share of n resamples
     gate: Positive = 20.0  # squared Mahalanobis distance beyond which a detection is another object's
     radius_sigma: Positive = 0.002
@@ -152,6 +162,14 @@ class RearrangementConfig(
     prior_variance: Positive = 1.0  # of a position that nothing is known about
     lost_after: Ticks = 20  # detections in which an object is missing, then its position is forgotten
     particle_period_s: NonNegative = 0.2  # logical time between particle clouds
+
+    def noise(self, task: RearrangementTask) -> Noise:
+        """Return what noise the filters expect."""
+        process, measurement = NOISE[task.noise]
+        return Noise(
+            max(process, _STEADY) if self.process_variance is None else self.process_variance,
+            measurement + _SHARP if self.measurement_variance is None else self.measurement_variance,
+        )
 
 
 class ClassicFilter(

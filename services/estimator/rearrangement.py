@@ -1,9 +1,10 @@
 """Estimator of the rearrangement task: a particle filter for the robot, a Kalman filter for each part.
 
-The robot's filter draws from the optimal importance density and moves its particles along the velocity last commanded
-(PARTS eq. 3.19-3.24). A part is a random walk until it is held; then it goes where the gripper goes, and what is
-seen of it tells about the robot too. Detections carry no names: they are matched to the robot and the parts
-by position, radius and the grey that each has shown so far.
+The robot's filter draws from the optimal importance density (PARTS eq. 3.19-3.24) unless another is named, and moves
+its particles along the velocity last commanded: the way down the potential from where the robot was thought to be,
+which is what the robot does, wherever it really was. A part is a random walk until it is held; then it goes where the
+gripper goes, and what is seen of it tells about the robot too. Detections carry no names: they are matched to the robot
+and the parts by position, radius and the grey that each has shown so far.
 """
 
 import math
@@ -12,15 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from dynpf.filters import kalman
 from dynpf.filters.association import associate
-from dynpf.filters.cloud import Cloud, uniform_cloud
-from dynpf.filters.estimate import mean_and_covariance
-from dynpf.filters.particle import ParticleFilter
-from dynpf.filters.proposal import Optimal
-from dynpf.filters.resampling import Systematic
-from dynpf.measurement.linear import LinearMeasurement, Observation
-from dynpf.motion.linear import LinearGaussian, LinearGaussianParams
 from dynpf.rng import Stream
 from protocol import frames
 from protocol.messages import (
@@ -38,6 +31,7 @@ from protocol.messages import (
 from services.estimator.config import RearrangementConfig
 from services.estimator.gaps import GAPS, gap_warning
 from services.estimator.picture import robot_transform
+from services.estimator.robot_filters import Belief, Seen, fused, robot_filter
 from services.node import Output, Result, State, Step
 from services.task import RearrangementTask, layout_of
 
@@ -58,11 +52,13 @@ class RearrangementEstimator:
     def __init__(self, *, config: RearrangementConfig, seed: int, tick_s: float, task: RearrangementTask) -> None:
         self._layout = layout_of(task)
         self._config = config
+        self._noise = config.noise(task)
         self._seed = seed
         self._tick_s = tick_s
         count = len(task.parts)
         self._radii = np.concatenate([[task.robot_radius], self._layout.radii])
-        self._cloud: Cloud | None = None
+        self._robot_filter = robot_filter(config)
+        self._robot: Belief | None = None
         self._parts = np.zeros((count, 2))
         self._variances = np.full(count, config.prior_variance)
         expected = [config.robot_grey, *[config.part_grey] * count]
@@ -72,11 +68,10 @@ class RearrangementEstimator:
         self._located = np.zeros(count, dtype=bool)
         self._command = Command(mode="idle")
         self._stamp_ns = -1
-        self._n_eff = 0.0
         self._theta = 0.0
         self._contact = False
         self._held = -1
-        self._cloud_ns = -1
+        self._shown_ns = -1
 
     def step(self, step: Step) -> Result:
         detections: Detections | None = None
@@ -96,22 +91,19 @@ class RearrangementEstimator:
         elapsed_s = 0.0 if self._stamp_ns < 0 else max(step.stamp_ns - self._stamp_ns, 0) / 1e9
         self._stamp_ns = step.stamp_ns
         self._filter(detections, elapsed_s, step.number)
-        if self._cloud is None or not self._located.all():
+        if self._robot is None or not self._located.all():
             return Result(tuple(logs))
-        return Result((*self._outputs(self._cloud, step), *logs))
+        return Result((*self._outputs(self._robot, step), *logs))
 
     def rehearse(self) -> None:
         """See Rehearsing."""
         stream = Stream.of(self._seed, self.name, 0, "rehearsal")
-        particles, origin = self._robot_filter(self._config.process_variance), np.zeros(2)
-        cloud = self._begin(origin, 1, stream.part("start"))
-        for readings in ([], [Observation(origin)]):
-            cloud, _ = particles.update(cloud, origin, readings, stream.part("update"))
-        particles.resample(cloud, 0.0, readings, stream.part("resample"))
+        seen = Seen(np.zeros(2), self._noise.measurement)
+        self._robot_filter.rehearse(seen, self._noise.process, stream)
 
     def freeze(self) -> State:
         return {
-            "cloud": None if self._cloud is None else list(self._cloud),
+            "robot": None if self._robot is None else self._robot.freeze(),
             "parts": self._parts.copy(),
             "variances": self._variances.copy(),
             "greys": self._greys.copy(),
@@ -119,66 +111,65 @@ class RearrangementEstimator:
             "seen": self._seen.copy(),
             "located": self._located.copy(),
             "stamp_ns": self._stamp_ns,
-            "n_eff": self._n_eff,
             "command": msgspec.to_builtins(self._command),
             "theta": self._theta,
             "contact": self._contact,
             "held": self._held,
-            "cloud_ns": self._cloud_ns,
+            "shown_ns": self._shown_ns,
         }
 
     def thaw(self, state: State) -> None:
-        self._cloud = None if state["cloud"] is None else Cloud(*state["cloud"])
+        self._robot = None if state["robot"] is None else Belief.thaw(state["robot"])
         self._parts, self._variances = state["parts"].copy(), state["variances"].copy()
         self._greys, self._missed = state["greys"].copy(), state["missed"].copy()
         self._seen, self._located = state["seen"].copy(), state["located"].copy()
-        self._stamp_ns, self._n_eff = state["stamp_ns"], state["n_eff"]
+        self._stamp_ns = state["stamp_ns"]
         self._command = msgspec.convert(state["command"], Command)
         self._theta, self._contact = state["theta"], state["contact"]
-        self._held, self._cloud_ns = state["held"], state["cloud_ns"]
+        self._held, self._shown_ns = state["held"], state["shown_ns"]
 
     def _filter(self, detections: Detections | None, elapsed_s: float, number: int) -> None:
         """Predict, match the detections, and take them in: first the robot's, then the parts'."""
         ticks = elapsed_s / self._tick_s
-        motion = _Motion(
-            shift=np.array([self._command.vx, self._command.vy]) * elapsed_s,
-            variance=self._config.process_variance * ticks,
-        )
+        shift = np.array([self._command.vx, self._command.vy]) * elapsed_s
+        variance = self._noise.process * ticks
         self._variances = self._variances + self._config.part_process_variance * ticks
         measured = _Measured.of(detections)
-        predicted, variances = self._predictions(motion)
+        predicted, variances = self._predictions(shift, variance)
         matches = associate(self._costs(measured, predicted, variances))
         self._seen = matches[1:] >= 0
         if detections is not None:
             self._remember(matches, measured)
-        self._update_robot(matches, measured, motion, Stream.of(self._seed, self.name, number, "robot"))
-        for part in range(len(self._parts)):
-            if part == self._held and self._cloud is not None:
-                self._carry(part, self._cloud)
-            elif self._seen[part]:
-                self._update_part(part, measured.centres[matches[part + 1]])
+        stream = Stream.of(self._seed, self.name, number, "robot")
+        seen = fused(self._sights(matches, measured))
+        if self._robot is not None:
+            self._robot = self._robot_filter.step(self._robot, shift, variance, seen, stream)
+        elif seen is not None:
+            self._robot = self._robot_filter.start(seen, stream)
+        self._update_parts(matches[1:], measured)
 
-    def _predictions(self, motion: "_Motion") -> tuple[FloatArray, FloatArray]:
+    def _predictions(self, shift: FloatArray, variance: float) -> tuple[FloatArray, FloatArray]:
         """Return where each object is expected, (p + 1, 2), and the variance of each coordinate, (p + 1,)."""
-        predicted = np.vstack([np.zeros(2), self._parts])
-        variances = np.concatenate([[self._config.prior_variance], self._variances])
-        if self._cloud is not None:
-            mean, covariance = mean_and_covariance(self._cloud.particles, self._cloud.weights)
-            predicted[ROBOT] = mean + motion.shift
-            variances[ROBOT] = covariance.trace() / 2.0 + motion.variance
+        predicted = np.zeros((len(self._radii), 2))
+        variances = np.full(len(self._radii), self._config.prior_variance)
+        predicted[1:], variances[1:] = self._parts, self._variances
+        if self._robot is not None:
+            predicted[ROBOT] = self._robot.mean + shift
+            variances[ROBOT] = self._robot.variance + variance
             if self._held >= 0:
                 predicted[self._held + 1] = predicted[ROBOT] + self._grip_offset(self._held)
-                variances[self._held + 1] = variances[ROBOT]
+                variances[self._held + 1] = variances[ROBOT] + self._swing_variance(self._held)
         return predicted, variances
 
     def _costs(self, measured: "_Measured", predicted: FloatArray, variances: FloatArray) -> FloatArray:
         """Return the negative log-likelihood of each detection for each object, infinite outside the gates."""
         config = self._config
-        innovation_variance = (variances + config.measurement_variance)[:, None]
-        offset = measured.centres[None, :, :] - predicted[:, None, :]
-        distance = (offset * offset).sum(axis=2) / innovation_variance
-        radius_error = measured.radii[None, :] - self._radii[:, None]
-        grey_error = np.nan_to_num(measured.greys[None, :] - self._greys[:, None])
+        innovation_variance = (variances + self._noise.measurement)[:, None]
+        aside, ahead = (measured.centres[:, axis] - predicted[:, axis, None] for axis in (0, 1))
+        distance = (aside * aside + ahead * ahead) / innovation_variance
+        radius_error = measured.radii - self._radii[:, None]
+        grey_error = measured.greys - self._greys[:, None]
+        grey_error[np.isnan(grey_error)] = 0.0
         costs: FloatArray = 0.5 * (
             distance
             + 2.0 * np.log(innovation_variance)
@@ -201,65 +192,40 @@ class RearrangementEstimator:
         forgotten = self._missed >= self._config.lost_after
         self._variances = np.where(forgotten[1:], self._config.prior_variance, self._variances)
         if forgotten[ROBOT]:
-            self._cloud = None  # the next detection starts the filter anew
+            self._robot = None  # the next detection starts the filter anew
 
-    def _update_robot(
-        self, matches: NDArray[np.intp], measured: "_Measured", motion: "_Motion", stream: Stream
-    ) -> None:
-        """Take one step of the robot's filter with what was seen of the robot and of the held part."""
-        positions = [measured.centres[matches[ROBOT]]] if matches[ROBOT] >= 0 else []
+    def _sights(self, matches: NDArray[np.intp], measured: "_Measured") -> list[Seen]:
+        """Return what was seen of the robot: its own disc, and that of the part in its gripper."""
+        noise = self._noise.measurement
+        seen = [Seen(measured.centres[matches[ROBOT]], noise)] if matches[ROBOT] >= 0 else []
         if self._held >= 0 and matches[self._held + 1] >= 0:
-            positions.append(measured.centres[matches[self._held + 1]] - self._grip_offset(self._held))
-        if self._cloud is None:
-            if positions:
-                self._cloud = self._begin(np.mean(positions, axis=0), len(positions), stream)
-                self._n_eff = float(self._config.n)
-            return
-        readings = [Observation(position) for position in positions]
-        self._cloud, report = self._robot_filter(motion.variance).update(self._cloud, motion.shift, readings, stream)
-        self._n_eff = report.n_eff
+            place = measured.centres[matches[self._held + 1]] - self._grip_offset(self._held)
+            seen.append(Seen(place, noise + self._swing_variance(self._held)))
+        return seen
 
-    def _begin(self, position: FloatArray, count: int, stream: Stream) -> Cloud:
-        """Return draws from what ``count`` measurements tell of the robot (PARTS table 3.1, step 1)."""
-        sigma = math.sqrt(self._config.measurement_variance / count)
-        return uniform_cloud(position[:, None] + sigma * stream.normals(2, self._config.n).astype(np.float64))
-
-    def _robot_filter(self, variance: float) -> ParticleFilter[tuple[FloatArray, FloatArray]]:
-        """Return the filter for a step whose motion has this variance: that depends on the time it took."""
-        identity = ((1.0, 0.0), (0.0, 1.0))
-        process = ((variance, 0.0), (0.0, variance))
-        return ParticleFilter(
-            LinearGaussian(LinearGaussianParams(transition=identity, noise=process, input=identity)),
-            {Observation: LinearMeasurement(np.eye(2), np.eye(2) * self._config.measurement_variance)},
-            proposal=Optimal(),
-            resampling=Systematic(threshold=self._config.resampling_threshold),
-            estimate=mean_and_covariance,
-        )
-
-    def _carry(self, part: int, cloud: Cloud) -> None:
-        mean, covariance = mean_and_covariance(cloud.particles, cloud.weights)
-        self._parts[part] = mean + self._grip_offset(part)
-        self._variances[part] = covariance.trace() / 2.0
-
-    def _update_part(self, part: int, centre: FloatArray) -> None:
-        belief = kalman.update(
-            kalman.Gaussian(self._parts[part], np.eye(2) * self._variances[part]),
-            centre,
-            np.eye(2),
-            np.eye(2) * self._config.measurement_variance,
-        )
-        self._parts[part] = belief.mean
-        self._variances[part] = belief.covariance[0, 0]
+    def _update_parts(self, matches: NDArray[np.intp], measured: "_Measured") -> None:
+        """Take in what was seen of the parts: a random walk's Kalman filter, of equal variances (PARTS table 3.2)."""
+        held = self._held if self._robot is not None else -1
+        free = self._seen.copy()
+        if held >= 0 and self._robot is not None:
+            self._parts[held] = self._robot.mean + self._grip_offset(held)
+            self._variances[held] = self._robot.variance + self._swing_variance(held)
+            free[held] = False
+        gains = (self._variances / (self._variances + self._noise.measurement))[free]
+        self._parts[free] += gains[:, None] * (measured.centres[matches[free]] - self._parts[free])
+        self._variances[free] *= 1.0 - gains
 
     def _grip_offset(self, part: int) -> FloatArray:
-        return self._layout.held_position(np.array([0.0, 0.0, self._theta]), part)
+        distance = self._layout.grip_distance(part)
+        return np.array([distance * math.cos(self._theta), distance * math.sin(self._theta)])
 
-    def _outputs(self, cloud: Cloud, step: Step) -> tuple[Output, ...]:
-        mean, covariance = mean_and_covariance(cloud.particles, cloud.weights)
-        full = np.zeros((3, 3))
-        full[:2, :2] = covariance
-        full[2, 2] = self._config.encoder_variance
-        x, y = mean.tolist()
+    def _swing_variance(self, part: int) -> float:
+        """Return the variance that the gripper's angle adds to where a part is against the robot, across the arm."""
+        return self._config.encoder_variance * self._layout.grip_distance(part) ** 2
+
+    def _outputs(self, robot: Belief, step: Step) -> tuple[Output, ...]:
+        x, y = robot.mean.tolist()
+        (xx, xy), (yx, yy) = robot.covariance.tolist()
         parts = tuple(
             PartEstimate(x=px, y=py, variance=variance, seen=seen)
             for (px, py), variance, seen in zip(
@@ -270,29 +236,21 @@ class RearrangementEstimator:
             x=x,
             y=y,
             theta=self._theta,
-            covariance=tuple(full.ravel().tolist()),
-            n_eff=self._n_eff,
+            covariance=(xx, xy, 0.0, yx, yy, 0.0, 0.0, 0.0, self._config.encoder_variance),
+            n_eff=robot.n_eff,
             parts=parts,
             held=self._held,
         )
         stamp = timestamp(step.stamp_ns)
         pose = PoseInFrame(timestamp=stamp, frame_id=frames.MAP, pose=planar_pose(x, y, self._theta))
         outputs = [Output("estimator/state", estimate), Output("estimator/pose", pose)]
-        if self._cloud_ns < 0 or step.stamp_ns - self._cloud_ns >= round(self._config.particle_period_s * 1e9):
-            self._cloud_ns = step.stamp_ns
-            shown = cloud.particles[:, :: math.ceil(cloud.weights.size / 200)].T.tolist()
-            poses = tuple(planar_pose(px, py, self._theta) for px, py in shown)
-            shown_cloud = PosesInFrame(timestamp=stamp, frame_id=frames.MAP, poses=poses)
-            outputs.append(Output("estimator/particles", shown_cloud))
+        if self._shown_ns < 0 or step.stamp_ns - self._shown_ns >= round(self._config.particle_period_s * 1e9):
+            self._shown_ns = step.stamp_ns
+            poses = tuple(planar_pose(px, py, self._theta) for px, py in robot.shown.T.tolist())
+            shown = PosesInFrame(timestamp=stamp, frame_id=frames.MAP, poses=poses)
+            outputs.append(Output("estimator/particles", shown))
             outputs.append(Output("estimator/transforms", robot_transform(x, y, self._theta, stamp)))
         return tuple(outputs)
-
-
-class _Motion(msgspec.Struct, frozen=True):
-    """What the robot has done since the last step: the commanded shift, (2,), and its variance a coordinate."""
-
-    shift: FloatArray
-    variance: float
 
 
 class _Measured(msgspec.Struct, frozen=True):
@@ -305,8 +263,5 @@ class _Measured(msgspec.Struct, frozen=True):
     @classmethod
     def of(cls, detections: Detections | None) -> "_Measured":
         discs = () if detections is None else detections.discs
-        return cls(
-            np.array([(disc.x, disc.y) for disc in discs]).reshape(-1, 2),
-            np.array([disc.radius for disc in discs]),
-            np.array([disc.grey for disc in discs]),
-        )
+        table = np.array([(disc.x, disc.y, disc.radius, disc.grey) for disc in discs]).reshape(-1, 4)
+        return cls(table[:, :2], table[:, 2], table[:, 3])

@@ -99,11 +99,10 @@ class PositionSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 class OverheadSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """An overhead tracker of robot and parts, for runs without camera frames.
 
-    PARTS measures the noise by its variance: 0.2, 1 and 5 cm^2 for low, medium and high. The robot is told from the
-    parts as in the camera's frames: darker than the background, the parts brighter.
+    The robot is told from the parts as in the camera's frames: darker than the background, the parts brighter.
     """
 
-    variance: NonNegative = 0.2e-4  # m^2, of each coordinate
+    variance: NonNegative | None = None  # m^2, of each coordinate; absent: that of the task's noise
     radius_std: NonNegative = 0.0  # m
     miss_probability: Probability = 0.0  # of each disc in each frame
     clutter_rate: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0  # mean number of false discs a frame

@@ -33,7 +33,7 @@ from services.sensors.config import (
     PositionSensor,
     ScanSensor,
 )
-from services.task import Landmark, RearrangementTask
+from services.task import NOISE, Landmark, RearrangementTask
 
 __all__ = [
     "Floats",
@@ -169,7 +169,7 @@ def read_overhead(
     missed = rng.random(len(true)) < sensor.miss_probability
     missed[[part + 1 for part in parts.hidden]] = True
     noise = rng.standard_normal((len(true), 3)).tolist()
-    std = math.sqrt(sensor.variance)
+    std = math.sqrt(NOISE[task.noise].measurement if sensor.variance is None else sensor.variance)
     discs = [
         Detection(
             x=x + std * dx,

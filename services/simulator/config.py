@@ -38,7 +38,8 @@ class WorkspaceConfig(
 ):
     """A disc robot with a gripper among disc parts."""
 
-    process_variance: NonNegative = 0.06e-4  # m^2 a tick and coordinate, of the robot's motion (PARTS: 0.06 cm^2)
+    # m^2 a tick and coordinate, of the robot's motion; absent: that of the task's noise, 0.06 cm^2.
+    process_variance: NonNegative | None = None
     grip_tolerance: NonNegative = 0.01  # gap beyond the reach at which the jaws still catch a part
     grip_angle: Positive = 0.2  # the same for the direction
     slip_probability: Probability = 0.0  # that a part slips out of the jaws as they close on it ...

@@ -20,7 +20,7 @@ from services.node import Output, Result, State, Step
 from services.simulator.camera import CameraParams, DrawnDisc, encode, render
 from services.simulator.config import WorkspaceConfig
 from services.simulator.workspace_scene import draw_scene
-from services.task import RearrangementTask, layout_of
+from services.task import NOISE, RearrangementTask, layout_of
 
 __all__ = ["WorkspaceSimulator", "draw_starts"]
 
@@ -43,6 +43,8 @@ class WorkspaceSimulator:
         self._task = task
         self._layout = layout_of(task)
         self._config = config
+        given = config.process_variance
+        self._process_std = math.sqrt(NOISE[task.noise].process if given is None else given)
         self._seed = seed
         self._tick_s = tick_s
         for part in [*(one.part for one in config.interventions), *(one.part for one in config.hidings)]:
@@ -121,7 +123,7 @@ class WorkspaceSimulator:
     def _move(self, number: int) -> None:
         noise = generator(self._seed, self.name, number, "process").standard_normal(2)
         velocity = np.array([self._command.vx, self._command.vy])
-        step = velocity * self._tick_s + math.sqrt(self._config.process_variance) * noise
+        step = velocity * self._tick_s + self._process_std * noise
         theta = math.remainder(self._pose[2] + self._command.w * self._tick_s, math.tau)
         self._pose = np.append(self._pose[:2] + step, theta)
         if self._held >= 0:

@@ -13,6 +13,10 @@ _MODULES = {
     "colon-growth": "colon",
     "colon-hypotheses": "colon",
     "parts-layouts": "parts_layouts",
+    "parts-3": "parts_studies",
+    "parts-6": "parts_studies",
+    "parts-bounds": "parts_studies",
+    "parts-time": "parts_studies",
 }
 
 

@@ -142,9 +142,7 @@ def _run_task(task: Task) -> list[Sample]:
     return samples
 
 
-def _calibration(
-    task: Task, name: str, happened: Run, track: Track, measures: dict[str, float | bool]
-) -> list[Sample]:
+def _calibration(task: Task, name: str, happened: Run, track: Track, measures: dict[str, float | bool]) -> list[Sample]:
     """Return samples for all cases together: whether the pose is in its 90 % region at the end, and, at every reading,
     whether the likeliest map is the true one, by the probability that the filter gives it.
     """

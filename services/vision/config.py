@@ -27,9 +27,9 @@ class VisionConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     height_px: Side = 1024
     detection: DetectionParams = DetectionParams()
     calibration: Annotated[tuple[Pair, ...], Meta(min_length=6)] = msgspec.field(default_factory=_default_pairs)
-    position_noise_m: Annotated[float, Meta(ge=0.0)] = 0.0
+    position_noise_m: Annotated[float, Meta(ge=0.0)] | None = None
     """Standard deviation of Gaussian noise added to each coordinate: the measurement noise that PARTS assumes, which a
-    sharp frame lacks (its low, medium and high variances of 0.2, 1.0 and 5.0 cm^2 are 0.0045, 0.01 and 0.0224 m)."""
+    sharp frame lacks. Absent: that of the task's noise; without a task, none."""
 
     def __post_init__(self) -> None:
         """Refuse calibration pairs that fix no map: CalibrationError, a ValueError."""

@@ -102,4 +102,4 @@ class VisionNode:
 
     def _noise(self, count: int, number: int) -> NDArray[np.float64]:
         draws = generator(self._seed, self.name, number, "position noise").standard_normal((count, 2))
-        return self._config.position_noise_m * draws
+        return (self._config.position_noise_m or 0.0) * draws

@@ -44,7 +44,7 @@ LOCALIZATION = {
     "nees_high",
     "lost_fraction",
 }
-REARRANGEMENT = {"completed", "collisions", "npl", "nrl", "pi", "rpee_m", "ppee_m"}
+REARRANGEMENT = {"completed", "collisions", "npl", "nrl", "pi", "comp", "rpee_m", "ppee_m"}
 ALWAYS = {"messages", "gaps", "complete", "content_digest"}
 
 ROOM = {"title": "A room", "simulator": {"kind": "room"}}
