@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from dynpf.vision.background import estimate_background, flatten
 from dynpf.vision.circle import fit_circles, fit_circles_algebraic
-from dynpf.vision.components import foreground, group_edges
+from dynpf.vision.components import arc_circles, foreground, trace_borders
 from dynpf.vision.edges import inner_contrast, rim_edges
 
 __all__ = ["DetectionParams", "Disc", "detect_discs"]
@@ -75,22 +75,21 @@ def detect_discs(grey: NDArray[np.uint8], params: DetectionParams) -> tuple[Disc
 
 
 def _coarse_circles(mask: NDArray[np.uint8], params: DetectionParams) -> NDArray[np.float64]:
-    """Circles (D, 3) within a pixel of the rim: one through a component if that fits it, else one for each peak."""
-    group = group_edges(mask, params.min_radius_px)
-    single = fit_circles_algebraic(group.edge_px[None], group.of_component)
-    distance = _distance(group.edge_px, single)
-    count = np.maximum(group.of_component.sum(axis=1), 1)
-    residual = np.sqrt((group.of_component * distance**2).sum(axis=1) / count)
-    fits = (residual <= _PIXEL_ROUGHNESS_PX + params.max_residual * single[:, 2]) & _of_size(single, params)
-    split = np.append(~fits, True)[group.component]  # True: in a component whose every edge is the image's border
-    several = fit_circles_algebraic(group.edge_px[None], group.of_peak[split])
+    """Circles (D, 3) about a pixel from the rim: one through a component if that fits it, else those of its arcs."""
+    borders = trace_borders(mask, np.pi * params.min_radius_px**2 / 2)
+    if len(borders.px) == 0:
+        return np.zeros((0, 3))
+    outside = borders.outer & borders.edge
+    member = (borders.component == np.arange(borders.component.max() + 1)[:, None]) & outside
+    weights = member.astype(np.float64)
+    single = fit_circles_algebraic(borders.px[None], weights)
+    count = np.maximum(member.sum(axis=1), 1)
+    residual = np.sqrt((weights * _distance(borders.px, single) ** 2).sum(axis=1) / count)
+    fits = (residual <= _PIXEL_ROUGHNESS_PX + 0.5 * params.max_residual * single[:, 2]) & _of_size(single, params)
+    several = arc_circles(borders, ~fits, params.min_radius_px, params.max_radius_px)
     circles = np.concatenate([single[fits], several])
-    member = np.concatenate([group.of_component[fits], group.of_peak[split]])
-    on_rim = (member * (np.abs(_distance(group.edge_px, circles)) < 1)).sum(axis=1)
     circles[:, 2] += 0.5  # edge pixels are the outermost inside
-    right = _of_size(circles, params)
-    circles, on_rim = circles[right], on_rim[right]
-    return circles[_best_apart(circles, on_rim / circles[:, 2])]
+    return circles[_of_size(circles, params)]
 
 
 def _distance(points: NDArray[np.float64], circles: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,4 +1,8 @@
-"""Sub-pixel edges: along rays from a disc's centre, where the contrast has fallen to half."""
+"""Sub-pixel edges: along rays from a disc's centre, where the contrast is halfway from the inside to the outside.
+
+Inside and outside are taken a little to either side of the rim, ray by ray: a disc may be shaded, and its surroundings
+lie in its shadow.
+"""
 
 from typing import NamedTuple
 
@@ -9,6 +13,8 @@ __all__ = ["RimEdges", "inner_contrast", "rim_edges"]
 
 _REACH_PX = 3.0  # how far from the expected rim an edge is looked for
 _STEP_PX = 0.5
+_SIDE = 3  # samples to either side that tell inside and outside
+_LEAST_FALL = 0.25
 _CLEARANCE_PX = 2.5  # a rim this close to another disc is blurred into it and is not used
 
 
@@ -32,8 +38,8 @@ def inner_contrast(contrast: NDArray[np.float32], circles: NDArray[np.float64]) 
 def rim_edges(contrast: NDArray[np.float32], circles: NDArray[np.float64], rays: int) -> RimEdges:
     """Find the edge of each circle (D, 3: x, y, radius) along `rays` directions.
 
-    The edge lies where the contrast, relative to the disc's own, crosses one half: linear between samples half a
-    pixel apart, the crossing nearest to the expected rim.
+    The edge lies where the contrast falls through the middle between inside and outside: linear between samples half a
+    pixel apart, the crossing nearest to the expected rim. A fall of less than a quarter of the disc's contrast is none.
     """
     height, width = contrast.shape
     angle = np.arange(rays) * (2 * np.pi / rays)
@@ -41,11 +47,15 @@ def rim_edges(contrast: NDArray[np.float32], circles: NDArray[np.float64], rays:
     offset = np.arange(-_REACH_PX, _REACH_PX + _STEP_PX / 2, _STEP_PX)
     along = circles[:, 2, None] + offset
     points = circles[:, None, None, :2] + along[:, None, :, None] * direction[None, :, None, :]
-    inside = inner_contrast(contrast, circles)
-    inside = np.where(np.abs(inside) < 1e-3, 1e-3, inside)
-    profile = _bilinear(contrast, points) / inside[:, None, None] - 0.5
+    level = inner_contrast(contrast, circles)
+    level = np.where(np.abs(level) < 1e-3, 1e-3, level)
+    relative = _bilinear(contrast, points) / level[:, None, None]
+    inside = relative[..., :_SIDE].mean(axis=2, keepdims=True)
+    outside = relative[..., -_SIDE:].mean(axis=2, keepdims=True)
+    fall = np.maximum(inside - outside, _LEAST_FALL)
+    profile = (relative - 0.5 * (inside + outside)) / fall
 
-    falls = (profile[..., :-1] >= 0) & (profile[..., 1:] < 0)
+    falls = (profile[..., :-1] >= 0) & (profile[..., 1:] < 0) & (inside - outside >= _LEAST_FALL)
     drop = np.where(falls, profile[..., :-1] - profile[..., 1:], 1.0)
     crossing = offset[:-1] + _STEP_PX * profile[..., :-1] / drop
     closeness = np.where(falls, np.abs(crossing), np.inf)
