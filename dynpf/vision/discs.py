@@ -1,6 +1,6 @@
 """The whole chain from a grey image to discs: light, threshold, components, edges, circle fit, rejection."""
 
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
@@ -9,14 +9,13 @@ from numpy.typing import NDArray
 from dynpf.vision.background import estimate_background, flatten
 from dynpf.vision.circle import fit_circles, fit_circles_algebraic
 from dynpf.vision.components import arc_circles, foreground, trace_borders
-from dynpf.vision.edges import inner_contrast, rim_edges
+from dynpf.vision.edges import inner_contrast, overlapping, rim_edges
 
 __all__ = ["DetectionParams", "Disc", "detect_discs"]
 
 _MIN_SIDE_PX = 16
-_PASSES = 2  # the second starts from the first's circles, so its rays cross the edge squarely
+_PASSES = 2  # in the second only what the first has left can hide a rim
 _MIN_POINTS = 6
-_LEAST_SPACING = 0.75  # of two discs' centres, relative to the sum of their radii
 _PIXEL_ROUGHNESS_PX = 0.35  # rms distance of edge pixels to the true rim
 
 
@@ -59,17 +58,16 @@ def detect_discs(grey: NDArray[np.uint8], params: DetectionParams) -> tuple[Disc
     circles = _coarse_circles(mask, params)
     if len(circles) == 0:
         return ()
-    circles, residual, arc = _refine(contrast, circles, params)
+    for _ in range(_PASSES):
+        rims = _refine(contrast, circles, params)
+        kept = np.flatnonzero(_is_disc(rims, params))
+        rims = _Rims(*(column[kept] for column in rims))
+        rims = _Rims(*(column[_best_apart(rims.circles, rims.merit)] for column in rims))
+        circles = rims.circles
     level = inner_contrast(contrast, circles)
-    good = (
-        _of_size(circles, params)
-        & (residual <= params.max_residual * circles[:, 2])
-        & (arc >= params.min_arc_fraction)
-        & (np.abs(level) >= params.min_contrast)
-    )
     discs = [
-        Disc(*(float(value) for value in (*circles[i], level[i], residual[i], arc[i])))
-        for i in np.flatnonzero(good)[_best_apart(circles[good], arc[good])]
+        Disc(*(float(value) for value in (*circles[i], level[i], rims.residual[i], rims.arc[i])))
+        for i in np.flatnonzero(np.abs(level) >= params.min_contrast)
     ]
     return tuple(sorted(discs, key=lambda disc: (disc.y_px, disc.x_px)))
 
@@ -98,21 +96,37 @@ def _distance(points: NDArray[np.float64], circles: NDArray[np.float64]) -> NDAr
     return np.asarray(np.sqrt((offset**2).sum(axis=2)) - circles[:, 2, None])
 
 
-def _refine(
-    contrast: NDArray[np.float32], circles: NDArray[np.float64], params: DetectionParams
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Fit the circles (D, 3) to sub-pixel edges; with rms residuals (D,) and arc fractions (D,), 0 if unsupported."""
-    for _ in range(_PASSES - 1):
-        points, _, found = rim_edges(contrast, circles, params.rays)
-        fitted, _ = fit_circles(points, found.astype(np.float64), circles)
-        usable = (found.sum(axis=1) >= _MIN_POINTS) & _of_size(fitted, params)
-        circles = np.where(usable[:, None], fitted, circles)
-    points, visible, found = rim_edges(contrast, circles, params.rays)
-    fitted, _ = fit_circles(points, found.astype(np.float64), circles)
-    used = found & _near(points, found, fitted)
-    fitted, residual = fit_circles(points, used.astype(np.float64), fitted)
-    enough = used.sum(axis=1) >= np.maximum(_MIN_POINTS, params.min_support * visible.sum(axis=1))
-    return fitted, residual, np.where(enough, used.mean(axis=1), 0.0)
+class _Rims(NamedTuple):
+    """Circles (D, 3) fitted to sub-pixel edges, rms residuals (D,), and how much of each rim was seen."""
+
+    circles: NDArray[np.float64]
+    residual: NDArray[np.float64]
+    arc: NDArray[np.float64]  # (D,) share of the circumference that edge points support
+    support: NDArray[np.float64]  # (D,) the same of what can be seen of it
+    merit: NDArray[np.float64]  # (D,) mean fall of the contrast across the rim
+
+
+def _refine(contrast: NDArray[np.float32], circles: NDArray[np.float64], params: DetectionParams) -> _Rims:
+    """Fit the circles (D, 3) to their edges, twice: the second time the rays cross the edge squarely."""
+    rim = rim_edges(contrast, circles, params.rays)
+    fitted, _ = fit_circles(rim.points_px, rim.found.astype(np.float64), circles)
+    usable = (rim.found.sum(axis=1) >= _MIN_POINTS) & _of_size(fitted, params)
+    circles = np.where(usable[:, None], fitted, circles)
+    rim = rim_edges(contrast, circles, params.rays)
+    fitted, _ = fit_circles(rim.points_px, rim.found.astype(np.float64), circles)
+    used = rim.found & _near(rim.points_px, rim.found, fitted)
+    fitted, residual = fit_circles(rim.points_px, used.astype(np.float64), fitted)
+    support = used.sum(axis=1) / np.maximum(rim.visible.sum(axis=1), _MIN_POINTS)
+    return _Rims(fitted, residual, used.mean(axis=1), support, (used * rim.fall).mean(axis=1))
+
+
+def _is_disc(rims: _Rims, params: DetectionParams) -> NDArray[np.bool_]:
+    return np.asarray(
+        _of_size(rims.circles, params)
+        & (rims.residual <= params.max_residual * rims.circles[:, 2])
+        & (rims.arc >= params.min_arc_fraction)
+        & (rims.support >= params.min_support)
+    )
 
 
 def _near(points: NDArray[np.float64], found: NDArray[np.bool_], circles: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -129,9 +143,9 @@ def _of_size(circles: NDArray[np.float64], params: DetectionParams) -> NDArray[n
 
 def _best_apart(circles: NDArray[np.float64], merit: NDArray[np.float64]) -> list[int]:
     """Indices of circles that do not overlap, best merit first: discs lie side by side."""
+    rivals = overlapping(circles, circles)
     kept: list[int] = []
     for i in np.argsort(-merit, kind="stable"):
-        apart = np.sqrt(((circles[kept, :2] - circles[i, :2]) ** 2).sum(axis=1))
-        if np.all(apart > _LEAST_SPACING * (circles[kept, 2] + circles[i, 2])):
+        if not rivals[i, kept].any():
             kept.append(int(i))
     return kept
