@@ -16,6 +16,7 @@ __all__ = ["DetectionParams", "Disc", "detect_discs"]
 _MIN_SIDE_PX = 16
 _PASSES = 2  # in the second only what the first has left can hide a rim
 _MIN_POINTS = 6
+_LEAST_ARC_PX = 14.0  # on less than that, a circle lies by chance
 _PIXEL_ROUGHNESS_PX = 0.35  # rms distance of edge pixels to the true rim
 
 
@@ -26,7 +27,7 @@ class DetectionParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     max_radius_px: Annotated[float, msgspec.Meta(gt=0)] = 40.0
     min_contrast: Annotated[float, msgspec.Meta(gt=0, le=255)] = 24.0  # to the background, grey levels
     max_residual: Annotated[float, msgspec.Meta(gt=0)] = 0.05  # rms distance of edge points to the circle / radius
-    min_arc_fraction: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.25  # of the circumference, seen as an edge
+    min_arc_fraction: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.2  # of the circumference, seen as an edge
     min_support: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.7  # of what another disc or the border does not hide
     rays: Annotated[int, msgspec.Meta(ge=16, le=512)] = 64  # edge points looked for around each disc
     background_degree: Annotated[int, msgspec.Meta(ge=0, le=6)] = 4  # of the polynomial through the light
@@ -124,7 +125,7 @@ def _is_disc(rims: _Rims, params: DetectionParams) -> NDArray[np.bool_]:
     return np.asarray(
         _of_size(rims.circles, params)
         & (rims.residual <= params.max_residual * rims.circles[:, 2])
-        & (rims.arc >= params.min_arc_fraction)
+        & (rims.arc >= np.maximum(params.min_arc_fraction, _LEAST_ARC_PX / (2 * np.pi * rims.circles[:, 2])))
         & (rims.support >= params.min_support)
     )
 
