@@ -14,7 +14,6 @@ from dynpf.vision.edges import inner_contrast, overlapping, rim_edges
 __all__ = ["DetectionParams", "Disc", "detect_discs"]
 
 _MIN_SIDE_PX = 16
-_PASSES = 2  # in the second only what the first has left can hide a rim
 _MIN_POINTS = 6
 _LEAST_ARC_PX = 14.0  # on less than that, a circle lies by chance
 _PIXEL_ROUGHNESS_PX = 0.35  # rms distance of edge pixels to the true rim
@@ -59,12 +58,10 @@ def detect_discs(grey: NDArray[np.uint8], params: DetectionParams) -> tuple[Disc
     circles = _coarse_circles(mask, params)
     if len(circles) == 0:
         return ()
-    for _ in range(_PASSES):
-        rims = _refine(contrast, circles, params)
-        kept = np.flatnonzero(_is_disc(rims, params))
-        rims = _Rims(*(column[kept] for column in rims))
-        rims = _Rims(*(column[_best_apart(rims.circles, rims.merit)] for column in rims))
-        circles = rims.circles
+    rims = _best_discs(contrast, circles, params)
+    if len(rims.circles) < len(circles):  # what was no disc has hidden parts of rims, or lent them
+        rims = _best_discs(contrast, rims.circles, params)
+    circles = rims.circles
     level = inner_contrast(contrast, circles)
     discs = [
         Disc(*(float(value) for value in (*circles[i], level[i], rims.residual[i], rims.arc[i])))
@@ -119,6 +116,14 @@ def _refine(contrast: NDArray[np.float32], circles: NDArray[np.float64], params:
     fitted, residual = fit_circles(rim.points_px, used.astype(np.float64), fitted)
     support = used.sum(axis=1) / np.maximum(rim.visible.sum(axis=1), _MIN_POINTS)
     return _Rims(fitted, residual, used.mean(axis=1), support, (used * rim.fall).mean(axis=1))
+
+
+def _best_discs(contrast: NDArray[np.float32], circles: NDArray[np.float64], params: DetectionParams) -> _Rims:
+    """Refine the circles and keep those that are discs, of several in one place the best."""
+    rims = _refine(contrast, circles, params)
+    discs = np.flatnonzero(_is_disc(rims, params))
+    best = discs[_best_apart(rims.circles[discs], rims.merit[discs])]
+    return _Rims(*(column[best] for column in rims))
 
 
 def _is_disc(rims: _Rims, params: DetectionParams) -> NDArray[np.bool_]:
