@@ -77,7 +77,7 @@ def trace_borders(mask: NDArray[np.uint8], min_area_px: float) -> Borders:
     return Borders(
         px=px,
         inward=np.concatenate([np.zeros((0, 2)), *(_normals(points, outer) for points, _, outer in chosen)]),
-        edge=((px > 0) & (px < last)).all(axis=1),
+        edge=np.asarray(((px > 0) & (px < last)).all(axis=1)),
         component=np.repeat(np.array([owner for _, owner, _ in chosen], dtype=np.intp), lengths),
         outer=np.repeat(np.array([outer for _, _, outer in chosen], dtype=bool), lengths),
         lengths=lengths,

@@ -56,7 +56,7 @@ def draw_scene(kind: str, seed: int, number: int) -> Scene:
     low = discs[:, :2] - discs[:, 2:] < -0.5
     high = discs[:, :2] + discs[:, 2:] > np.array(_SHAPE[::-1]) - 0.5
     grey = np.clip(np.rint(image), 0, 255).astype(np.uint8)
-    return Scene(grey, discs, touching, (low | high).any(axis=1))
+    return Scene(grey, discs, touching, np.asarray((low | high).any(axis=1)))
 
 
 def score(scene: Scene, found: tuple[Disc, ...]) -> Score:
