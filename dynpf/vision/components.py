@@ -28,9 +28,9 @@ _LEAST_SHARE = 0.12  # of a circumference, that border pixels must lie on
 class Borders(NamedTuple):
     """The border pixels of an image's components, contour after contour, each in order.
 
-    ``px`` (K, 2) x, y; ``inward`` (K, 2) unit normals into the component; ``edge`` (K,) whether the pixel is an edge and
-    not the image's border; ``component`` (K,) whose it is, from 0; ``outer`` (K,) whether it is on the outside of it, not
-    in a hole; ``lengths`` those of the contours.
+    ``px`` (K, 2) x, y; ``inward`` (K, 2) unit normals into the component; ``edge`` (K,) whether the pixel is an edge
+    and not the image's border; ``component`` (K,) whose it is, from 0; ``outer`` (K,) whether it is on the outside of
+    it, not in a hole; ``lengths`` those of the contours.
     """
 
     px: NDArray[np.float64]

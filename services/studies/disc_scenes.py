@@ -165,7 +165,9 @@ def _painted(
     if photograph:
         for cx, cy, radius in discs:
             depth = random.uniform(0.1, 0.3)
-            shadow = np.exp(-(((x - cx - 0.45 * radius) ** 2 + (y - cy - 0.35 * radius) ** 2) / (0.9 * radius**2)) ** 4)
+            shadow = np.exp(
+                -((((x - cx - 0.45 * radius) ** 2 + (y - cy - 0.35 * radius) ** 2) / (0.9 * radius**2)) ** 4)
+            )
             canvas *= 1.0 - depth * shadow
     for corners in shapes:
         cv2.fillPoly(canvas, [np.rint(_FINE * (corners + 0.5)).astype(np.int32)], float(random.choice(levels)))
