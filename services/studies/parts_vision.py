@@ -3,7 +3,7 @@
 import math
 import tempfile
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import cv2
 import msgspec
@@ -15,7 +15,7 @@ from dynpf.metrics.rearrangement import part_position_error, robot_position_erro
 from dynpf.rng import generator
 from dynpf.vision import Board, DetectionParams, detect_discs
 from protocol.codec import decode
-from protocol.messages import CompressedImage, Detections, Log, timestamp
+from protocol.messages import CompressedImage, Detections, Estimate, Log, PartsState, RobotState, timestamp
 from services.errors import UsageError
 from services.metrics import measure
 from services.node import Received, Step
@@ -34,21 +34,29 @@ from services.studies.study import Study
 from services.vision.config import VisionConfig
 from services.vision.node import SUBSAMPLING, VisionNode
 
-__all__ = ["CAMERAS", "STUDIES", "VisionSettings", "calibrated_node", "frame_camera", "frame_errors", "photograph"]
+__all__ = ["CAMERAS", "PHOTOGRAPH", "STUDIES", "VisionSettings", "calibrated_node", "frame_errors", "photograph"]
 
 SCENARIO = "parts-3-lens"
 """What the runs are made of: its camera distorts, its light is uneven, and it is calibrated from a board."""
 
+_LENS = -0.15
 CAMERAS = {
-    "plain": {"radial_distortion": 0.0, "light_falloff": 0.0, "light_slope": 0.0},
-    "lens": {"radial_distortion": -0.15, "light_falloff": 0.0, "light_slope": 0.0},
-    "light": {"radial_distortion": 0.0, "light_falloff": 0.35, "light_slope": 0.3},
-    "lens and light": {"radial_distortion": -0.15, "light_falloff": 0.35, "light_slope": 0.3},
+    name: CameraParams(radial_distortion=lens, light_falloff=falloff, light_slope=slope, board=Board())
+    for name, lens, falloff, slope in (
+        ("plain", 0.0, 0.0, 0.0),
+        ("lens", _LENS, 0.0, 0.0),
+        ("light", 0.0, 0.35, 0.3),
+        ("lens and light", _LENS, 0.35, 0.3),
+    )
 }
+"""What single frames are taken with; the last is the scenario's."""
 FRAMES = 5  # a trial and camera
 SCENES = 5  # a trial and kind
 _SAME_M = 0.02  # what is found farther than this from every disc, at its place or size, is none of them
 
+PHOTOGRAPH = DetectionParams(max_radius_px=60.0)
+
+MessageT = TypeVar("MessageT", PartsState, RobotState, Detections, Estimate)
 Goals = Literal["E", "I", "H"]
 Noise = Literal["none", "low", "medium", "high"]
 
@@ -108,7 +116,7 @@ def _run_part(part: Any) -> list[Sample]:
         case _Scenes():
             return [_look_at_scenes(part)]
         case _:
-            discs = detect_discs(photograph(part.path), DetectionParams())
+            discs = detect_discs(photograph(part.path), PHOTOGRAPH)
             return [Sample({"view": Path(part.path).name}, {"discs": float(len(discs))})]
 
 
@@ -157,10 +165,10 @@ def _scenario(part: _Run) -> Scenario:
 def _measures(recording: Recording) -> dict[str, float | bool]:
     """Return the measures of a run; those of vision from the second tick on, as the first frame shows the board."""
     found = measure(recording)
-    parts, robots, seen, estimates = (
-        {record.stamp_ns: decode(topic, record.payload) for record in recording.messages(topic)}
-        for topic in ("truth/parts", "truth/robot", "vision/detections", "estimator/state")
-    )
+    parts = _by_stamp(recording, "truth/parts", PartsState)
+    robots = _by_stamp(recording, "truth/robot", RobotState)
+    seen = _by_stamp(recording, "vision/detections", Detections)
+    estimates = _by_stamp(recording, "estimator/state", Estimate)
     places = {stamp: np.array([(part.x, part.y) for part in state.parts]) for stamp, state in parts.items()}
     robot = {stamp: np.array([(one.x, one.y)]) for stamp, one in robots.items()}
     missed, distances = 0, []
@@ -189,12 +197,16 @@ def _measures(recording: Recording) -> dict[str, float | bool]:
     }
 
 
+def _by_stamp(recording: Recording, topic: str, kind: type[MessageT]) -> dict[int, MessageT]:
+    found: dict[int, MessageT] = {}
+    for record in recording.messages(topic):
+        message = decode(topic, record.payload)
+        assert isinstance(message, kind)
+        found[record.stamp_ns] = message
+    return found
+
+
 # Single frames.
-
-
-def frame_camera(name: str) -> CameraParams:
-    """Return one of CAMERAS, with a board."""
-    return CameraParams(board=Board(), **CAMERAS[name])
 
 
 def calibrated_node(camera: CameraParams, seed: int) -> VisionNode:
@@ -239,7 +251,7 @@ def _shown(node: VisionNode, frame: NDArray[np.uint8], camera: CameraParams, num
 
 
 def _look(part: _Frames) -> Sample:
-    camera = frame_camera(part.camera)
+    camera = CAMERAS[part.camera]
     node = calibrated_node(camera, part.seed)
     seen = [frame_errors(node, camera, part.seed, part.trial * FRAMES + number + 1) for number in range(FRAMES)]
     errors = np.concatenate([found for found, _ in seen])
