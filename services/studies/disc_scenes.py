@@ -158,27 +158,36 @@ def _painted(
     photograph: bool,
 ) -> NDArray[np.float64]:
     """The scene in even light (H, W), each pixel the mean of its area."""
-    fine = (np.arange(_FINE) + 0.5) / _FINE - 0.5
-    y = (np.arange(_SHAPE[0])[:, None] + fine).reshape(-1, 1)
-    x = (np.arange(_SHAPE[1])[:, None] + fine).reshape(1, -1)
-    canvas: NDArray[np.float64] = np.full((len(y), x.shape[1]), ground)
+    canvas: NDArray[np.float64] = np.full((_FINE * _SHAPE[0], _FINE * _SHAPE[1]), ground)
     if photograph:
-        for cx, cy, radius in discs:
-            depth = random.uniform(0.1, 0.3)
-            shadow = np.exp(
-                -((((x - cx - 0.45 * radius) ** 2 + (y - cy - 0.35 * radius) ** 2) / (0.9 * radius**2)) ** 4)
-            )
-            canvas *= 1.0 - depth * shadow
+        for disc in discs:
+            around, x, y = _window(canvas, disc)
+            shadow = np.exp(-((((x - 0.45) ** 2 + (y - 0.35) ** 2) / 0.9) ** 4))
+            around *= 1.0 - random.uniform(0.1, 0.3) * shadow
     for corners in shapes:
         cv2.fillPoly(canvas, [np.rint(_FINE * (corners + 0.5)).astype(np.int32)], float(random.choice(levels)))
-    for (cx, cy, radius), level in zip(discs, levels, strict=True):
-        inside = (x - cx) ** 2 + (y - cy) ** 2 <= radius**2
-        shade = 1.0 - 0.15 * ((x - cx) + (y - cy)) / radius if photograph else 1.0 + 0.0 * x * y
-        canvas[inside] = (level * shade)[inside]
+    for disc, level in zip(discs, levels, strict=True):
+        around, x, y = _window(canvas, disc)
+        inside = x**2 + y**2 <= 1.0
+        shade = 1.0 - 0.15 * (x + y) if photograph else np.ones(inside.shape)
+        around[inside] = (level * shade)[inside]
         if photograph:
-            glint = (x - cx + 0.4 * radius) ** 2 + (y - cy + 0.3 * radius) ** 2 <= (0.15 * radius) ** 2
-            canvas[glint] = ground + 20.0
+            around[(x + 0.4) ** 2 + (y + 0.3) ** 2 <= 0.15**2] = ground + 20.0
     return np.asarray(canvas.reshape(_SHAPE[0], _FINE, _SHAPE[1], _FINE).mean(axis=(1, 3)))
+
+
+def _window(
+    canvas: NDArray[np.float64], disc: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """The samples around a disc, and where they lie from its centre, in radii, to the right (1, w) and down (h, 1)."""
+    cx, cy, radius = disc
+    first = np.floor(_FINE * (disc[:2] - 2.2 * radius)).astype(int)
+    last = np.ceil(_FINE * (disc[:2] + 2.2 * radius)).astype(int)
+    columns = np.arange(max(first[0], 0), min(last[0], canvas.shape[1]))
+    rows = np.arange(max(first[1], 0), min(last[1], canvas.shape[0]))
+    x = ((columns + 0.5) / _FINE - 0.5 - cx) / radius
+    y = ((rows + 0.5) / _FINE - 0.5 - cy) / radius
+    return canvas[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1], x[None, :], y[:, None]
 
 
 def _light(random: np.random.Generator) -> NDArray[np.float64]:

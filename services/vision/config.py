@@ -28,7 +28,7 @@ class VisionConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     height_px: Side = 1024
     detection: DetectionParams = DetectionParams()
     calibration: Annotated[tuple[Pair, ...], Meta(min_length=6)] | Board = msgspec.field(default_factory=_default_pairs)
-    """Known points as [u_px, v_px, x_m, y_m], or the board that the first frame shows (``simulator.camera.board``)."""
+    """Known points as [u_px, v_px, x_m, y_m], or the board that the first frame shows (`simulator.camera.board`)."""
     position_noise_m: Annotated[float, Meta(ge=0.0)] = 0.0
     """Standard deviation of Gaussian noise added to each coordinate: the measurement noise that PARTS assumes, which a
     sharp frame lacks (its low, medium and high variances of 0.2, 1.0 and 5.0 cm^2 are 0.0045, 0.01 and 0.0224 m)."""

@@ -68,7 +68,7 @@ def test_calibrates_itself_from_the_board_and_goes_on_when_thawed() -> None:
         pytest.approx(one, abs=6e-4) for one in truth
     ]
     straight, _ = seen(node_of(), step_with(scene))  # calibrated for another camera
-    assert min(abs(disc.x - SCENE[2].x_m) for disc in straight.discs) > 0.01
+    assert min(np.hypot(disc.x - SCENE[2].x_m, disc.y - SCENE[2].y_m) for disc in straight.discs) > 0.1
 
 
 def test_a_png_frame_is_as_good() -> None:
