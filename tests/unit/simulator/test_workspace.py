@@ -2,12 +2,15 @@
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 
 from dynpf.rng import generator
-from protocol.messages import Command
+from dynpf.vision import Board, DetectionParams, detect_discs
+from protocol.messages import Command, CompressedImage
 from services.node import Received, Step, state_digest
+from services.simulator.camera import CameraParams
 from services.simulator.config import WorkspaceConfig
 from services.simulator.workspace import WorkspaceSimulator, draw_starts
 from services.task import PartSpec, RearrangementTask
@@ -151,3 +154,14 @@ def test_the_scene_is_drawn_five_times_a_second():
         if output.topic == "truth/scene"
     ]
     assert drawn == [0, 4, 8]
+
+
+def test_the_board_lies_on_the_table_in_the_first_frame_alone():
+    camera = CameraParams(board=Board())
+    node = simulator(task((0.5, 0.3)), WorkspaceConfig(camera=camera))
+    frames = []
+    for tick in range(3):
+        messages = [output.message for output in node.step(Step(tick, tick, tick * 50_000_000, ())).outputs]
+        data = next(message.data for message in messages if isinstance(message, CompressedImage))
+        frames.append(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_4))
+    assert [len(detect_discs(frame, DetectionParams())) for frame in frames] == [49, 2, 2]
