@@ -1,10 +1,11 @@
 """Overhead vision: from a grey image to discs in the workspace (PARTS section 5.2).
 
 One module a stage, in the order of the chain: `subsample`, `background` (the light), `components` (threshold,
-connected components, discs that touch), `edges` (to a fraction of a pixel), `circle` (the fit), `discs` (the chain and
-what is rejected), `projection` and `calibration` (pixels to metres).
+connected components, arcs), `edges` (to a fraction of a pixel), `circle` (the fit), `discs` (the chain and
+what is rejected), `projection`, `calibration` and `board` (pixels to metres).
 """
 
+from dynpf.vision.board import Board, find_board
 from dynpf.vision.calibration import Calibration, CalibrationError, WorkspaceDisc, calibrate
 from dynpf.vision.circle import fit_circle
 from dynpf.vision.discs import DetectionParams, Disc, detect_discs
@@ -12,6 +13,7 @@ from dynpf.vision.projection import PlaneProjection
 from dynpf.vision.subsample import subsample, to_full_px
 
 __all__ = [
+    "Board",
     "Calibration",
     "CalibrationError",
     "DetectionParams",
@@ -20,6 +22,7 @@ __all__ = [
     "WorkspaceDisc",
     "calibrate",
     "detect_discs",
+    "find_board",
     "fit_circle",
     "subsample",
     "to_full_px",

@@ -1,8 +1,8 @@
-"""Threshold, connected components, and the cut of a component into discs that touch.
+"""Threshold, connected components, and the circles that arcs of their borders lie on.
 
-Discs do not overlap, so two that touch are joined by a neck much thinner than either: the distance of a pixel to
-the component's outside has one peak per disc, near its centre and about as high as its radius. The component's
-edge pixels go to the peak whose circle passes nearest; that is the contour cut at its concave points.
+A disc that touches another, is cut by the image's border or melts into a shadow has a border of which only arcs are
+its rim. So circles are fitted to arcs of every length, and one after another those are taken that the most of the
+border lies on, which then is spoken for.
 """
 
 from typing import NamedTuple
@@ -11,19 +11,34 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Group", "foreground", "group_edges"]
+from dynpf.vision.circle import fit_circles_algebraic
+
+__all__ = ["Borders", "arc_circles", "foreground", "trace_borders"]
 
 
 _CLUTTER = 256
+_SHORTEST_ARC = 10  # border pixels; the next are twice as long each
+_STRIDES = 4  # arcs of one length start this many to a length
+_NEAR_PX = 1.0  # a border pixel this close lies on the circle
+_FACING = 0.8  # cosine between a border's normal and the direction to the centre
+_ARC_RMS_PX = 0.45  # of border pixels to the rim they follow
+_LEAST_SHARE = 0.12  # of a circumference, that border pixels must lie on
 
 
-class Group(NamedTuple):
-    """The edge pixels of an image and whose they are, as weights 1 or 0."""
+class Borders(NamedTuple):
+    """The border pixels of an image's components, contour after contour, each in order.
 
-    edge_px: NDArray[np.float64]  # (K, 2) x, y
-    of_component: NDArray[np.float64]  # (C, K) the outer border of each component
-    of_peak: NDArray[np.float64]  # (D, K) the share of each peak in its component's borders
-    component: NDArray[np.intp]  # (D,) the component that each peak is in
+    ``px`` (K, 2) x, y; ``inward`` (K, 2) unit normals into the component; ``edge`` (K,) whether the pixel is an edge
+    and not the image's border; ``component`` (K,) whose it is, from 0; ``outer`` (K,) whether it is on the outside of
+    it, not in a hole; ``lengths`` those of the contours.
+    """
+
+    px: NDArray[np.float64]
+    inward: NDArray[np.float64]
+    edge: NDArray[np.bool_]
+    component: NDArray[np.intp]
+    outer: NDArray[np.bool_]
+    lengths: tuple[int, ...]
 
 
 def foreground(contrast: NDArray[np.float32], min_contrast: float) -> NDArray[np.uint8]:
@@ -40,98 +55,114 @@ def foreground(contrast: NDArray[np.float32], min_contrast: float) -> NDArray[np
     return stands_out.astype(np.uint8) * np.uint8(255)
 
 
-def group_edges(mask: NDArray[np.uint8], min_radius_px: float) -> Group:
-    """Find the mask's components and the discs in each, and hand out the edge pixels.
+def trace_borders(mask: NDArray[np.uint8], min_area_px: float) -> Borders:
+    """Follow the borders of the mask's components (Suzuki and Abe 1985); specks below ``min_area_px`` are passed over.
 
-    Specks of less than half the area of the smallest disc are passed over. A hole as small as that is either a glint
-    on a disc or what three discs leave between them: peaks are found both with such holes filled and with them open,
-    and it is left to the fit which are discs. The image's border is no edge. An image with more than 256 components
-    or peaks is clutter, in which nothing is found.
+    An image with more than 256 components is clutter, in which nothing is found.
     """
-    borders = _borders(mask, np.pi * min_radius_px**2 / 2)
-    names = np.unique(borders.label)
-    if len(names) > _CLUTTER:
-        return _nothing(borders.px)
-    of_component = (borders.label == names[:, None]) & borders.outer
-    of_peak, component = [np.zeros((0, len(borders.px)), dtype=bool)], [np.zeros(0, dtype=np.intp)]
-    has_holes = bool(((borders.filled > 0) & (mask == 0)).any())
-    for labels in (borders.filled, np.where(mask > 0, borders.filled, 0))[: 1 + has_holes]:
-        peak_px, peak_radius = _peaks(labels, min_radius_px)
-        if len(peak_px) > _CLUTTER:
-            return _nothing(borders.px)
-        peak_label = labels[peak_px[:, 1], peak_px[:, 0]]
-        of_peak.append(_shares(borders, peak_px, peak_radius, peak_label))
-        component.append(np.searchsorted(names, peak_label))
-    return Group(
-        borders.px, of_component.astype(float), np.concatenate(of_peak).astype(float), np.concatenate(component)
+    contours, hierarchy = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    parents = [int(row[3]) for row in hierarchy[0]] if contours else []
+    large = [len(contour) >= _SHORTEST_ARC and cv2.contourArea(contour) >= min_area_px for contour in contours]
+    owners = {i: number for number, i in enumerate(i for i, parent in enumerate(parents) if parent < 0 and large[i])}
+    if len(owners) > _CLUTTER:
+        owners = {}
+    chosen = [
+        (np.asarray(contours[i], dtype=np.float64)[:, 0], owners[i if parent < 0 else parent], parent < 0)
+        for i, parent in enumerate(parents)
+        if (i if parent < 0 else parent) in owners and len(contours[i]) >= _SHORTEST_ARC
+    ]
+    lengths = tuple(len(points) for points, _, _ in chosen)
+    px = np.concatenate([np.zeros((0, 2)), *(points for points, _, _ in chosen)])
+    last = np.array(mask.shape[::-1]) - 1
+    return Borders(
+        px=px,
+        inward=np.concatenate([np.zeros((0, 2)), *(_normals(points, outer) for points, _, outer in chosen)]),
+        edge=np.asarray(((px > 0) & (px < last)).all(axis=1)),
+        component=np.repeat(np.array([owner for _, owner, _ in chosen], dtype=np.intp), lengths),
+        outer=np.repeat(np.array([outer for _, _, outer in chosen], dtype=bool), lengths),
+        lengths=lengths,
     )
 
 
-def _nothing(edge_px: NDArray[np.float64]) -> Group:
-    none = np.zeros((0, len(edge_px)))
-    return Group(edge_px, none, none, np.zeros(0, dtype=np.intp))
+def arc_circles(
+    borders: Borders, wanted: NDArray[np.bool_], min_radius_px: float, max_radius_px: float
+) -> NDArray[np.float64]:
+    """Return circles (D, 3) that arcs of the borders of the components ``wanted`` (C,) lie on."""
+    circles, component = _circles_through_arcs(borders, wanted, min_radius_px, max_radius_px)
+    found = [np.zeros((0, 3))]
+    for number in np.flatnonzero(wanted):
+        mine = (borders.component == number) & borders.edge
+        found.append(_best_supported(circles[component == number], borders.px[mine], borders.inward[mine]))
+    return np.concatenate(found)
 
 
-class _Borders(NamedTuple):
-    px: NDArray[np.float64]  # (K, 2) edge pixels, x, y
-    label: NDArray[np.int32]  # (K,) the component of each
-    outer: NDArray[np.bool_]  # (K,) whether it belongs to the outer border
-    filled: NDArray[np.int32]  # (H, W) component of each pixel, small holes included; 0: none
-
-
-def _borders(mask: NDArray[np.uint8], min_area_px: float) -> _Borders:
-    """Label the components by following their borders (Suzuki and Abe 1985)."""
-    contours, hierarchy = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    parents = [int(row[3]) for row in hierarchy[0]] if contours else []
-    large = [len(contour) > 4 and cv2.contourArea(contour) >= min_area_px for contour in contours]
-    kept = [i for i, parent in enumerate(parents) if large[i] and (parent < 0 or large[parent])]
-    filled = np.zeros(mask.shape, dtype=np.int32)
-    edges, labels = [np.zeros((0, 2))], [np.zeros(0, dtype=np.int32)]
-    outer = [np.zeros(0, dtype=bool)]
-    last = np.array(mask.shape[::-1]) - 1
-    for i in sorted(kept, key=lambda i: parents[i] >= 0):  # holes are cut after what they are in is filled
-        is_outer = parents[i] < 0
-        label = 1 + (i if is_outer else parents[i])
-        cv2.drawContours(filled, contours, i, float(label if is_outer else 0), cv2.FILLED)
-        edge = np.asarray(contours[i], dtype=np.float64)[:, 0]
-        edge = edge[((edge > 0) & (edge < last)).all(axis=1)]
-        edges.append(edge)
-        labels.append(np.full(len(edge), label, dtype=np.int32))
-        outer.append(np.full(len(edge), is_outer))
-    return _Borders(np.concatenate(edges), np.concatenate(labels), np.concatenate(outer), filled)
-
-
-def _shares(
-    borders: _Borders,
-    peak_px: NDArray[np.int64],
-    peak_radius: NDArray[np.float64],
-    peak_label: NDArray[np.int32],
-) -> NDArray[np.bool_]:
-    """Which edge pixels (D, K) are nearer to each peak's circle than to any other's in the same component."""
-    if len(peak_px) == 0:
-        return np.zeros((0, len(borders.px)), dtype=bool)
-    distance = np.sqrt(((borders.px - peak_px[:, None]) ** 2).sum(axis=2)) - peak_radius[:, None]
-    distance = np.where(borders.label == peak_label[:, None], np.abs(distance), np.inf)
-    owner = np.argmin(distance, axis=0)
-    close = distance[owner, np.arange(len(borders.px))] < 0.5 * peak_radius[owner]
-    return np.asarray((owner == np.arange(len(peak_px))[:, None]) & close)
-
-
-def _peaks(labels: NDArray[np.int32], min_radius_px: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Peaks of the distance to the outside, x, y (D, 2) and height (D,); one within each peak's own radius."""
-    inside = (labels > 0).astype(np.uint8)
-    depth = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_5)
-    highest = cv2.dilate(depth, np.ones((3, 3), np.uint8))
-    rows, columns = np.nonzero((depth >= highest) & (depth > 0.7 * min_radius_px))
-    height = depth[rows, columns].astype(np.float64)
-    kept: list[int] = []
-    for candidate in np.argsort(-height, kind="stable"):
-        clear = all(
-            np.hypot(rows[candidate] - rows[other], columns[candidate] - columns[other]) > height[other]
-            for other in kept
+def _circles_through_arcs(
+    borders: Borders, wanted: NDArray[np.bool_], min_radius_px: float, max_radius_px: float
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Circles (D, 3) through arcs that fit them, and whose arcs they are (D,)."""
+    circles, component = [np.zeros((0, 3))], [np.zeros(0, dtype=np.intp)]
+    length = _SHORTEST_ARC
+    while length <= max(borders.lengths, default=0):
+        at = _windows(borders, wanted, length)
+        points, weights = borders.px[at], borders.edge[at].astype(np.float64)
+        fitted = fit_circles_algebraic(points, weights)
+        towards = fitted[:, None, :2] - points
+        distance = np.maximum(np.hypot(towards[..., 0], towards[..., 1]), 1e-9)
+        total = np.maximum(weights.sum(axis=1), 1e-9)
+        rms = np.sqrt((weights * (distance - fitted[:, 2, None]) ** 2).sum(axis=1) / total)
+        facing = (weights * (towards * borders.inward[at]).sum(axis=2) / distance).sum(axis=1) / total
+        good = (
+            (total >= _SHORTEST_ARC / 2)
+            & (rms <= _ARC_RMS_PX)
+            & (facing > _FACING)
+            & (fitted[:, 2] >= min_radius_px - 1)
+            & (fitted[:, 2] <= max_radius_px + 1)
         )
-        if clear:
-            kept.append(int(candidate))
-        if len(kept) > _CLUTTER:
+        circles.append(fitted[good])
+        component.append(borders.component[at[good, 0]])
+        length *= 2
+    return np.concatenate(circles), np.concatenate(component)
+
+
+def _windows(borders: Borders, wanted: NDArray[np.bool_], length: int) -> NDArray[np.intp]:
+    """Indices (D, length) of arcs along the closed contours of the components wanted."""
+    windows, start = [np.zeros((0, length), dtype=np.intp)], 0
+    for count in borders.lengths:
+        if count >= length and wanted[borders.component[start]]:
+            first = np.arange(0, count, max(length // _STRIDES, 1))
+            windows.append(start + (first[:, None] + np.arange(length)) % count)
+        start += count
+    return np.concatenate(windows)
+
+
+def _best_supported(
+    circles: NDArray[np.float64], px: NDArray[np.float64], inward: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Choose circles one by one: that on which the most border pixels lie which none before it has claimed."""
+    towards = circles[:, None, :2] - px
+    distance = np.maximum(np.hypot(towards[..., 0], towards[..., 1]), 1e-9)
+    facing = (towards * inward).sum(axis=2) > _FACING * distance
+    lies_on = (np.abs(distance - circles[:, 2, None]) <= _NEAR_PX) & facing
+    least = np.maximum(_SHORTEST_ARC / 2, _LEAST_SHARE * 2 * np.pi * circles[:, 2])
+    chosen: list[int] = []
+    free = np.ones(len(px), dtype=bool)
+    while len(chosen) < _CLUTTER:
+        support = (lies_on & free).sum(axis=1)
+        support[support < least] = 0
+        if len(circles) == 0 or support.max() == 0:
             break
-    return np.stack([columns[kept], rows[kept]], axis=1), height[kept]
+        best = int(np.argmax(support))
+        chosen.append(best)
+        free &= ~lies_on[best]
+    return circles[chosen]
+
+
+def _normals(points: NDArray[np.float64], outer: bool) -> NDArray[np.float64]:
+    """Unit normals (n, 2) of a closed contour into the component, from its tangent over seven pixels."""
+    after, before = np.roll(points, -3, axis=0), np.roll(points, 3, axis=0)
+    tangent = after - before
+    following = np.roll(points, -1, axis=0)
+    area = float((points[:, 0] * following[:, 1] - following[:, 0] * points[:, 1]).sum())
+    side = 1.0 if (area > 0) == outer else -1.0
+    normal = side * np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+    return normal / np.maximum(np.hypot(normal[:, 0], normal[:, 1]), 1e-9)[:, None]

@@ -1,6 +1,6 @@
 """The whole chain from a grey image to discs: light, threshold, components, edges, circle fit, rejection."""
 
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
@@ -8,15 +8,14 @@ from numpy.typing import NDArray
 
 from dynpf.vision.background import estimate_background, flatten
 from dynpf.vision.circle import fit_circles, fit_circles_algebraic
-from dynpf.vision.components import foreground, group_edges
-from dynpf.vision.edges import inner_contrast, rim_edges
+from dynpf.vision.components import arc_circles, foreground, trace_borders
+from dynpf.vision.edges import inner_contrast, overlapping, rim_edges
 
 __all__ = ["DetectionParams", "Disc", "detect_discs"]
 
 _MIN_SIDE_PX = 16
-_PASSES = 2  # the second starts from the first's circles, so its rays cross the edge squarely
 _MIN_POINTS = 6
-_LEAST_SPACING = 0.75  # of two discs' centres, relative to the sum of their radii
+_LEAST_ARC_PX = 14.0  # on less than that, a circle lies by chance
 _PIXEL_ROUGHNESS_PX = 0.35  # rms distance of edge pixels to the true rim
 
 
@@ -27,7 +26,7 @@ class DetectionParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     max_radius_px: Annotated[float, msgspec.Meta(gt=0)] = 40.0
     min_contrast: Annotated[float, msgspec.Meta(gt=0, le=255)] = 24.0  # to the background, grey levels
     max_residual: Annotated[float, msgspec.Meta(gt=0)] = 0.05  # rms distance of edge points to the circle / radius
-    min_arc_fraction: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.25  # of the circumference, seen as an edge
+    min_arc_fraction: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.2  # of the circumference, seen as an edge
     min_support: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.7  # of what another disc or the border does not hide
     rays: Annotated[int, msgspec.Meta(ge=16, le=512)] = 64  # edge points looked for around each disc
     background_degree: Annotated[int, msgspec.Meta(ge=0, le=6)] = 4  # of the polynomial through the light
@@ -59,38 +58,34 @@ def detect_discs(grey: NDArray[np.uint8], params: DetectionParams) -> tuple[Disc
     circles = _coarse_circles(mask, params)
     if len(circles) == 0:
         return ()
-    circles, residual, arc = _refine(contrast, circles, params)
+    rims = _best_discs(contrast, circles, params)
+    if len(rims.circles) < len(circles):  # what was no disc has hidden parts of rims, or lent them
+        rims = _best_discs(contrast, rims.circles, params)
+    circles = rims.circles
     level = inner_contrast(contrast, circles)
-    good = (
-        _of_size(circles, params)
-        & (residual <= params.max_residual * circles[:, 2])
-        & (arc >= params.min_arc_fraction)
-        & (np.abs(level) >= params.min_contrast)
-    )
     discs = [
-        Disc(*(float(value) for value in (*circles[i], level[i], residual[i], arc[i])))
-        for i in np.flatnonzero(good)[_best_apart(circles[good], arc[good])]
+        Disc(*(float(value) for value in (*circles[i], level[i], rims.residual[i], rims.arc[i])))
+        for i in np.flatnonzero(np.abs(level) >= params.min_contrast)
     ]
     return tuple(sorted(discs, key=lambda disc: (disc.y_px, disc.x_px)))
 
 
 def _coarse_circles(mask: NDArray[np.uint8], params: DetectionParams) -> NDArray[np.float64]:
-    """Circles (D, 3) within a pixel of the rim: one through a component if that fits it, else one for each peak."""
-    group = group_edges(mask, params.min_radius_px)
-    single = fit_circles_algebraic(group.edge_px[None], group.of_component)
-    distance = _distance(group.edge_px, single)
-    count = np.maximum(group.of_component.sum(axis=1), 1)
-    residual = np.sqrt((group.of_component * distance**2).sum(axis=1) / count)
-    fits = (residual <= _PIXEL_ROUGHNESS_PX + params.max_residual * single[:, 2]) & _of_size(single, params)
-    split = np.append(~fits, True)[group.component]  # True: in a component whose every edge is the image's border
-    several = fit_circles_algebraic(group.edge_px[None], group.of_peak[split])
+    """Circles (D, 3) about a pixel from the rim: one through a component if that fits it, else those of its arcs."""
+    borders = trace_borders(mask, np.pi * params.min_radius_px**2 / 2)
+    if len(borders.px) == 0:
+        return np.zeros((0, 3))
+    outside = borders.outer & borders.edge
+    member = (borders.component == np.arange(borders.component.max() + 1)[:, None]) & outside
+    weights = member.astype(np.float64)
+    single = fit_circles_algebraic(borders.px[None], weights)
+    count = np.maximum(member.sum(axis=1), 1)
+    residual = np.sqrt((weights * _distance(borders.px, single) ** 2).sum(axis=1) / count)
+    fits = (residual <= _PIXEL_ROUGHNESS_PX + 0.5 * params.max_residual * single[:, 2]) & _of_size(single, params)
+    several = arc_circles(borders, ~fits, params.min_radius_px, params.max_radius_px)
     circles = np.concatenate([single[fits], several])
-    member = np.concatenate([group.of_component[fits], group.of_peak[split]])
-    on_rim = (member * (np.abs(_distance(group.edge_px, circles)) < 1)).sum(axis=1)
     circles[:, 2] += 0.5  # edge pixels are the outermost inside
-    right = _of_size(circles, params)
-    circles, on_rim = circles[right], on_rim[right]
-    return circles[_best_apart(circles, on_rim / circles[:, 2])]
+    return circles[_of_size(circles, params)]
 
 
 def _distance(points: NDArray[np.float64], circles: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -99,21 +94,45 @@ def _distance(points: NDArray[np.float64], circles: NDArray[np.float64]) -> NDAr
     return np.asarray(np.sqrt((offset**2).sum(axis=2)) - circles[:, 2, None])
 
 
-def _refine(
-    contrast: NDArray[np.float32], circles: NDArray[np.float64], params: DetectionParams
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Fit the circles (D, 3) to sub-pixel edges; with rms residuals (D,) and arc fractions (D,), 0 if unsupported."""
-    for _ in range(_PASSES - 1):
-        points, _, found = rim_edges(contrast, circles, params.rays)
-        fitted, _ = fit_circles(points, found.astype(np.float64), circles)
-        usable = (found.sum(axis=1) >= _MIN_POINTS) & _of_size(fitted, params)
-        circles = np.where(usable[:, None], fitted, circles)
-    points, visible, found = rim_edges(contrast, circles, params.rays)
-    fitted, _ = fit_circles(points, found.astype(np.float64), circles)
-    used = found & _near(points, found, fitted)
-    fitted, residual = fit_circles(points, used.astype(np.float64), fitted)
-    enough = used.sum(axis=1) >= np.maximum(_MIN_POINTS, params.min_support * visible.sum(axis=1))
-    return fitted, residual, np.where(enough, used.mean(axis=1), 0.0)
+class _Rims(NamedTuple):
+    """Circles (D, 3) fitted to sub-pixel edges, rms residuals (D,), and how much of each rim was seen."""
+
+    circles: NDArray[np.float64]
+    residual: NDArray[np.float64]
+    arc: NDArray[np.float64]  # (D,) share of the circumference that edge points support
+    support: NDArray[np.float64]  # (D,) the same of what can be seen of it
+    merit: NDArray[np.float64]  # (D,) mean fall of the contrast across the rim
+
+
+def _refine(contrast: NDArray[np.float32], circles: NDArray[np.float64], params: DetectionParams) -> _Rims:
+    """Fit the circles (D, 3) to their edges, twice: the second time the rays cross the edge squarely."""
+    rim = rim_edges(contrast, circles, params.rays)
+    fitted, _ = fit_circles(rim.points_px, rim.found.astype(np.float64), circles)
+    usable = (rim.found.sum(axis=1) >= _MIN_POINTS) & _of_size(fitted, params)
+    circles = np.where(usable[:, None], fitted, circles)
+    rim = rim_edges(contrast, circles, params.rays)
+    fitted, _ = fit_circles(rim.points_px, rim.found.astype(np.float64), circles)
+    used = rim.found & _near(rim.points_px, rim.found, fitted)
+    fitted, residual = fit_circles(rim.points_px, used.astype(np.float64), fitted)
+    support = used.sum(axis=1) / np.maximum(rim.visible.sum(axis=1), _MIN_POINTS)
+    return _Rims(fitted, residual, used.mean(axis=1), support, (used * rim.fall).mean(axis=1))
+
+
+def _best_discs(contrast: NDArray[np.float32], circles: NDArray[np.float64], params: DetectionParams) -> _Rims:
+    """Refine the circles and keep those that are discs, of several in one place the best."""
+    rims = _refine(contrast, circles, params)
+    discs = np.flatnonzero(_is_disc(rims, params))
+    best = discs[_best_apart(rims.circles[discs], rims.merit[discs])]
+    return _Rims(*(column[best] for column in rims))
+
+
+def _is_disc(rims: _Rims, params: DetectionParams) -> NDArray[np.bool_]:
+    return np.asarray(
+        _of_size(rims.circles, params)
+        & (rims.residual <= params.max_residual * rims.circles[:, 2])
+        & (rims.arc >= np.maximum(params.min_arc_fraction, _LEAST_ARC_PX / (2 * np.pi * rims.circles[:, 2])))
+        & (rims.support >= params.min_support)
+    )
 
 
 def _near(points: NDArray[np.float64], found: NDArray[np.bool_], circles: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -130,9 +149,9 @@ def _of_size(circles: NDArray[np.float64], params: DetectionParams) -> NDArray[n
 
 def _best_apart(circles: NDArray[np.float64], merit: NDArray[np.float64]) -> list[int]:
     """Indices of circles that do not overlap, best merit first: discs lie side by side."""
+    rivals = overlapping(circles, circles)
     kept: list[int] = []
     for i in np.argsort(-merit, kind="stable"):
-        apart = np.sqrt(((circles[kept, :2] - circles[i, :2]) ** 2).sum(axis=1))
-        if np.all(apart > _LEAST_SPACING * (circles[kept, 2] + circles[i, 2])):
+        if not rivals[i, kept].any():
             kept.append(int(i))
     return kept

@@ -1,14 +1,21 @@
-"""Sub-pixel edges: along rays from a disc's centre, where the contrast has fallen to half."""
+"""Sub-pixel edges: along rays from a disc's centre, where the contrast is halfway from the inside to the outside.
+
+Inside and outside are taken a little to either side of the rim, ray by ray: a disc may be shaded, and its surroundings
+lie in its shadow.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["RimEdges", "inner_contrast", "rim_edges"]
+__all__ = ["RimEdges", "inner_contrast", "overlapping", "rim_edges"]
 
 _REACH_PX = 3.0  # how far from the expected rim an edge is looked for
 _STEP_PX = 0.5
+_SIDE = 3  # samples to either side that tell inside and outside
+_LEAST_FALL = 0.25
+_LEAST_SPACING = 0.75  # of two discs' centres, relative to the sum of their radii
 _CLEARANCE_PX = 2.5  # a rim this close to another disc is blurred into it and is not used
 
 
@@ -18,6 +25,7 @@ class RimEdges(NamedTuple):
     points_px: NDArray[np.float64]  # (D, R, 2)
     visible: NDArray[np.bool_]  # (D, R) the ray ends in the image, and not beside another disc
     found: NDArray[np.bool_]  # (D, R) it is visible and has an edge
+    fall: NDArray[np.float64]  # (D, R) of the contrast there, grey levels; 0: no edge
 
 
 def inner_contrast(contrast: NDArray[np.float32], circles: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -32,8 +40,8 @@ def inner_contrast(contrast: NDArray[np.float32], circles: NDArray[np.float64]) 
 def rim_edges(contrast: NDArray[np.float32], circles: NDArray[np.float64], rays: int) -> RimEdges:
     """Find the edge of each circle (D, 3: x, y, radius) along `rays` directions.
 
-    The edge lies where the contrast, relative to the disc's own, crosses one half: linear between samples half a
-    pixel apart, the crossing nearest to the expected rim.
+    The edge lies where the contrast falls through the middle between inside and outside: linear between samples half a
+    pixel apart, the crossing nearest to the expected rim. A fall of less than a quarter of the disc's contrast is none.
     """
     height, width = contrast.shape
     angle = np.arange(rays) * (2 * np.pi / rays)
@@ -41,11 +49,15 @@ def rim_edges(contrast: NDArray[np.float32], circles: NDArray[np.float64], rays:
     offset = np.arange(-_REACH_PX, _REACH_PX + _STEP_PX / 2, _STEP_PX)
     along = circles[:, 2, None] + offset
     points = circles[:, None, None, :2] + along[:, None, :, None] * direction[None, :, None, :]
-    inside = inner_contrast(contrast, circles)
-    inside = np.where(np.abs(inside) < 1e-3, 1e-3, inside)
-    profile = _bilinear(contrast, points) / inside[:, None, None] - 0.5
+    level = inner_contrast(contrast, circles)
+    level = np.where(np.abs(level) < 1e-3, 1e-3, level)
+    relative = _bilinear(contrast, points) / level[:, None, None]
+    inside = relative[..., :_SIDE].mean(axis=2, keepdims=True)
+    outside = relative[..., -_SIDE:].min(axis=2, keepdims=True)
+    fall = np.maximum(inside - outside, _LEAST_FALL)
+    profile = (relative - 0.5 * (inside + outside)) / fall
 
-    falls = (profile[..., :-1] >= 0) & (profile[..., 1:] < 0)
+    falls = (profile[..., :-1] >= 0) & (profile[..., 1:] < 0) & (inside - outside >= _LEAST_FALL)
     drop = np.where(falls, profile[..., :-1] - profile[..., 1:], 1.0)
     crossing = offset[:-1] + _STEP_PX * profile[..., :-1] / drop
     closeness = np.where(falls, np.abs(crossing), np.inf)
@@ -58,7 +70,8 @@ def rim_edges(contrast: NDArray[np.float32], circles: NDArray[np.float64], rays:
     last = np.array([width - 1, height - 1])
     seen = ((points[:, :, -1] >= 0) & (points[:, :, -1] <= last)).all(axis=2)
     visible = seen & ~_beside_another(rim, circles)
-    return RimEdges(rim, visible, found & visible)
+    found &= visible
+    return RimEdges(rim, visible, found, np.where(found, fall[..., 0] * np.abs(level)[:, None], 0.0))
 
 
 def _blur_inset(
@@ -75,9 +88,16 @@ def _blur_inset(
 
 
 def _beside_another(rim: NDArray[np.float64], circles: NDArray[np.float64]) -> NDArray[np.bool_]:
-    gap = np.sqrt(((rim[:, :, None] - circles[None, None, :, :2]) ** 2).sum(axis=3)) - circles[:, 2]
-    own = np.eye(len(circles), dtype=bool)[:, None, :]
-    return np.asarray(((gap < _CLEARANCE_PX) & ~own).any(axis=2))
+    """Which points (D, R) of the rims are close to or in another disc; circles that overlap are rivals for one disc."""
+    gap = np.hypot(*(rim[:, :, None] - circles[:, :2]).transpose(3, 0, 1, 2)) - circles[:, 2]
+    beside = ~overlapping(circles, circles)[:, None, :]
+    return np.asarray(((gap < _CLEARANCE_PX) & beside).any(axis=2))
+
+
+def overlapping(some: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether circles (D, 3) and (E, 3) overlap by more than measurement makes discs do that touch, (D, E)."""
+    between = np.hypot(*(some[:, None, :2] - others[:, :2]).transpose(2, 0, 1))
+    return np.asarray(between <= _LEAST_SPACING * (some[:, None, 2] + others[:, 2]))
 
 
 def _bilinear(image: NDArray[np.float32], points: NDArray[np.float64]) -> NDArray[np.float64]:

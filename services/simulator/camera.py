@@ -17,9 +17,10 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from dynpf import rng
+from dynpf.vision.board import Board
 from dynpf.vision.projection import PlaneProjection
 
-__all__ = ["Camera", "CameraParams", "DrawnDisc", "calibration_pairs", "encode", "project", "render"]
+__all__ = ["Camera", "CameraParams", "DrawnDisc", "board_discs", "calibration_pairs", "encode", "project", "render"]
 
 Frame = NDArray[np.uint8]
 Level = Annotated[int, Meta(ge=0, le=255)]
@@ -55,6 +56,7 @@ class CameraParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     blur_sigma_px: Annotated[float, Meta(ge=0, le=3)] = 1.0
     noise_std: Annotated[float, Meta(ge=0, le=30)] = 2.0  # grey levels, each colour on its own
     jpeg_quality: Annotated[int, Meta(ge=1, le=100)] = 85
+    board: Board | None = None  # a calibration board, which lies alone on the table in the run's first frame
 
 
 class DrawnDisc(NamedTuple):
@@ -164,6 +166,11 @@ class Camera:
 def render(discs: Sequence[DrawnDisc], params: CameraParams, seed: int, tick: int) -> Frame:
     """Draw one frame (H, W, 3) BGR; what depends on `params` alone is kept from call to call."""
     return _camera(params).render(discs, seed, tick)
+
+
+def board_discs(board: Board, params: CameraParams) -> list[DrawnDisc]:
+    """Return the dots of a calibration board on the table, painted like the robot."""
+    return [DrawnDisc(x, y, radius, params.robot_colour) for x, y, radius in board.dots()]
 
 
 def encode(frame: Frame, params: CameraParams) -> bytes:

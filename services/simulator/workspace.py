@@ -17,7 +17,7 @@ from dynpf.rng import generator
 from protocol import frames
 from protocol.messages import Command, CompressedImage, PartsState, PartState, RobotState, timestamp
 from services.node import Output, Result, State, Step
-from services.simulator.camera import CameraParams, DrawnDisc, encode, render
+from services.simulator.camera import CameraParams, DrawnDisc, board_discs, encode, render
 from services.simulator.config import WorkspaceConfig
 from services.simulator.workspace_scene import draw_scene
 from services.task import NOISE, RearrangementTask, layout_of
@@ -139,6 +139,13 @@ class WorkspaceSimulator:
         return int(np.argmin(np.where(caught, gaps, np.inf))) if caught.any() else -1
 
     def _photograph(self, camera: CameraParams, step: Step) -> CompressedImage:
+        discs = self._discs(camera) if camera.board is None or self._ticks > 1 else board_discs(camera.board, camera)
+        frame = render(discs, camera, self._seed, step.tick)
+        return CompressedImage(
+            timestamp=timestamp(step.stamp_ns), frame_id=frames.CAMERA, data=encode(frame, camera), format="jpeg"
+        )
+
+    def _discs(self, camera: CameraParams) -> list[DrawnDisc]:
         x, y, theta = self._pose.tolist()
         hidden = self._hidden(self._ticks - 1)
         discs = [
@@ -146,11 +153,7 @@ class WorkspaceSimulator:
             for index, ((part_x, part_y), spec) in enumerate(zip(self._parts.tolist(), self._task.parts, strict=True))
             if index not in hidden
         ]
-        discs.append(DrawnDisc(x, y, self._task.robot_radius, camera.robot_colour, theta))
-        frame = render(discs, camera, self._seed, step.tick)
-        return CompressedImage(
-            timestamp=timestamp(step.stamp_ns), frame_id=frames.CAMERA, data=encode(frame, camera), format="jpeg"
-        )
+        return [*discs, DrawnDisc(x, y, self._task.robot_radius, camera.robot_colour, theta)]
 
     def _robot_state(self) -> RobotState:
         command = self._command

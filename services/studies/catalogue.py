@@ -17,6 +17,7 @@ _MODULES = {
     "parts-6": "parts_studies",
     "parts-bounds": "parts_studies",
     "parts-time": "parts_studies",
+    "parts-vision": "parts_vision",
 }
 
 

@@ -1,12 +1,13 @@
 """Parameters of the vision process."""
 
+from collections.abc import Sequence
 from typing import Annotated
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 
-from dynpf.vision import Calibration, DetectionParams, calibrate
+from dynpf.vision import Board, Calibration, DetectionParams, Disc, calibrate, find_board, to_full_px
 from services.simulator.camera import CameraParams, calibration_pairs
 
 __all__ = ["VisionConfig"]
@@ -26,17 +27,25 @@ class VisionConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     width_px: Side = 1280
     height_px: Side = 1024
     detection: DetectionParams = DetectionParams()
-    calibration: Annotated[tuple[Pair, ...], Meta(min_length=6)] = msgspec.field(default_factory=_default_pairs)
+    calibration: Annotated[tuple[Pair, ...], Meta(min_length=6)] | Board = msgspec.field(default_factory=_default_pairs)
+    """Known points as [u_px, v_px, x_m, y_m], or the board that the first frame shows (`simulator.camera.board`)."""
     position_noise_m: Annotated[float, Meta(ge=0.0)] | None = None
     """Standard deviation of Gaussian noise added to each coordinate: the measurement noise that PARTS assumes, which a
     sharp frame lacks. Absent: that of the task's noise; without a task, none."""
 
     def __post_init__(self) -> None:
         """Refuse calibration pairs that fix no map: CalibrationError, a ValueError."""
-        self.calibrated()
+        if not isinstance(self.calibration, Board):
+            self.calibrated()
 
-    def calibrated(self) -> Calibration:
-        """Return the map from pixels of the frame to the workspace."""
-        pairs = np.array(self.calibration)
+    def calibrated(self, board_discs: Sequence[Disc] = (), subsampling: int = 1) -> Calibration:
+        """Return the map from pixels of the frame to the workspace, from the pairs or the discs of a board in view.
+
+        The discs are those of the frame subsampled by ``subsampling``. Raises CalibrationError.
+        """
         centre_px = ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
+        if isinstance(self.calibration, Board):
+            small_px, points_m = find_board(board_discs, self.calibration)
+            return calibrate(to_full_px(small_px, subsampling), points_m, centre_px)
+        pairs = np.array(self.calibration)
         return calibrate(pairs[:, :2], pairs[:, 2:], centre_px)

@@ -1,13 +1,15 @@
 """The vision node: camera frames in, discs in workspace coordinates out."""
 
+from collections.abc import Sequence
 from typing import cast
 
 import cv2
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.rng import generator
-from dynpf.vision import detect_discs
+from dynpf.vision import Board, Calibration, CalibrationError, Disc, detect_discs
 from protocol.messages import CompressedImage, Detection, Detections, Log, LogLevel, timestamp
 from services.node import Output, Result, State, Step
 from services.vision.config import VisionConfig
@@ -25,10 +27,10 @@ class BrokenFrameError(ValueError):
 
 
 class VisionNode:
-    """Looks for discs in the newest frame of each step. Keeps nothing from one step to the next.
+    """Looks for discs in the newest frame of each step. Keeps nothing from one step to the next but the calibration.
 
-    A frame that cannot be used gives an empty list of discs and a warning on `log`; a step without a frame gives
-    nothing.
+    With a board in its configuration it calibrates itself from the first frame that shows one, and tells so on `log`. A
+    frame that cannot be used gives an empty list of discs and a warning; a step without a frame gives nothing.
     """
 
     name = "vision"
@@ -38,48 +40,49 @@ class VisionNode:
     def __init__(self, *, config: VisionConfig, seed: int) -> None:
         self._config = config
         self._seed = seed
-        self._calibration = config.calibrated()
+        self._calibration = None if isinstance(config.calibration, Board) else config.calibrated()
 
     def step(self, step: Step) -> Result:
         frames = [item for item in step.inputs if isinstance(item.message, CompressedImage)]
         if not frames:
             return Result()
         newest = max(frames, key=lambda item: item.stamp_ns).message
+        said: tuple[Output, ...] = ()
+        placed: tuple[Detection, ...] = ()
         try:
-            detections = self._detect(cast(CompressedImage, newest).data, step.number)
-        except BrokenFrameError as error:
-            warning = Log(
-                timestamp=timestamp(step.stamp_ns),
-                level=LogLevel.WARNING,
-                message=f"camera/image of tick {step.tick}: {error}",
-                name=self.name,
-            )
-            return Result((Output("vision/detections", Detections(discs=())), Output("log", warning)))
-        return Result((Output("vision/detections", detections),))
+            discs = detect_discs(self._decode(cast(CompressedImage, newest).data), self._config.detection)
+            if self._calibration is None:
+                self._calibration = self._config.calibrated(discs, SUBSAMPLING)
+                said = (self._said(LogLevel.INFO, f"calibrated: {self._calibration.rms_px:.3f} px rms", step),)
+            else:
+                placed = self._placed(discs, self._calibration, step.number)
+        except (BrokenFrameError, CalibrationError) as error:
+            said = (self._said(LogLevel.WARNING, f"camera/image of tick {step.tick}: {error}", step),)
+        return Result((Output("vision/detections", Detections(discs=placed)), *said))
 
     def freeze(self) -> State:
-        return {}
+        return {"calibration": msgspec.to_builtins(self._calibration)}
 
     def thaw(self, state: State) -> None:
-        """Take back a state of `freeze`, which is always empty."""
+        self._calibration = msgspec.convert(state["calibration"], Calibration | None)
 
-    def _detect(self, data: bytes, number: int) -> Detections:
-        discs = detect_discs(self._decode(data), self._config.detection)
+    def _said(self, level: LogLevel, message: str, step: Step) -> Output:
+        return Output("log", Log(timestamp=timestamp(step.stamp_ns), level=level, message=message, name=self.name))
+
+    def _placed(self, discs: Sequence[Disc], calibration: Calibration, number: int) -> tuple[Detection, ...]:
         if len(discs) > MAX_DISCS:
             raise BrokenFrameError(f"{len(discs)} discs found, at most {MAX_DISCS} can be told")
-        placed = self._calibration.discs_to_workspace(discs, SUBSAMPLING)
+        placed = calibration.discs_to_workspace(discs, SUBSAMPLING)
         noise = self._noise(len(discs), number)
-        return Detections(
-            discs=tuple(
-                Detection(
-                    x=place.x + dx,
-                    y=place.y + dy,
-                    radius=place.radius,
-                    grey=disc.grey,
-                    residual=disc.residual_px * place.radius / disc.radius_px,
-                )
-                for disc, place, (dx, dy) in zip(discs, placed, noise.tolist(), strict=True)
+        return tuple(
+            Detection(
+                x=place.x + dx,
+                y=place.y + dy,
+                radius=place.radius,
+                grey=disc.grey,
+                residual=disc.residual_px * place.radius / disc.radius_px,
             )
+            for disc, place, (dx, dy) in zip(discs, placed, noise.tolist(), strict=True)
         )
 
     def _decode(self, data: bytes) -> NDArray[np.uint8]:

@@ -26,6 +26,7 @@ TICKS = {
     "colon-case-5": 11,
     "colon-own-maps": 11,
     "parts-3-disturbed": 110,
+    "parts-3-lens": 6,
 }
 CASES = [(name, node) for name in TICKS for node in load_scenario(name).nodes]
 

@@ -2,12 +2,14 @@
 
 import math
 
+import cv2
 import msgspec
 import numpy as np
 import pytest
 
 from dynpf.rng import generator
-from protocol.messages import Command
+from dynpf.vision import Board, DetectionParams, detect_discs
+from protocol.messages import Command, CompressedImage
 from services.node import Received, Step, state_digest
 from services.simulator.camera import CameraParams
 from services.simulator.config import Hiding, Intervention, WorkspaceConfig
@@ -200,3 +202,14 @@ def test_a_disturbed_part_has_to_exist():
     config = msgspec.structs.replace(QUIET, hidings=(Hiding(tick=1, ticks=2, part=1),))
     with pytest.raises(ValueError, match="part 1 shall be moved or hidden; the task has parts 0 to 0"):
         simulator(task((0.4, 0.0)), config)
+
+
+def test_the_board_lies_on_the_table_in_the_first_frame_alone():
+    camera = CameraParams(board=Board())
+    node = simulator(task((0.5, 0.3)), WorkspaceConfig(camera=camera))
+    frames = []
+    for tick in range(3):
+        messages = [output.message for output in node.step(Step(tick, tick, tick * 50_000_000, ())).outputs]
+        data = next(message.data for message in messages if isinstance(message, CompressedImage))
+        frames.append(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_4))
+    assert [len(detect_discs(frame, DetectionParams())) for frame in frames] == [49, 2, 2]

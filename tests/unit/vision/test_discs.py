@@ -11,6 +11,7 @@ from hypothesis.extra import numpy as arrays
 
 from dynpf import rng
 from dynpf.vision import DetectionParams, Disc, detect_discs, subsample, to_full_px
+from services.studies.disc_scenes import KINDS, draw_scene, score
 
 SMARTIES = Path(__file__).parents[3] / "../shared/data/images/opencv_smarties.png"
 OVERSAMPLING = 8
@@ -156,12 +157,46 @@ def test_subsampling_keeps_places() -> None:
     assert (*centre, 4 * disc.radius_px) == pytest.approx((201.3, 138.6, 40.0), abs=0.12)
 
 
-def test_a_photograph_of_sweets() -> None:
+TURNS = {
+    "as it is": lambda grey: grey,
+    "upside down": lambda grey: grey[::-1],
+    "on its side": np.rot90,
+    "light on dark": lambda grey: 255 - grey,
+}
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_a_photograph_of_sweets(turn: str) -> None:
     if not SMARTIES.exists():
         pytest.skip(f"no photograph at {SMARTIES}")
     grey = cv2.imread(str(SMARTIES), cv2.IMREAD_GRAYSCALE)
     assert grey is not None
-    discs = detect_discs(np.asarray(grey, np.uint8), DetectionParams(min_radius_px=6))
-    # 14 by eye, of which one shows a quarter in the corner; all of one size
-    assert len(discs) >= 13
-    assert all(24 < disc.radius_px < 29 for disc in discs)
+    discs = detect_discs(np.ascontiguousarray(TURNS[turn](np.asarray(grey, np.uint8))), DetectionParams())
+    assert len(discs) == 14  # by eye: two touch, and three are cut, of which one shows a quarter in the corner
+    assert all(24 < disc.radius_px < 30.5 for disc in discs)  # they are of one size
+    assert sum(disc.arc_fraction < 0.5 for disc in discs) == 2
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_finds_the_discs_of_drawn_scenes_and_invents_none(kind: str) -> None:
+    scenes = [draw_scene(kind, 3, number) for number in range(5)]
+    scores = [score(scene, detect_discs(scene.image, DetectionParams())) for scene in scenes]
+    found = np.concatenate([one.found for one in scores])
+    errors = np.concatenate([one.centre_error_px for one in scores])[found]
+    cut = np.concatenate([scene.cut for scene in scenes])
+    assert found[~cut].all()
+    assert found[cut].mean() > 0.8  # of some there is a sliver left, and a neighbour touches that
+    assert sum(one.invented for one in scores) == 0
+    assert np.sqrt((errors**2).mean()) < (0.25 if kind == "photograph" else 0.08)
+    assert sum(int(scene.touching.sum()) for scene in scenes) >= 8
+    assert sum(int(scene.cut.sum()) for scene in scenes) >= 4
+
+
+def test_a_disc_in_another_place_or_of_another_size_does_not_count() -> None:
+    scene = draw_scene("both", 3, 0)
+    x, y, radius = (float(value) for value in scene.discs[0])
+    for wrong in (Disc(x + 0.3 * radius, y, radius, 50.0, 0.0, 1.0), Disc(x, y, 0.7 * radius, 50.0, 0.0, 1.0)):
+        assert score(scene, (wrong,)).invented == 1
+    right = Disc(x, y, radius, 50.0, 0.0, 1.0)
+    assert score(scene, (right, right)).invented == 1
+    assert int(score(scene, (right, right)).found.sum()) == 1

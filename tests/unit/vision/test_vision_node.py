@@ -5,9 +5,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from dynpf.vision import Board
 from protocol.messages import CompressedImage, Detections, Log, Message, timestamp
-from services.node import Received, Step
-from services.simulator.camera import CameraParams, DrawnDisc, encode, render
+from services.node import Received, Step, decode_state, encode_state
+from services.simulator.camera import CameraParams, DrawnDisc, board_discs, encode, render
 from services.vision.config import VisionConfig
 from services.vision.node import VisionNode
 
@@ -47,6 +48,27 @@ def test_sees_every_disc_in_its_place() -> None:
     assert robot.grey < 1.5 * max(disc.grey for disc in detections.discs)
     assert all(0 < disc.residual < 1e-3 for disc in detections.discs)
     assert others == ()
+
+
+def test_calibrates_itself_from_the_board_and_goes_on_when_thawed() -> None:
+    camera = CameraParams(radial_distortion=-0.15, rotation_rad=1.6, board=Board())
+    board = encode(render(board_discs(Board(), camera), camera, seed=4, tick=0), camera)
+    scene = encode(render(SCENE, camera, seed=4, tick=1), camera)
+    node = node_of(VisionConfig(calibration=Board()))
+    assert "too few for a board" in str(seen(node, step_with(scene))[1])
+    detections, (said,) = seen(node, step_with(board))
+    assert detections.discs == ()
+    assert "calibrated" in str(said)
+    other = node_of(VisionConfig(calibration=Board()))
+    other.thaw(decode_state(encode_state(node.freeze())))
+    found, quiet = seen(other, step_with(scene))
+    assert quiet == ()
+    truth = sorted((disc.radius_m, disc.x_m, disc.y_m) for disc in SCENE)
+    assert sorted((disc.radius, disc.x, disc.y) for disc in found.discs) == [
+        pytest.approx(one, abs=6e-4) for one in truth
+    ]
+    straight, _ = seen(node_of(), step_with(scene))  # calibrated for another camera
+    assert min(np.hypot(disc.x - SCENE[2].x_m, disc.y - SCENE[2].y_m) for disc in straight.discs) > 0.1
 
 
 def test_a_png_frame_is_as_good() -> None:
