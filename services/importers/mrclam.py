@@ -27,7 +27,7 @@ from services.importers.log import ImportedLog, ImportSummary, Record, Span
 from services.importers.text import LFS_POINTER, finite_number, seconds_to_ns, whole_number
 from services.task import Landmark
 
-__all__ = ["MrclamTexts", "TextFile", "import_mrclam", "parse_mrclam"]
+__all__ = ["MrclamTexts", "TextFile", "import_mrclam", "parse_mrclam", "robots_in"]
 
 ROBOTS = range(1, 6)
 MAX_READINGS = 256  # of one LandmarkReadings message
@@ -86,16 +86,29 @@ def import_mrclam(folder: Path, robot: int | None = None, *, robots: bool = Fals
     return parse_mrclam(MrclamTexts(*texts[: len(names)]), source=folder.name, robot=number, moving=moving)
 
 
-def _choose(folder: Path, robot: int | None) -> tuple[str, int | None]:
-    """Return the prefix of the robot's files, and its number unless the folder's single robot has none."""
-    if not folder.is_dir():
-        raise ImportFailedError(f"{folder}: no such folder; expected one with the tables of a MRCLAM data set")
-    found = {
+def robots_in(folder: Path) -> list[int]:
+    """Return the numbers of the robots in a data set, none where its one robot has no number."""
+    return sorted(_robots(_prefixes(folder)))
+
+
+def _prefixes(folder: Path) -> set[str]:
+    return {
         path.name.partition("Odometry.dat")[0]
         for path in folder.glob("*Odometry.dat*")
         if path.suffix in (".dat", ".xz")
     }
-    robots = {int(match[1]): prefix for prefix in found if (match := _ROBOT_PREFIX.match(prefix))}
+
+
+def _robots(prefixes: Iterable[str]) -> dict[int, str]:
+    return {int(match[1]): prefix for prefix in prefixes if (match := _ROBOT_PREFIX.match(prefix))}
+
+
+def _choose(folder: Path, robot: int | None) -> tuple[str, int | None]:
+    """Return the prefix of the robot's files, and its number unless the folder's single robot has none."""
+    if not folder.is_dir():
+        raise ImportFailedError(f"{folder}: no such folder; expected one with the tables of a MRCLAM data set")
+    found = _prefixes(folder)
+    robots = _robots(found)
     if not found:
         raise ImportFailedError(f"{folder}: no file named Robot1_Odometry.dat or *Odometry.dat, nor .xz of it")
     if not robots:
