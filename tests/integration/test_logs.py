@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from services.recording.reader import read_recording
 from tests.integration.processes import DATA
 
 TICKS = 120
@@ -48,3 +49,22 @@ def test_bus_inline_and_replay_are_the_same(laser_log, tmp_path, dynpf, here):
     counts = json.loads(here("diff", inline, again, "--json").out)["counts"]
     assert records
     assert all(counts[name]["a"] == counts[name]["b"] and not counts[name]["differ"] for name in records)
+
+
+def test_a_log_played_at_a_tenth_at_once_and_as_fast_as_it_goes_gives_the_same_estimates(log, tmp_path, dynpf, here):
+    runs = {}
+    for rate in (0.1, 1.0, None):
+        path = tmp_path / f"{rate}.mcap"
+        words = ["landmark-mrclam", "--log", log, "--set", "max_ticks=6", "--set", "estimator.n=100", "-o", path]
+        runs[path] = dynpf("run", *words, *([] if rate is None else ["--set", f"rate={rate}"])), rate
+    for path, (run, rate) in runs.items():
+        assert run.wait() == 0, run.stderr
+        recording = read_recording(path)
+        records = [one for one in recording.messages("estimator/state")]
+        assert len(records) == 6
+        if rate is not None:  # that much the clock on the wall must have gone on, at the least
+            passed_ns = records[-1].publish_ns - records[0].publish_ns
+            assert passed_ns > 0.9 * (records[-1].stamp_ns - records[0].stamp_ns) / rate - 0.05e9
+    first, *others = runs
+    for other in others:
+        assert json.loads(here("diff", first, other, "--json").out)["same"]
