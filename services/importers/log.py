@@ -37,6 +37,7 @@ class ImportSummary(msgspec.Struct, frozen=True, kw_only=True):
     dropped_robots: int  # readings of other robots that were not
     dropped_unknown_barcodes: int  # readings of barcodes that no table has
     dropped_unmapped: int  # readings of landmarks without a surveyed position
+    clock_backwards: int  # rows older than the one before them in their table; they are put in order of time
     reference_gaps: tuple[Span, ...]
     heading_faults: tuple[Span, ...]
 

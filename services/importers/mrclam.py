@@ -166,6 +166,9 @@ def parse_mrclam(
     ):
         if not rows and not problems:
             problems.append(f"{name}: holds no record")
+    late = sum(
+        later.stamp_ns < before.stamp_ns for rows in (odometry, measurements, references) for before, later in pairwise(rows)
+    )
     ids = [landmark.id for landmark in landmarks]
     problems += [
         f"{texts.barcodes.name}: barcode {code} has two subjects" for code in _twice(code for code, _ in pairs)
@@ -203,6 +206,7 @@ def parse_mrclam(
         dropped_unmapped=sum(
             row.subject is not None and row.subject not in ROBOTS and row.subject not in mapped for row in known
         ),
+        clock_backwards=late,
         reference_gaps=tuple(_since(start, first, last) for first, last in gaps),
         heading_faults=tuple(_since(start, first, last) for first, last in faults),
     )
