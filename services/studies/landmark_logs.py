@@ -109,15 +109,17 @@ def opened(path: str, robot: int | None) -> LandmarkLog:
 def stretches(log: LandmarkLog, count: int, length: float) -> list[Stretch]:
     """Return stretches of ``length`` seconds whose starts are spread evenly over the log.
 
-    Each starts at the first moment from there at which the reference has no gap and its heading is good.
+    They are spread over the poses of the reference whose heading is good and that follow no gap.
     """
     stamps = log.truth.stamps
     begin, end = max(log.start_ns * 1e-9, stamps[0]), min(log.records[-1].stamp_ns * 1e-9, stamps[-1])
     good = log.heading_valid & (np.diff(stamps, prepend=stamps[0]) <= GAP_S)
+    good &= (stamps >= begin) & (stamps <= max(end - length, begin + 1.0))
+    places = np.flatnonzero(good)
+    if places.size < count:
+        raise UsageError(f"{log.name}: its reference has no {count} places from which to start {length:g} s; take fewer")
     found = []
-    for k in range(count):
-        due = begin + k / count * max(end - begin - length, 0.0)
-        place = int(np.flatnonzero(good & (stamps >= due))[0])
+    for place in places[np.arange(count) * places.size // count].tolist():
         first = float(stamps[place]) - log.start_ns * 1e-9
         x, y, theta = log.truth.poses[:, place].tolist()
         found.append(Stretch(first, first + length, (x, y, theta)))
