@@ -42,9 +42,7 @@ def follow_arcs(x, y, theta, noise, length, turn, sigma_along, sigma_turn, sigma
 
 
 @kernel
-def follow_own_arcs(
-    x, y, theta, lengths, turns, noise, sigma_along, sigma_turn, sigma_across, new_x, new_y, new_theta
-):
+def follow_own_arcs(x, y, theta, lengths, turns, noise, sigma_along, sigma_turn, sigma_across, new_x, new_y, new_theta):
     """Move as ``follow_arcs`` does, each particle along an arc of its own, ``lengths`` and ``turns`` (N,)."""
     sigma_along, sigma_turn, sigma_across = _f(sigma_along), _f(sigma_turn), _f(sigma_across)
     for i in range(x.size):

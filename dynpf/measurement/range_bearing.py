@@ -34,8 +34,8 @@ class RangeBearingReadings(NamedTuple):
 
     def only(self, kept: NDArray[np.bool_]) -> "RangeBearingReadings":
         """Return the readings for which ``kept`` (K,) is true."""
-        places = None if self.places is None else self.places[:, kept]
-        return RangeBearingReadings(*(np.asarray(values)[kept] for values in self[:3]), places)
+        landmarks, ranges, bearings = (np.asarray(values)[kept] for values in self[:3])
+        return RangeBearingReadings(landmarks, ranges, bearings, None if self.places is None else self.places[:, kept])
 
 
 class RangeBearingParams(
@@ -283,7 +283,7 @@ def _moving(reading: RangeBearingReadings) -> NDArray[np.bool_]:
     """Return of which readings the landmark moves, (K,)."""
     if reading.places is None:
         return np.zeros(len(reading.ranges), dtype=np.bool_)
-    return np.isfinite(reading.places).all(axis=0)
+    return np.asarray(np.isfinite(reading.places).all(axis=0), dtype=np.bool_)
 
 
 def _arrays(reading: RangeBearingReadings) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:

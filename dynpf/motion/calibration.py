@@ -31,8 +31,8 @@ __all__ = [
 ]
 
 TURN_SCALE, WAY_SCALE, BEARING_BIAS, RANGE_SCALE, LAG = 3, 4, 5, 6, 7
-"""Rows of a particle: true over odometry's turning rate, and speed; what is added to every bearing (rad), and what
-multiplies every range that is read; and, if wanted, how much later than expected the robot does as odometry says (s)."""
+"""Rows of a particle: true over odometry's turning rate, and speed; what is added to each bearing (rad), and what
+multiplies each range that is read; and, if wanted, how much later than expected the robot does as odometry says (s)."""
 
 _HELD = slice(8, 10)  # with a lag: speed (m/s) and turning rate (rad/s) that held before
 _NOMINAL = np.array([1.0, 1.0, 0.0, 1.0])

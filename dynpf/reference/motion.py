@@ -21,9 +21,7 @@ def follow_arcs(particles: Floats, noise: Floats, motion: Numbers, sigmas: Numbe
     return _slipping_arc(particles, noise, length, np.full(particles.shape[1], turn), sigmas)
 
 
-def follow_own_arcs(
-    particles: Floats, lengths: Floats, turns: Floats, noise: Floats, sigmas: Numbers
-) -> FloatArray:
+def follow_own_arcs(particles: Floats, lengths: Floats, turns: Floats, noise: Floats, sigmas: Numbers) -> FloatArray:
     """Return poses after arcs of each particle's own length and turn."""
     return _slipping_arc(particles, noise, lengths, turns, sigmas)
 
@@ -57,7 +55,9 @@ def move_capsule(particles: Floats, noise: Floats, motion: Numbers, sigmas: Numb
     )
 
 
-def _slipping_arc(particles: Floats, noise: Floats, length: float, turn: Floats, sigmas: Numbers) -> FloatArray:
+def _slipping_arc(
+    particles: Floats, noise: Floats, length: float | Floats, turn: Floats, sigmas: Numbers
+) -> FloatArray:
     sigma_along, sigma_turn, sigma_across = sigmas
     turns = turn + sigma_turn * noise[1]
     x, y = _arc_end(particles, length + sigma_along * noise[0], turns)

@@ -203,7 +203,11 @@ def _mrclam_in_words(summary: "ImportSummary", output: Path) -> str:
         f"  reference poses   {summary.references}",
         f"  landmarks         {summary.landmarks}",
         f"  readings dropped  {dropped}",
-        *([f"  put in order      {summary.clock_backwards} rows whose clock went back"] if summary.clock_backwards else []),
+        *(
+            [f"  put in order      {summary.clock_backwards} rows whose clock went back"]
+            if summary.clock_backwards
+            else []
+        ),
         f"  reference gaps    {_spans(summary.reference_gaps)}",
         f"  heading at fault  {_spans(summary.heading_faults)}",
     ]

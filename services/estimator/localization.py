@@ -158,7 +158,9 @@ class LocalizationEstimator:
                 case HostEvent() as gap:
                     self._logs.append(gap_warning(gap, step.stamp_ns))
                 case LandmarkReadings(readings=readings):
-                    self._logs += self._unknown_landmarks(received, [one.landmark for one in readings if one.x is UNSET])
+                    self._logs += self._unknown_landmarks(
+                        received, [one.landmark for one in readings if one.x is UNSET]
+                    )
             if received.topic in self._kinds:
                 kind = self._kinds[received.topic]
                 self._pending.append(reading_of(received.message, kind, **self._scanner))

@@ -3,7 +3,7 @@
 A data set is a folder of text tables: Barcodes, Landmark_Groundtruth, and for each robot Odometry, Measurement and
 Groundtruth, named ``Robot1_Odometry.dat`` and so on; or of a single robot, under any other prefix or none. Each may
 be compressed, as ``.dat.xz``. A measurement names a barcode, which the table of barcodes turns into a subject: subjects
-1 to 5 are robots, the others landmarks. Robots can be taken for landmarks that move: the reference tells where they were.
+1 to 5 are robots, the others landmarks. Robots can be taken for landmarks that move: references tell where they were.
 """
 
 import lzma
@@ -71,7 +71,9 @@ def import_mrclam(folder: Path, robot: int | None = None, *, robots: bool = Fals
         f"{prefix}Groundtruth",
     )
     if robots and number is None:
-        raise ImportFailedError(f"{folder}: its one robot has no number, so the others' references cannot be told apart")
+        raise ImportFailedError(
+            f"{folder}: its one robot has no number, so the others' references cannot be told apart"
+        )
     others = [one for one in ROBOTS if robots and one != number]
     texts: list[TextFile] = []
     problems: list[str] = []
@@ -166,9 +168,8 @@ def parse_mrclam(
     ):
         if not rows and not problems:
             problems.append(f"{name}: holds no record")
-    late = sum(
-        later.stamp_ns < before.stamp_ns for rows in (odometry, measurements, references) for before, later in pairwise(rows)
-    )
+    tables: tuple[Sequence[Record | _Measurement], ...] = (odometry, measurements, references)
+    late = sum(later.stamp_ns < before.stamp_ns for rows in tables for before, later in pairwise(rows))
     ids = [landmark.id for landmark in landmarks]
     problems += [
         f"{texts.barcodes.name}: barcode {code} has two subjects" for code in _twice(code for code, _ in pairs)

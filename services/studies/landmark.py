@@ -5,7 +5,7 @@ Positions are scored at 10 Hz, where the reference has no gap; headings where th
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple, get_args
 
@@ -14,10 +14,9 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, RangeBearingReadings
 from dynpf.maps.landmarks import LandmarkMap
+from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, RangeBearingReadings
 from dynpf.metrics.trajectory import pose_errors, score
-from services.errors import UsageError
 from services.studies.landmark_figures import draw
 from services.studies.landmark_logs import (
     Change,
@@ -185,10 +184,11 @@ def _overrides(task: Task, log: LandmarkLog) -> list[str]:
     chosen = [f"estimator.n={task.n}", *task.overrides]
     if task.start == "unknown":
         (west, south), (east, north) = (
-            (bound([mark.x for mark in log.landmarks]), bound([mark.y for mark in log.landmarks])) for bound in (min, max)
+            (bound([mark.x for mark in log.landmarks]), bound([mark.y for mark in log.landmarks]))
+            for bound in (min, max)
         )
         box = f"{{x_min={west},x_max={east},y_min={south},y_max={north}}}"
-        chosen.append(f"estimator.start={{kind=\"from_readings\",base={{box={box}}}}}")
+        chosen.append(f'estimator.start={{kind="from_readings",base={{box={box}}}}}')
     return chosen
 
 
@@ -234,7 +234,8 @@ def _found(log: LandmarkLog, run: Run) -> NDArray[np.bool_]:
     stamps = run.estimate.stamps
     last = np.searchsorted(stamps, stamps + HOLD_S, side="right")
     total = np.concatenate([[0], np.cumsum(far)])
-    return (total[last] == total[:-1]) & (run.readings > 0) & (stamps + HOLD_S <= stamps[-1])
+    found: NDArray[np.bool_] = (total[last] == total[:-1]) & (run.readings > 0) & (stamps + HOLD_S <= stamps[-1])
+    return found
 
 
 def _expectations(log: LandmarkLog) -> Iterator[Sample]:

@@ -14,7 +14,7 @@ from dynpf.metrics.trajectory import Trajectory
 from protocol.codec import decode
 from protocol.messages import Estimate, LandmarkReadings, PoseInFrame, RobotState, heading
 from services.errors import UsageError
-from services.importers.log import ImportedLog, Record
+from services.importers.log import Record
 from services.importers.mrclam import import_mrclam, robots_in
 from services.node import Received, Step
 from services.nodes import build_node
@@ -22,8 +22,18 @@ from services.played_log import PlayedLog
 from services.scenario import LogFacts, load_scenario
 from services.task import Landmark
 
-__all__ = ["LandmarkLog", "Run", "Stretch", "datasets", "every_second_landmark", "follow", "nearest_past", "opened",
-    "stretches", "withheld"]
+__all__ = [
+    "LandmarkLog",
+    "Run",
+    "Stretch",
+    "datasets",
+    "every_second_landmark",
+    "follow",
+    "nearest_past",
+    "opened",
+    "stretches",
+    "withheld",
+]
 
 SCENARIO = "landmark-mrclam"
 PERIOD_NS = 10**8  # the estimator is asked for its estimate at the end of each tenth of a second
@@ -89,21 +99,20 @@ def datasets(paths: Sequence[str], robot: int | None) -> list[tuple[str, int | N
 def opened(path: str, robot: int | None) -> LandmarkLog:
     """Return a log; raises ImportFailedError, RecordingError or UsageError where there is none to be used."""
     if Path(path).is_dir():
-        log = import_mrclam(Path(path), robot)
+        whole, landmarks, _ = import_mrclam(Path(path), robot)
     else:
         played = PlayedLog(Path(path))
-        records = (Record(one.topic, one.stamp_ns, decode(one.topic, one.payload)) for one in played.records)
-        marks = tuple(msgspec.convert(played.facts.landmarks, list[Landmark]))
-        log = ImportedLog(tuple(records), marks, None)  # type: ignore[arg-type]
-    poses = [(one.stamp_ns, one.message) for one in log.records if isinstance(one.message, RobotState)]
-    records = tuple(one for one in log.records if one.topic in ("log/odometry", "log/landmarks"))
+        whole = tuple(Record(one.topic, one.stamp_ns, decode(one.topic, one.payload)) for one in played.records)
+        landmarks = tuple(msgspec.convert(played.facts.landmarks, list[Landmark]))
+    poses = [(one.stamp_ns, one.message) for one in whole if isinstance(one.message, RobotState)]
+    records = tuple(one for one in whole if one.topic in ("log/odometry", "log/landmarks"))
     if len(poses) < 2 or not any(isinstance(one.message, LandmarkReadings) for one in records):
         raise UsageError(f"{path}: has no landmark readings with a reference to score against")
     truth = Trajectory(
         np.array([stamp for stamp, _ in poses]) * 1e-9, np.array([(one.x, one.y, one.theta) for _, one in poses]).T
     )
     name = Path(path).stem if robot is None else f"{Path(path).stem} robot {robot}"
-    return LandmarkLog(name, records, truth, np.array([one.heading_valid for _, one in poses]), log.landmarks)
+    return LandmarkLog(name, records, truth, np.array([one.heading_valid for _, one in poses]), landmarks)
 
 
 def stretches(log: LandmarkLog, count: int, length: float) -> list[Stretch]:
@@ -117,7 +126,9 @@ def stretches(log: LandmarkLog, count: int, length: float) -> list[Stretch]:
     good &= (stamps >= begin) & (stamps <= max(end - length, begin + 1.0))
     places = np.flatnonzero(good)
     if places.size < count:
-        raise UsageError(f"{log.name}: its reference has no {count} places from which to start {length:g} s; take fewer")
+        raise UsageError(
+            f"{log.name}: its reference has no {count} places from which to start {length:g} s; take fewer"
+        )
     found = []
     for place in places[np.arange(count) * places.size // count].tolist():
         first = float(stamps[place]) - log.start_ns * 1e-9
@@ -126,7 +137,9 @@ def stretches(log: LandmarkLog, count: int, length: float) -> list[Stretch]:
     return found
 
 
-def follow(log: LandmarkLog, stretch: Stretch, seed: int, overrides: Sequence[str], change: Change | None = None) -> Run:
+def follow(
+    log: LandmarkLog, stretch: Stretch, seed: int, overrides: Sequence[str], change: Change | None = None
+) -> Run:
     """Return what the estimator of the scenario makes of a stretch, its settings overridden as on the command line.
 
     It is the node that runs on the bus, given the same records; only the steps are tenths of a second, so that not
@@ -175,10 +188,9 @@ def withheld(count: int) -> Change:
             if isinstance(record.message, LandmarkReadings) and left > 0:
                 rest = record.message.readings[left:]
                 left -= len(record.message.readings)
-                if not rest:
-                    continue
-                record = record._replace(message=LandmarkReadings(readings=rest))
-            kept.append(record)
+                kept += [record._replace(message=LandmarkReadings(readings=rest))] if rest else []
+            else:
+                kept.append(record)
         return kept
 
     return change

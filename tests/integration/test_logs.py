@@ -60,7 +60,7 @@ def test_a_log_played_at_a_tenth_at_once_and_as_fast_as_it_goes_gives_the_same_e
     for path, (run, rate) in runs.items():
         assert run.wait() == 0, run.stderr
         recording = read_recording(path)
-        records = [one for one in recording.messages("estimator/state")]
+        records = list(recording.messages("estimator/state"))
         assert len(records) == 6
         if rate is not None:  # that much the clock on the wall must have gone on, at the least
             passed_ns = records[-1].publish_ns - records[0].publish_ns

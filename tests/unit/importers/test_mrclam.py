@@ -102,7 +102,9 @@ def test_other_robots_are_landmarks_that_move_where_their_reference_has_them(
     paths["Robot2_Groundtruth__dat"] = "100.1 1.0 2.0 0\n100.2 3.0 1.0 0\n101.0 5.0 5.0 0\n"
     source = folder(tmp_path, Robot1_Measurement__dat=seen, **paths)
     log = import_mrclam(source, 1, robots=True)
-    found = [one for record in log.records if isinstance(record.message, LandmarkReadings) for one in record.message.readings]
+    found = [
+        one for record in log.records if isinstance(record.message, LandmarkReadings) for one in record.message.readings
+    ]
     assert found == [
         LandmarkReading(landmark=2, range=1.0, bearing=0.0, x=1.0, y=2.0),
         LandmarkReading(landmark=2, range=1.0, bearing=0.1, x=pytest.approx(2.0), y=pytest.approx(1.5)),
@@ -114,7 +116,7 @@ def test_other_robots_are_landmarks_that_move_where_their_reference_has_them(
     assert main(["import", "mrclam", str(source), "--robot", "1", "--robots", "-o", str(tmp_path / "log.mcap")]) == 0
     assert "of other robots   2" in capsys.readouterr().out
     (source / "Robot3_Groundtruth.dat").unlink()
-    with pytest.raises(ImportFailedError, match="Robot3_Groundtruth.dat: no such file"):
+    with pytest.raises(ImportFailedError, match=r"Robot3_Groundtruth\.dat: no such file"):
         import_mrclam(source, 1, robots=True)
 
 

@@ -1,4 +1,4 @@
-"""The study of LANDMARK's experiments: its runs are the scenario's, its starts differ, its rows are as scripts expect."""
+"""The study of LANDMARK: its runs are the scenario's, its starts differ, its rows are as scripts expect."""
 
 import json
 from collections.abc import Sequence
@@ -68,9 +68,7 @@ def test_a_run_of_the_study_is_the_scenario_s_run(tmp_path: Path) -> None:
     calibration = ["--set", "estimator.calibration={}", "--set", "estimator.calibration.turn_scale_sigma=1e-6"]
     assert main(["run", *words, "--set", kalman, *start, *calibration, "-o", str(run)]) == 0
     recording = read_recording(run)
-    by_stamp = {
-        one.stamp_ns: decode(one.topic, one.payload) for one in recording.messages("estimator/state")
-    }
+    by_stamp = {one.stamp_ns: decode(one.topic, one.payload) for one in recording.messages("estimator/state")}
     found = opened(str(log), None)
     overrides = [kalman, *start[1::2], *calibration[1::2]]
     x, y, theta = found.truth.poses[:, 0].tolist()
@@ -96,7 +94,7 @@ def test_each_trial_starts_at_another_place_whose_reference_is_good() -> None:
     for way in ways:
         assert not 757.0 < way.first < 834.0
         assert not 991.5 < way.first < 1045.0
-        place = np.flatnonzero(np.isclose(log.truth.stamps, way.first + log.start_ns * 1e-9, atol=1e-6))[0]
+        place = np.flatnonzero(np.isclose(log.truth.stamps, way.first + log.start_ns * 1e-9, rtol=0.0, atol=1e-6))[0]
         assert log.heading_valid[place]
         assert tuple(log.truth.poses[:, place]) == way.pose
 
