@@ -1,6 +1,7 @@
 """Imported laser logs of each kind run the same on the bus, inline and in replay; what a run played plays again."""
 
 import json
+import math
 
 import pytest
 
@@ -10,6 +11,14 @@ from tests.integration.processes import DATA
 TICKS = 120
 CARMEN = DATA / "carmen" / "intel_30-150s.log"
 BAGS = DATA / "bags" / "drl"
+
+
+EXPORTED = ("estimator/state", "log/truth")
+
+
+def poses(tum):
+    """Positions by their stamps' texts."""
+    return {line.split()[0]: tuple(map(float, line.split()[1:3])) for line in tum.splitlines()}
 
 
 @pytest.fixture(name="laser_log", params=["carmen", "rosbag"])
@@ -42,6 +51,14 @@ def test_bus_inline_and_replay_are_the_same(laser_log, tmp_path, dynpf, here):
     assert json.loads(replayed.out)["counts"]["estimator"]["steps"] == TICKS
     measures = json.loads(here("metrics", inline, "--json").out)
     assert measures["position_rmse_m"] < 0.2
+
+    if "clock_backwards" in read_recording(laser_log).header.scenario:  # CARMEN: a reference pose for each scan
+        paths = {topic: poses(here("export", inline, "--format", "tum", "--topic", topic).out) for topic in EXPORTED}
+        estimates, truth = (paths[topic] for topic in EXPORTED)
+        errors = [math.dist(estimates[stamp], truth[stamp]) for stamp in truth if stamp in estimates]
+        assert len(errors) >= 5
+        rmse = math.sqrt(sum(error**2 for error in errors) / len(errors))
+        assert rmse == pytest.approx(measures["position_rmse_m"], abs=1e-9)
 
     words[2] = inline  # which holds what it played, and its map
     assert here("run", *words, "--runner", "inline", "-o", again).code == 0
