@@ -21,7 +21,8 @@ def tum_lines(recording: Recording, topic: str) -> Iterator[str]:
     """Yield the poses of a topic in order of time; of several at one time the last, or the one that is scored.
 
     A log whose clock jumps back has records of one stamp at different moments. So where the reference has a pose of
-    that stamp, the first that follows it in the file is meant: poses and reference then pair up by their stamps. Times have all their nanoseconds, numbers all their digits. ``topic`` is one of POSE_TOPICS.
+    that stamp, the first that follows it in the file is meant: poses and reference then pair up by their stamps. Times
+    have all their nanoseconds, numbers all their digits. ``topic`` is one of POSE_TOPICS.
     """
     chosen = _one_of_each_stamp(recording, topic)
     for stamp_ns in sorted(chosen):

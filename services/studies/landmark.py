@@ -51,14 +51,15 @@ PRINTED = {
 """LANDMARK, section 6: pose, and the range (m) and bearing (rad) expected of a landmark; the last two bearings are
 those of another pose. Of its experiments it prints figures, but no numbers."""
 
+_PRIOR = 'estimator.proposal={kind="prior"}'
 FILTERS: Mapping[str, tuple[str, ...]] = {
-    "extended_kalman": ('estimator.filter={kind="extended_kalman"}',),
-    "unscented_kalman": ('estimator.filter={kind="unscented_kalman"}',),
-    "sir": (),
-    "auxiliary": ('estimator.proposal={kind="auxiliary"}',),
+    "extended_kalman": ('estimator.filter={kind="extended_kalman"}', _PRIOR),
+    "unscented_kalman": ('estimator.filter={kind="unscented_kalman"}', _PRIOR),
+    "sir": (_PRIOR,),
     "local_linearization": ('estimator.proposal={kind="local_linearization"}',),
-    "regularized": ('estimator.regularization={kind="gaussian_kernel",shrink=true}',),
-    "kld": ('estimator.adaptation=[{kind="kld"}]',),
+    "auxiliary": ('estimator.proposal={kind="auxiliary"}',),
+    "regularized": (_PRIOR, 'estimator.regularization={kind="gaussian_kernel",shrink=true}'),
+    "kld": (_PRIOR, 'estimator.adaptation=[{kind="kld"}]'),
 }
 """Settings of the scenario that make each estimator."""
 
