@@ -391,6 +391,8 @@ class LandmarkReading(Part, frozen=True, kw_only=True):
     landmark: Annotated[int, Meta(ge=0)]  # its number
     range: NonNegative  # m
     bearing: Angle  # rad, from the robot's heading, left is positive
+    x: float | UnsetType = UNSET  # m, where a landmark that moves was then; without, it stands where the map says
+    y: float | UnsetType = UNSET  # m
 
 
 class LandmarkReadings(Message, frozen=True, kw_only=True):

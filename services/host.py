@@ -106,7 +106,9 @@ class _Host:
                 return
 
     def _lead_lockstep(self, feeds: Iterator[Feed]) -> Iterator[bool]:
-        for feed in feeds:
+        for feed, due_ns in self._paced(feeds, self._scenario.rate):
+            while not self._member.stop_reason and (left_ns := due_ns - time.monotonic_ns()) > 0:
+                self._receive(self._member.poll(left_ns * 1e-9))
             while (ready := self._lockstep_inbox.take(feed.stamp_ns)) is None:
                 self._receive(self._member.poll())
             while self._member.ticks - self._member.behind("recorder") > AHEAD:
@@ -120,14 +122,19 @@ class _Host:
             yield self._step(ready, ready.stamp_ns, last=ready.last)
 
     def _lead_realtime(self, feeds: Iterator[Feed]) -> Iterator[bool]:
+        for feed, due_ns in self._paced(feeds, self._scenario.rate or 1.0):
+            while (left_ns := due_ns - time.monotonic_ns()) > 0 or self._bus.waiting:
+                self._receive(self._member.poll(max(left_ns, 0) * 1e-9))
+            yield self._lead(self._realtime_inbox.take_all(time.monotonic_ns()), feed)
+
+    @staticmethod
+    def _paced(feeds: Iterator[Feed], rate: float | None) -> Iterator[tuple[Feed, int]]:
+        """Yield each feed, and when on the monotonic clock its tick shall begin, in ns; without a rate, at once."""
         began_ns = time.monotonic_ns()
         first_ns: int | None = None
         for feed in feeds:
             first_ns = feed.stamp_ns if first_ns is None else first_ns
-            due_ns = began_ns + feed.stamp_ns - first_ns
-            while (left_ns := due_ns - time.monotonic_ns()) > 0 or self._bus.waiting:
-                self._receive(self._member.poll(max(left_ns, 0) * 1e-9))
-            yield self._lead(self._realtime_inbox.take_all(time.monotonic_ns()), feed)
+            yield feed, began_ns if rate is None else began_ns + round((feed.stamp_ns - first_ns) / rate)
 
     def _follow_realtime(self) -> Iterator[bool]:
         inbox = self._realtime_inbox

@@ -67,6 +67,9 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     title: str
     seed: Annotated[int, Meta(ge=0, le=2**62)] = 1
     clock: Literal["lockstep", "realtime"] = "lockstep"
+    # How many times as fast as its own time the run goes on the bus; absent: in lockstep as fast as it can, else once.
+    # In lockstep the results are the same whatever it is.
+    rate: Annotated[float, Meta(gt=0.0)] | None = None
     tick_s: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.05  # the source's period
     max_ticks: Annotated[int, Meta(ge=1)] = 1_000_000  # the run ends here though nobody has finished it
     needs_log: bool = False  # the sensors process plays an imported log

@@ -1,7 +1,7 @@
 """Particles moved: one pass over rows of float32, with noise that was drawn before.
 
-Every kernel reads rows of the particles and of standard normal numbers ``noise`` (R, N), and writes as many rows, given
-last. Headings leave within [-pi, pi]: float32 would lose digits to every turn that they kept.
+Every kernel reads rows of the particles and of standard normal numbers ``noise`` (3, N), and writes the rows x, y and
+theta, given last. Headings leave within [-pi, pi]: float32 would lose digits to every turn that they kept.
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from dynpf.kernels.compiler import device, kernel
 from dynpf.kernels.elementary import sincos, wrap
 
-__all__ = ["follow_arcs", "follow_scaled_arcs", "follow_twist", "move_capsule", "rotate_translate_rotate"]
+__all__ = ["follow_arcs", "follow_own_arcs", "follow_twist", "move_capsule", "rotate_translate_rotate"]
 
 _f = np.float32
 _HALF, _ONE, _SMALL, _SIXTH = _f(0.5), _f(1.0), _f(1e-3), _f(1.0 / 6.0)
@@ -42,35 +42,16 @@ def follow_arcs(x, y, theta, noise, length, turn, sigma_along, sigma_turn, sigma
 
 
 @kernel
-def follow_scaled_arcs(
-    x,
-    y,
-    theta,
-    scale,
-    noise,
-    length,
-    turn,
-    sigma_along,
-    sigma_turn,
-    sigma_across,
-    sigma_scale,
-    new_x,
-    new_y,
-    new_theta,
-    new_scale,
-):
-    """Move along arcs as ``follow_arcs`` does, the turn times each particle's scale, which walks; noise (4, N)."""
-    length, turn = _f(length), _f(turn)
+def follow_own_arcs(x, y, theta, lengths, turns, noise, sigma_along, sigma_turn, sigma_across, new_x, new_y, new_theta):
+    """Move as ``follow_arcs`` does, each particle along an arc of its own, ``lengths`` and ``turns`` (N,)."""
     sigma_along, sigma_turn, sigma_across = _f(sigma_along), _f(sigma_turn), _f(sigma_across)
-    sigma_scale = _f(sigma_scale)
     for i in range(x.size):
-        turned = turn * scale[i] + sigma_turn * noise[1, i]
+        turned = turns[i] + sigma_turn * noise[1, i]
         slip = sigma_across * noise[2, i]
-        way, sine, cosine = chord(theta[i], length + sigma_along * noise[0, i], turned)
+        way, sine, cosine = chord(theta[i], lengths[i] + sigma_along * noise[0, i], turned)
         new_x[i] = x[i] + (way * cosine - slip * sine)
         new_y[i] = y[i] + (way * sine + slip * cosine)
         new_theta[i] = wrap(theta[i] + turned)
-        new_scale[i] = scale[i] + sigma_scale * noise[3, i]
 
 
 @kernel

@@ -1,6 +1,7 @@
 """Ranges and bearings to landmarks whose identities the readings tell (LANDMARK section 5)."""
 
 import math
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, NamedTuple
 
 import msgspec
@@ -12,20 +13,29 @@ from dynpf import kernels
 from dynpf.maps.landmarks import LandmarkMap
 from dynpf.params import validated
 from dynpf.rng import Stream
-from dynpf.se2 import Floats, wrap_angle
+from dynpf.se2 import FloatArray, Floats, wrap_angle
 
-__all__ = ["RangeBearing", "RangeBearingParams", "RangeBearingReadings"]
+__all__ = ["RangeBearing", "RangeBearingParams", "RangeBearingReadings", "SensorRows"]
 
 Positive = Annotated[float, Meta(gt=0.0)]
 NonNegative = Annotated[float, Meta(ge=0.0)]
 
 
 class RangeBearingReadings(NamedTuple):
-    """Landmarks seen at one instant: identities, distances (m) and directions from the heading (rad), each (K,)."""
+    """Landmarks seen at one instant: identities, distances (m) and directions from the heading (rad), each (K,).
+
+    ``places`` (2, K) in metres are where landmarks that move were then, NaN for those of the map; None: none moves.
+    """
 
     landmarks: NDArray[np.integer[Any]]
     ranges: Floats
     bearings: Floats
+    places: Floats | None = None
+
+    def only(self, kept: NDArray[np.bool_]) -> "RangeBearingReadings":
+        """Return the readings for which ``kept`` (K,) is true."""
+        landmarks, ranges, bearings = (np.asarray(values)[kept] for values in self[:3])
+        return RangeBearingReadings(landmarks, ranges, bearings, None if self.places is None else self.places[:, kept])
 
 
 class RangeBearingParams(
@@ -45,16 +55,24 @@ class RangeBearingParams(
     tempering: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.35
 
 
+class SensorRows(NamedTuple):
+    """Rows of a state that calibrate the sensor: what is added to each bearing (rad), what multiplies each range."""
+
+    bearing_bias: int
+    range_scale: int
+
+
 class RangeBearing:
     """Independent Gaussian errors of range and bearing, a uniform share of outliers, and an innovation gate.
 
     A reading that is not finite, or names a landmark outside the map, tells nothing: it is not admitted and adds zero
-    to the log-likelihood of every particle.
+    to the log-likelihood of every particle. States with ``rows`` calibrate the sensor themselves.
     """
 
-    def __init__(self, params: RangeBearingParams, landmarks: LandmarkMap) -> None:
+    def __init__(self, params: RangeBearingParams, landmarks: LandmarkMap, rows: SensorRows | None = None) -> None:
         """Raises ValueError for a parameter out of its range."""
         self.params = validated(params)
+        self.rows = rows
         self.landmarks = landmarks
         self._ids = np.array(landmarks.ids, dtype=np.int64)
         self._east, self._north = np.array(landmarks.positions, dtype=np.float32, order="C")
@@ -72,7 +90,7 @@ class RangeBearing:
             return reading if kept.size else None
         if not kept.any():
             return None
-        return RangeBearingReadings(*(np.asarray(values)[kept] for values in reading))
+        return reading.only(kept)
 
     def count(self, reading: RangeBearingReadings) -> int:
         """Return the number of landmarks."""
@@ -84,25 +102,30 @@ class RangeBearing:
         Finite wherever there is a share of outliers. Raises ValueError where the readings' arrays differ in length.
         """
         params = self.params
-        x, y, theta = np.ascontiguousarray(particles[:3], dtype=np.float32)
-        out = np.empty(x.size, dtype=np.float32)
-        kernels.landmarks.log_likelihood(
-            out,
-            x,
-            y,
-            theta,
-            *_arrays(reading),
-            self._ids,
-            self._east,
-            self._north,
-            params.sigma_range,
-            params.sigma_range_per_m,
-            params.sigma_bearing,
-            params.outlier_fraction,
-            params.outlier_range,
-            params.tempering,
-        )
-        return out
+
+        def of(poses: Floats, *arrays: NDArray[Any]) -> NDArray[np.float32]:
+            out = np.empty(poses.shape[1], dtype=np.float32)
+            kernels.landmarks.log_likelihood(
+                out,
+                *poses,
+                *arrays,
+                *where,
+                params.sigma_range,
+                params.sigma_range_per_m,
+                params.sigma_bearing,
+                params.outlier_fraction,
+                params.outlier_range,
+                params.tempering,
+            )
+            return out
+
+        arrays, where = self._located(reading)
+        if self.rows is None:
+            return of(np.ascontiguousarray(particles[:3], dtype=np.float32), *arrays)
+        total = np.zeros(particles.shape[1], dtype=np.float32)
+        for poses, one in self._one_by_one(particles, arrays, where):
+            total += of(poses, *one)
+        return total
 
     def innovation(self, states: Floats, reading: RangeBearingReadings) -> Floats:
         """Return range (m) and bearing (rad, the short way) of each reading less their expectations, shape (2K, N).
@@ -110,9 +133,10 @@ class RangeBearing:
         Row 2k is the range of reading k and row 2k + 1 its bearing. Raises KeyError for a landmark outside the map.
         """
         along, across = self._offsets(states, reading)
+        scale, bias = self._calibration(states)
         errors = np.empty((2 * len(along), states.shape[1]), dtype=states.dtype)
-        errors[0::2] = np.asarray(reading.ranges)[:, None] - np.hypot(along, across)
-        errors[1::2] = wrap_angle(np.asarray(reading.bearings)[:, None] - np.arctan2(across, along) + states[2])
+        errors[0::2] = np.asarray(reading.ranges)[:, None] - scale * np.hypot(along, across)
+        errors[1::2] = wrap_angle(np.asarray(reading.bearings)[:, None] - np.arctan2(across, along) + states[2] - bias)
         return errors
 
     def jacobian(self, states: Floats, reading: RangeBearingReadings) -> Floats:
@@ -125,9 +149,13 @@ class RangeBearing:
         distance = np.maximum(np.hypot(along, across), np.finfo(states.dtype).tiny)
         cosine, sine = along / distance, across / distance
         derivatives = np.zeros((2 * len(along), *states.shape), dtype=states.dtype)
-        derivatives[0::2, 0], derivatives[0::2, 1] = -cosine, -sine
+        scale, _ = self._calibration(states)
+        derivatives[0::2, 0], derivatives[0::2, 1] = -scale * cosine, -scale * sine
         derivatives[1::2, 0], derivatives[1::2, 1] = sine / distance, -cosine / distance
         derivatives[1::2, 2] = -1.0
+        if self.rows is not None:
+            derivatives[0::2, self.rows.range_scale] = np.hypot(along, across)
+            derivatives[1::2, self.rows.bearing_bias] = 1.0
         return derivatives
 
     def noise(self, reading: RangeBearingReadings) -> Floats:
@@ -151,15 +179,15 @@ class RangeBearing:
         They stand in a ring about the landmark, anywhere on it, as far away as the range and turned as the bearing
         tells, both with their noise. Raises ValueError where no reading tells anything.
         """
-        telling = np.flatnonzero(self._tells(reading))
+        telling = np.flatnonzero(self._tells(reading))[:1]
         if not telling.size:
             raise ValueError(f"none of the {len(reading.ranges)} readings is finite and of a landmark in the map")
-        landmark, distance, bearing = (values[telling[0]] for values in reading)
+        _, distance, bearing = (values[telling[0]] for values in reading[:3])
         params = self.params
         noise = stream.normals(2, count).astype(np.float64)
         direction = 2.0 * np.pi * stream.part("ring").uniforms(1, count)[0].astype(np.float64)
         distances = distance + math.hypot(params.sigma_range, params.sigma_range_per_m * distance) * noise[0]
-        east, north = self.landmarks.position(int(landmark))
+        east, north = self._places(reading.only(np.arange(len(reading.ranges)) == telling[0]))[:, 0]
         x, y = east - distances * np.cos(direction), north - distances * np.sin(direction)
         theta = wrap_angle(direction - bearing - params.sigma_bearing * noise[1])
         return np.stack((x, y, theta)).astype(np.float32)
@@ -167,37 +195,95 @@ class RangeBearing:
     def _distances(self, particles: Floats, weights: Floats, reading: RangeBearingReadings) -> Floats:
         """Return the squared Mahalanobis distance of each reading's mean innovation (K,), NaN if it tells nothing."""
         params = self.params
-        x, y, theta = np.ascontiguousarray(particles[:3], dtype=np.float32)
-        if weights.shape != x.shape:
-            raise ValueError(f"weights of shape {weights.shape} for {x.size} particles")
-        arrays = _arrays(reading)
-        out = np.empty(arrays[0].size)
-        kernels.landmarks.distances(
-            out,
-            x,
-            y,
-            theta,
-            np.ascontiguousarray(weights, dtype=np.float32),
-            *arrays,
-            self._ids,
-            self._east,
-            self._north,
-            params.sigma_range,
-            params.sigma_range_per_m,
-            params.sigma_bearing,
-        )
-        return out
+        if weights.shape != particles.shape[1:]:
+            raise ValueError(f"weights of shape {weights.shape} for {particles.shape[1]} particles")
+        shares = np.ascontiguousarray(weights, dtype=np.float32)
+
+        def of(poses: Floats, *arrays: NDArray[Any]) -> FloatArray:
+            out = np.empty(arrays[0].size)
+            kernels.landmarks.distances(
+                out,
+                *poses,
+                shares,
+                *arrays,
+                *where,
+                params.sigma_range,
+                params.sigma_range_per_m,
+                params.sigma_bearing,
+            )
+            return out
+
+        arrays, where = self._located(reading)
+        if self.rows is None:
+            return of(np.ascontiguousarray(particles[:3], dtype=np.float32), *arrays)
+        each = [of(poses, *one) for poses, one in self._one_by_one(particles, arrays, where)]
+        return np.concatenate(each) if each else np.empty(0)
+
+    def _one_by_one(
+        self, particles: Floats, arrays: Sequence[NDArray[Any]], where: Sequence[NDArray[Any]]
+    ) -> Iterator[tuple[Floats, Sequence[NDArray[Any]]]]:
+        """Yield each reading, and the poses (3, N) whose own sensor, uncalibrated, would read as the particles' does.
+
+        They are as much farther from the landmark as the range is scaled, and turned against the bias. So one kernel
+        does for both; a landmark that is not in the map leaves the poses where they are.
+        """
+        scale, bias = self._calibration(particles)
+        ids, *axes = where
+        for k, landmark in enumerate(arrays[0].tolist()):
+            poses = np.array(particles[:3], dtype=np.float32, order="C")
+            for place in np.flatnonzero(ids == landmark)[:1]:
+                for row, axis in enumerate(axes):
+                    poses[row] = axis[place] + scale * (poses[row] - axis[place])
+            poses[2] -= bias
+            yield poses, [values[k : k + 1] for values in arrays]
+
+    def _calibration(self, states: Floats) -> tuple[Floats | float, Floats | float]:
+        """Return what multiplies ranges and what is added to bearings; of mere poses, nothing is known of either."""
+        if self.rows is None or len(states) <= max(self.rows):
+            return 1.0, 0.0
+        return states[self.rows.range_scale], states[self.rows.bearing_bias]
 
     def _tells(self, reading: RangeBearingReadings) -> NDArray[np.bool_]:
         landmarks, ranges, bearings = _arrays(reading)
         known = np.array([landmark in self.landmarks for landmark in landmarks.tolist()], dtype=np.bool_)
+        known |= _moving(reading)
         return known & np.isfinite(ranges) & np.isfinite(bearings)
 
     def _offsets(self, states: Floats, reading: RangeBearingReadings) -> tuple[Floats, Floats]:
         """Return how far along x and y each landmark lies from each state, shapes (K, N), in the states' precision."""
-        positions = [self.landmarks.position(int(landmark)) for landmark in reading.landmarks]
-        east, north = np.array(positions, dtype=states.dtype).reshape(-1, 2).T[:, :, None]
+        east, north = self._places(reading).astype(states.dtype)[:, :, None]
         return east - states[0], north - states[1]
+
+    def _places(self, reading: RangeBearingReadings) -> FloatArray:
+        """Return where the landmark of each reading is, shape (2, K); raises KeyError for one outside the map."""
+        places = np.empty((2, len(reading.ranges)))
+        for k, (landmark, moving) in enumerate(zip(reading.landmarks, _moving(reading).tolist(), strict=True)):
+            told = reading.places
+            places[:, k] = told[:, k] if moving and told is not None else self.landmarks.position(int(landmark))
+        return places
+
+    def _located(self, reading: RangeBearingReadings) -> tuple[list[NDArray[Any]], list[NDArray[Any]]]:
+        """Return the readings, and identities and positions of landmarks, as the kernels take them.
+
+        Of a landmark that moves, each reading has an identity of its own, for which the map has none: below zero.
+        """
+        ids, ranges, bearings = _arrays(reading)
+        moving = np.flatnonzero(_moving(reading))
+        where: list[NDArray[Any]] = [self._ids, self._east, self._north]
+        if moving.size and reading.places is not None:
+            own = -1 - np.arange(moving.size)
+            ids = ids.copy()
+            ids[moving] = own
+            added = own, *np.asarray(reading.places[:, moving], dtype=np.float32)
+            where = [np.concatenate(both) for both in zip(where, added, strict=True)]
+        return [ids, ranges, bearings], where
+
+
+def _moving(reading: RangeBearingReadings) -> NDArray[np.bool_]:
+    """Return of which readings the landmark moves, (K,)."""
+    if reading.places is None:
+        return np.zeros(len(reading.ranges), dtype=np.bool_)
+    return np.asarray(np.isfinite(reading.places).all(axis=0), dtype=np.bool_)
 
 
 def _arrays(reading: RangeBearingReadings) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:

@@ -65,7 +65,11 @@ class UnknownLandmarks:
         kept = np.isfinite(ranges) & np.isfinite(bearings)
         if not (kept.any() and self._east.size):
             return None
-        return reading if kept.all() else type(reading)(*(np.asarray(values)[kept] for values in reading))
+        if kept.all():
+            return reading
+        if isinstance(reading, RangeBearingReadings):
+            return reading.only(kept)
+        return UnlabelledReadings(*(np.asarray(values)[kept] for values in reading))
 
     def count(self, reading: UnlabelledReadings | RangeBearingReadings) -> int:
         """Return the number of landmarks."""

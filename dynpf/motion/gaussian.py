@@ -20,10 +20,13 @@ def float32_rows(particles: Floats) -> Floats:
     return particles.astype(np.float32, copy=False)
 
 
-def draw(kernel: Callable[..., None], particles: Floats, stream: Stream, *numbers: float, rows: int = 3) -> Floats:
-    """Return particles (D, N) after a kernel of ``dynpf.kernels.motion`` that moves the first ``rows`` of them.
+def draw(
+    kernel: Callable[..., None], particles: Floats, stream: Stream, *numbers: float, own: Sequence[Floats] = ()
+) -> Floats:
+    """Return particles (D, N) after a kernel of ``dynpf.kernels.motion`` that moves their poses.
 
-    The kernel gets a standard normal number for each row it moves, then ``numbers``. The other rows pass through.
+    The kernel gets the three rows, ``own``, more rows of float32 (N,) that each particle goes by, a standard normal
+    number for each row it moves, then ``numbers``. The other rows pass through.
     """
     before = float32_rows(particles)
     after = np.empty(before.shape, dtype=np.float32)
@@ -31,9 +34,10 @@ def draw(kernel: Callable[..., None], particles: Floats, stream: Stream, *number
     count = before.shape[1]
     for start in range(0, count, _BATCH):
         stop = min(start + _BATCH, count)
-        noise = stream.starting_at(start).normals(rows, stop - start)
-        kernel(*before[:rows, start:stop], noise, *scalars, *after[:rows, start:stop])
-    after[rows:] = before[rows:]
+        noise = stream.starting_at(start).normals(3, stop - start)
+        rows = (row[start:stop] for row in own)
+        kernel(*before[:3, start:stop], *rows, noise, *scalars, *after[:3, start:stop])
+    after[3:] = before[3:]
     return after
 
 

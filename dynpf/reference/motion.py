@@ -10,7 +10,7 @@ import numpy as np
 
 from dynpf.se2 import FloatArray, Floats, wrap_angle
 
-__all__ = ["follow_arcs", "follow_scaled_arcs", "follow_twist", "move_capsule", "rotate_translate_rotate"]
+__all__ = ["follow_arcs", "follow_own_arcs", "follow_twist", "move_capsule", "rotate_translate_rotate"]
 
 Numbers = Sequence[float]
 
@@ -21,12 +21,9 @@ def follow_arcs(particles: Floats, noise: Floats, motion: Numbers, sigmas: Numbe
     return _slipping_arc(particles, noise, length, np.full(particles.shape[1], turn), sigmas)
 
 
-def follow_scaled_arcs(particles: Floats, noise: Floats, motion: Numbers, sigmas: Numbers) -> FloatArray:
-    """Return poses and scales, each scale times the turn, and the scales a step on."""
-    length, turn = motion
-    scale = particles[3]
-    poses = _slipping_arc(particles, noise, length, turn * scale, sigmas[:3])
-    return np.concatenate((poses, [scale + sigmas[3] * noise[3]]))
+def follow_own_arcs(particles: Floats, lengths: Floats, turns: Floats, noise: Floats, sigmas: Numbers) -> FloatArray:
+    """Return poses after arcs of each particle's own length and turn."""
+    return _slipping_arc(particles, noise, lengths, turns, sigmas)
 
 
 def follow_twist(particles: Floats, noise: Floats, motion: Numbers, sigmas: Numbers) -> FloatArray:
@@ -58,7 +55,9 @@ def move_capsule(particles: Floats, noise: Floats, motion: Numbers, sigmas: Numb
     )
 
 
-def _slipping_arc(particles: Floats, noise: Floats, length: float, turn: Floats, sigmas: Numbers) -> FloatArray:
+def _slipping_arc(
+    particles: Floats, noise: Floats, length: float | Floats, turn: Floats, sigmas: Numbers
+) -> FloatArray:
     sigma_along, sigma_turn, sigma_across = sigmas
     turns = turn + sigma_turn * noise[1]
     x, y = _arc_end(particles, length + sigma_along * noise[0], turns)

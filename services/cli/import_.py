@@ -23,6 +23,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     mrclam = formats.add_parser("mrclam", help="a folder of a UTIAS MRCLAM data set, plain or .xz")
     _add_common(mrclam, "folder with the tables of the data set")
     mrclam.add_argument("--robot", metavar="N", type=int, help="which robot, where there are several")
+    mrclam.add_argument(
+        "--robots", action="store_true", help="the other robots are landmarks that move, where their reference has them"
+    )
     mrclam.set_defaults(run=_import_mrclam)
 
     carmen = formats.add_parser("carmen", help="a CARMEN log, plain, .gz, .xz or .bz2")
@@ -108,7 +111,7 @@ def _import_mrclam(args: argparse.Namespace) -> int:
     from services.importers.mrclam import import_mrclam
     from services.importers.recording import write_recording
 
-    log = import_mrclam(args.source, args.robot)
+    log = import_mrclam(args.source, args.robot, robots=args.robots)
     write_recording(log, args.output)
     print(msgspec.json.encode(log.summary).decode() if args.json else _mrclam_in_words(log.summary, args.output))
     return 0
@@ -196,9 +199,15 @@ def _mrclam_in_words(summary: "ImportSummary", output: Path) -> str:
         f"{output}: {summary.source}{robot}, {summary.duration_s:.1f} s",
         f"  odometry          {summary.odometry}",
         f"  landmark readings {summary.landmark_readings} in {summary.landmark_messages} messages",
+        *([f"  of other robots   {summary.robot_readings}"] if summary.robot_readings else []),
         f"  reference poses   {summary.references}",
         f"  landmarks         {summary.landmarks}",
         f"  readings dropped  {dropped}",
+        *(
+            [f"  put in order      {summary.clock_backwards} rows whose clock went back"]
+            if summary.clock_backwards
+            else []
+        ),
         f"  reference gaps    {_spans(summary.reference_gaps)}",
         f"  heading at fault  {_spans(summary.heading_faults)}",
     ]

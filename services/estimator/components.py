@@ -31,12 +31,12 @@ from dynpf.measurement.likelihood_field import LikelihoodField, LikelihoodFieldP
 from dynpf.measurement.lines import Lines, PolarLines, PolarLinesParams
 from dynpf.measurement.model import GaussianMeasurement, MeasurementModel
 from dynpf.measurement.position import GaussianPosition, GaussianPositionParams, Position
-from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, RangeBearingReadings
+from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, RangeBearingReadings, SensorRows
 from dynpf.measurement.range_vector import RangeVector, RangeVectorModel, RangeVectorParams
 from dynpf.measurement.scan import Scan
 from dynpf.measurement.unknown_landmarks import UnknownLandmarks, UnknownLandmarksParams, UnlabelledReadings
 from dynpf.motion.arcs import Arcs, ArcsParams
-from dynpf.motion.calibration import CalibratedArcs
+from dynpf.motion.calibration import BEARING_BIAS, RANGE_SCALE, CalibratedArcs
 from dynpf.motion.capsule import CapsuleMotion, CapsuleStep, CapsuleStepParams
 from dynpf.motion.gradient_flow import GradientFlow
 from dynpf.motion.linear import LinearGaussian, LinearGaussianParams
@@ -103,9 +103,10 @@ def motion_of(config: LocalizationConfig, maps: Maps, classes: Classes) -> Motio
 def measurements_of(config: LocalizationConfig, maps: Maps, classes: Classes) -> Measurements:
     """Return the measurement models by the type of reading that each takes; raises ScenarioError."""
     models: Measurements = {}
+    rows = None if config.calibration is None else SensorRows(BEARING_BIAS, RANGE_SCALE)
     for place, table in enumerate(config.measurement):
         key = f"estimator.measurement.{place}"
-        reading, model = _measurement(table, key, maps, classes)
+        reading, model = _measurement(table, key, maps, classes, rows)
         if TOPICS[reading] in {TOPICS[other] for other in models}:
             raise ScenarioError(f"{key}: another measurement model takes what {TOPICS[reading]} says already")
         models[reading] = model
@@ -187,7 +188,9 @@ def _kind(table: Any) -> str:
     return repr(table.name if isinstance(table, UserComponent) else table.__struct_config__.tag)
 
 
-def _measurement(table: Any, key: str, maps: Maps, classes: Classes) -> tuple[type, MeasurementModel[Any]]:
+def _measurement(
+    table: Any, key: str, maps: Maps, classes: Classes, rows: SensorRows | None
+) -> tuple[type, MeasurementModel[Any]]:
     def needed(what: str) -> Any:
         found = getattr(maps, what)
         if found is None:
@@ -196,7 +199,7 @@ def _measurement(table: Any, key: str, maps: Maps, classes: Classes) -> tuple[ty
 
     match table:
         case RangeBearingParams():
-            return RangeBearingReadings, RangeBearing(table, needed("landmarks"))
+            return RangeBearingReadings, RangeBearing(table, needed("landmarks"), rows)
         case UnknownLandmarksParams():
             return UnlabelledReadings, UnknownLandmarks(table, needed("landmarks"))
         case LikelihoodFieldParams():

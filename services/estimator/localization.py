@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from msgspec import UNSET
 
 from dynpf.filters.health import Signs
 from dynpf.filters.models import Models, Outcome
@@ -157,7 +158,9 @@ class LocalizationEstimator:
                 case HostEvent() as gap:
                     self._logs.append(gap_warning(gap, step.stamp_ns))
                 case LandmarkReadings(readings=readings):
-                    self._logs += self._unknown_landmarks(received, [one.landmark for one in readings])
+                    self._logs += self._unknown_landmarks(
+                        received, [one.landmark for one in readings if one.x is UNSET]
+                    )
             if received.topic in self._kinds:
                 kind = self._kinds[received.topic]
                 self._pending.append(reading_of(received.message, kind, **self._scanner))

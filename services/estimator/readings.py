@@ -1,9 +1,10 @@
 """From the messages of the sensors to the readings that the measurement models take."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from msgspec import UNSET
 
 from dynpf.measurement.lines import Lines
 from dynpf.measurement.position import Position
@@ -11,7 +12,8 @@ from dynpf.measurement.range_bearing import RangeBearingReadings
 from dynpf.measurement.range_vector import RangeVector
 from dynpf.measurement.scan import Scan
 from dynpf.measurement.unknown_landmarks import UnlabelledReadings
-from protocol.messages import LandmarkReadings, LaserScan, LineReadings, Message, PositionFix
+from dynpf.se2 import FloatArray
+from protocol.messages import LandmarkReading, LandmarkReadings, LaserScan, LineReadings, Message, PositionFix
 
 __all__ = ["TOPICS", "reading_of", "size_of"]
 
@@ -38,7 +40,8 @@ def reading_of(message: Message, kind: type, *, range_min: float = 0.0, range_ma
             bearings = np.array([one.bearing for one in readings], dtype=np.float32)
             if kind is UnlabelledReadings:
                 return UnlabelledReadings(ranges, bearings)
-            return RangeBearingReadings(np.array([one.landmark for one in readings], dtype=np.int64), ranges, bearings)
+            ids = np.array([one.landmark for one in readings], dtype=np.int64)
+            return RangeBearingReadings(ids, ranges, bearings, _places(readings))
         case LaserScan():
             ranges = np.array(message.ranges, dtype=np.float32)
             if kind is RangeVector:
@@ -51,6 +54,14 @@ def reading_of(message: Message, kind: type, *, range_min: float = 0.0, range_ma
         case PositionFix():
             return Position(message.x, message.y)
     raise TypeError(f"{type(message).__name__} is no reading")
+
+
+def _places(readings: Sequence[LandmarkReading]) -> FloatArray | None:
+    """Return where landmarks that move were, shape (2, K), NaN for others; None where none moves."""
+    if all(one.x is UNSET or one.y is UNSET for one in readings):
+        return None
+    places = ((one.x, one.y) if UNSET not in (one.x, one.y) else (np.nan, np.nan) for one in readings)
+    return np.array(list(places), dtype=np.float64).T
 
 
 def size_of(reading: Any) -> int:

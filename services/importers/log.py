@@ -33,9 +33,11 @@ class ImportSummary(msgspec.Struct, frozen=True, kw_only=True):
     landmark_readings: int
     references: int  # reference poses
     landmarks: int  # on the map
-    dropped_robots: int  # readings of other robots
+    robot_readings: int  # of these, readings of other robots, taken for landmarks that move
+    dropped_robots: int  # readings of other robots that were not
     dropped_unknown_barcodes: int  # readings of barcodes that no table has
     dropped_unmapped: int  # readings of landmarks without a surveyed position
+    clock_backwards: int  # rows older than the one before them in their table; they are put in order of time
     reference_gaps: tuple[Span, ...]
     heading_faults: tuple[Span, ...]
 

@@ -3,20 +3,22 @@
 A data set is a folder of text tables: Barcodes, Landmark_Groundtruth, and for each robot Odometry, Measurement and
 Groundtruth, named ``Robot1_Odometry.dat`` and so on; or of a single robot, under any other prefix or none. Each may
 be compressed, as ``.dat.xz``. A measurement names a barcode, which the table of barcodes turns into a subject: subjects
-1 to 5 are robots, the others landmarks.
+1 to 5 are robots, the others landmarks. Robots can be taken for landmarks that move: references tell where they were.
 """
 
 import lzma
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import groupby, pairwise
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
+from msgspec import UNSET
+from numpy.typing import NDArray
 
 from protocol.messages import LandmarkReading, LandmarkReadings, Odometry, RobotState
 from services.importers.errors import ImportFailedError
@@ -25,7 +27,7 @@ from services.importers.log import ImportedLog, ImportSummary, Record, Span
 from services.importers.text import LFS_POINTER, finite_number, seconds_to_ns, whole_number
 from services.task import Landmark
 
-__all__ = ["MrclamTexts", "TextFile", "import_mrclam", "parse_mrclam"]
+__all__ = ["MrclamTexts", "TextFile", "import_mrclam", "parse_mrclam", "robots_in"]
 
 ROBOTS = range(1, 6)
 MAX_READINGS = 256  # of one LandmarkReadings message
@@ -53,8 +55,8 @@ class MrclamTexts(NamedTuple):
     references: TextFile
 
 
-def import_mrclam(folder: Path, robot: int | None = None) -> ImportedLog:
-    """Return one robot's log of the data set in ``folder``.
+def import_mrclam(folder: Path, robot: int | None = None, *, robots: bool = False) -> ImportedLog:
+    """Return one robot's log of the data set in ``folder``; with ``robots``, the others are landmarks that move.
 
     ``robot`` may be left out where the folder has one robot alone. Raises ImportFailedError for a missing or unreadable
     file, for a robot that is not there, and for every line that does not hold what its table promises.
@@ -68,28 +70,47 @@ def import_mrclam(folder: Path, robot: int | None = None) -> ImportedLog:
         f"{prefix}Measurement",
         f"{prefix}Groundtruth",
     )
+    if robots and number is None:
+        raise ImportFailedError(
+            f"{folder}: its one robot has no number, so the others' references cannot be told apart"
+        )
+    others = [one for one in ROBOTS if robots and one != number]
     texts: list[TextFile] = []
     problems: list[str] = []
-    for name in names:
+    for name in (*names, *(f"Robot{one}_Groundtruth" for one in others)):
         try:
             texts.append(_read(folder, name))
         except ImportFailedError as error:
             problems += error.problems
     if problems:
         raise ImportFailedError(*problems)
-    return parse_mrclam(MrclamTexts(*texts), source=folder.name, robot=number)
+    moving = dict(zip(others, texts[len(names) :], strict=True))
+    return parse_mrclam(MrclamTexts(*texts[: len(names)]), source=folder.name, robot=number, moving=moving)
+
+
+def robots_in(folder: Path) -> list[int]:
+    """Return the numbers of the robots in a data set, none where its one robot has no number."""
+    return sorted(_robots(_prefixes(folder)))
+
+
+def _prefixes(folder: Path) -> set[str]:
+    return {
+        path.name.partition("Odometry.dat")[0]
+        for path in folder.glob("*Odometry.dat*")
+        if path.suffix in (".dat", ".xz")
+    }
+
+
+def _robots(prefixes: Iterable[str]) -> dict[int, str]:
+    return {int(match[1]): prefix for prefix in prefixes if (match := _ROBOT_PREFIX.match(prefix))}
 
 
 def _choose(folder: Path, robot: int | None) -> tuple[str, int | None]:
     """Return the prefix of the robot's files, and its number unless the folder's single robot has none."""
     if not folder.is_dir():
         raise ImportFailedError(f"{folder}: no such folder; expected one with the tables of a MRCLAM data set")
-    found = {
-        path.name.partition("Odometry.dat")[0]
-        for path in folder.glob("*Odometry.dat*")
-        if path.suffix in (".dat", ".xz")
-    }
-    robots = {int(match[1]): prefix for prefix in found if (match := _ROBOT_PREFIX.match(prefix))}
+    found = _prefixes(folder)
+    robots = _robots(found)
     if not found:
         raise ImportFailedError(f"{folder}: no file named Robot1_Odometry.dat or *Odometry.dat, nor .xz of it")
     if not robots:
@@ -125,8 +146,10 @@ def _read(folder: Path, name: str) -> TextFile:
     return TextFile(path.name, text.decode("utf-8", errors="replace").splitlines())
 
 
-def parse_mrclam(texts: MrclamTexts, *, source: str, robot: int | None) -> ImportedLog:
-    """Return the log that the five tables tell.
+def parse_mrclam(
+    texts: MrclamTexts, *, source: str, robot: int | None, moving: Mapping[int, TextFile] | None = None
+) -> ImportedLog:
+    """Return the log that the five tables tell; ``moving`` are the references of other robots, by subject.
 
     Readings taken at the same time make one message. Raises ImportFailedError with every line that is not as its
     table promises.
@@ -137,6 +160,7 @@ def parse_mrclam(texts: MrclamTexts, *, source: str, robot: int | None) -> Impor
     odometry = list(_table(texts.odometry, _odometry, problems))
     measurements = list(_table(texts.measurements, _measurement, problems))
     references = list(_table(texts.references, _reference, problems))
+    paths = {subject: _Path.of(_table(file, _reference, problems)) for subject, file in (moving or {}).items()}
     for name, rows in (
         (texts.barcodes.name, pairs),
         (texts.landmarks.name, landmarks),
@@ -144,6 +168,8 @@ def parse_mrclam(texts: MrclamTexts, *, source: str, robot: int | None) -> Impor
     ):
         if not rows and not problems:
             problems.append(f"{name}: holds no record")
+    tables: tuple[Sequence[Record | _Measurement], ...] = (odometry, measurements, references)
+    late = sum(later.stamp_ns < before.stamp_ns for rows in tables for before, later in pairwise(rows))
     ids = [landmark.id for landmark in landmarks]
     problems += [
         f"{texts.barcodes.name}: barcode {code} has two subjects" for code in _twice(code for code, _ in pairs)
@@ -153,9 +179,11 @@ def parse_mrclam(texts: MrclamTexts, *, source: str, robot: int | None) -> Impor
         raise ImportFailedError(*problems)
 
     barcodes = dict(pairs)
-    known = [_Reading(row.stamp_ns, barcodes.get(row.barcode), row.range, row.bearing) for row in measurements]
+    known = [_reading(row, barcodes.get(row.barcode), paths) for row in measurements]
     mapped = frozenset(ids)
-    readings = sorted((row for row in known if row.subject in mapped), key=lambda row: row.stamp_ns)
+    readings = sorted(
+        (row for row in known if row.subject in mapped or row.place is not None), key=lambda row: row.stamp_ns
+    )
     odometry.sort(key=lambda record: record.stamp_ns)
     references.sort(key=lambda record: record.stamp_ns)
     groups = list(_grouped(readings))
@@ -173,11 +201,13 @@ def parse_mrclam(texts: MrclamTexts, *, source: str, robot: int | None) -> Impor
         landmark_readings=len(readings),
         references=len(truth),
         landmarks=len(landmarks),
-        dropped_robots=sum(row.subject in ROBOTS and row.subject not in mapped for row in known),
+        robot_readings=sum(row.place is not None for row in known),
+        dropped_robots=sum(row.subject in ROBOTS and row.subject not in mapped and row.place is None for row in known),
         dropped_unknown_barcodes=sum(row.subject is None for row in known),
         dropped_unmapped=sum(
             row.subject is not None and row.subject not in ROBOTS and row.subject not in mapped for row in known
         ),
+        clock_backwards=late,
         reference_gaps=tuple(_since(start, first, last) for first, last in gaps),
         heading_faults=tuple(_since(start, first, last) for first, last in faults),
     )
@@ -196,6 +226,45 @@ class _Reading(NamedTuple):
     subject: int | None  # None: no table has the barcode
     range: float
     bearing: float
+    place: tuple[float, float] | None = None  # m, of a robot
+
+
+class _Path(NamedTuple):
+    """A robot's reference: stamps (T,) in ns and positions (T,) in metres."""
+
+    stamps: NDArray[np.int64]
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, records: Iterable[Record]) -> "_Path":
+        rows = sorted(
+            (record.stamp_ns, record.message.x, record.message.y)
+            for record in records
+            if isinstance(record.message, RobotState)
+        )
+        stamps, x, y = zip(*rows, strict=True) if rows else ((), (), ())
+        return cls(np.array(stamps, dtype=np.int64), np.array(x), np.array(y))
+
+    def at(self, stamp_ns: int) -> tuple[float, float] | None:
+        """Return where the robot was, between two references near enough; None where there are none."""
+        after = int(np.searchsorted(self.stamps, stamp_ns, side="left"))
+        if after < self.stamps.size and self.stamps[after] == stamp_ns:
+            return float(self.x[after]), float(self.y[after])
+        if not 0 < after < self.stamps.size:
+            return None
+        before, span = after - 1, int(self.stamps[after] - self.stamps[after - 1])
+        if span > GAP_S * 1e9:
+            return None
+        share = (stamp_ns - int(self.stamps[before])) / span
+        x, y = ((1.0 - share) * axis[before] + share * axis[after] for axis in (self.x, self.y))
+        return float(x), float(y)
+
+
+def _reading(row: _Measurement, subject: int | None, paths: Mapping[int, _Path]) -> _Reading:
+    """Return a measurement by its subject, and where that was if it is a robot whose path is known."""
+    path = None if subject is None else paths.get(subject)
+    return _Reading(row.stamp_ns, subject, row.range, row.bearing, None if path is None else path.at(row.stamp_ns))
 
 
 def _table(file: TextFile, parse: Callable[[list[str]], Row], problems: list[str]) -> Iterator[Row]:
@@ -254,7 +323,13 @@ def _grouped(readings: Sequence[_Reading]) -> Iterator[Record]:
     """Yield one message for the readings of each moment."""
     for stamp_ns, rows in groupby(readings, key=lambda row: row.stamp_ns):
         moment = tuple(
-            LandmarkReading(landmark=row.subject, range=row.range, bearing=row.bearing)
+            LandmarkReading(
+                landmark=row.subject,
+                range=row.range,
+                bearing=row.bearing,
+                x=UNSET if row.place is None else row.place[0],
+                y=UNSET if row.place is None else row.place[1],
+            )
             for row in rows
             if row.subject is not None
         )

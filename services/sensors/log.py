@@ -1,7 +1,7 @@
 """Log sensors: the records of an imported log as sensor messages, normalized.
 
-A reading of a landmark that is not on the map (another robot, a misread barcode) is dropped; a record that no sensor
-could have given is refused. Both are counted in the state.
+A reading of a landmark that is not on the map (a misread barcode), and does not tell where it was, is dropped; a record
+that no sensor could have given is refused. Both are counted in the state.
 """
 
 import math
@@ -61,7 +61,7 @@ class LogSensors:
                 return None
 
     def _reading(self, reading: LandmarkReading) -> LandmarkReading | None:
-        if reading.landmark not in self._known:
+        if reading.landmark not in self._known and reading.x is msgspec.UNSET:
             self._unknown += 1
             return None
         if not (_finite((reading.range, reading.bearing)) and reading.range >= 0.0):

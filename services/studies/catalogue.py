@@ -18,6 +18,7 @@ _MODULES = {
     "parts-bounds": "parts_studies",
     "parts-time": "parts_studies",
     "parts-vision": "parts_vision",
+    "landmark": "landmark",
 }
 
 

@@ -8,11 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from protocol.messages import Estimate
+from protocol.codec import encode
+from protocol.envelope import Envelope
+from protocol.messages import Estimate, RobotState
 from services.cli.main import main
 from services.exporters.table import columns
 from services.exporters.trajectory import tum_lines
+from services.recording.header import RunHeader
+from services.recording.provenance import collect
 from services.recording.reader import read_recording
+from services.recording.writer import RecordingWriter
 
 S = 1_700_000_000
 LOG = f"""\
@@ -153,3 +158,32 @@ def test_exporting_and_importing_a_reference_gives_it_back(log: Path, tmp_path: 
     (before,), (after,) = text.read_text().splitlines(), tum_lines(read_recording(back), "log/truth")
     assert after.split()[0] == before.split()[0]
     assert [float(one) for one in after.split()] == pytest.approx([float(one) for one in before.split()], abs=1e-15)
+
+
+def test_of_estimates_of_one_stamp_that_which_follows_the_reference_is_meant(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    header = RunHeader(scenario="{}", seed=1, provenance=collect())
+    sent = [
+        ("estimator/state", 7, 1.0),
+        ("log/truth", 7, 0.0),
+        ("estimator/state", 6, 2.0),
+        ("estimator/state", 7, 3.0),
+    ]
+    sent += [("estimator/state", 6, 4.0), ("estimator/state", 7, 5.0)]  # the clock has jumped back
+    with RecordingWriter(path, header) as writer:
+        for place, (topic, stamp_ns, x) in enumerate(sent):
+            sequence = sum(one[0] == topic for one in sent[:place])
+            message = (
+                RobotState(x=x, y=0.0, theta=0.0)
+                if topic == "log/truth"
+                else Estimate(x=x, y=0.0, theta=0.0, covariance=(1.0,) * 9, n_eff=1.0)
+            )
+            node = "log" if topic == "log/truth" else "estimator"
+            writer.message(topic, Envelope(node, "b", sequence, 0, stamp_ns, 0), encode(topic, message))
+        writer.close(complete=True, reason="done")
+    recording = read_recording(path)
+    assert [line.split()[:2] for line in tum_lines(recording, "estimator/state")] == [
+        ["0.000000006", "4.0"],
+        ["0.000000007", "3.0"],
+    ]
+    assert [line.split()[:2] for line in tum_lines(recording, "log/truth")] == [["0.000000007", "0.0"]]

@@ -87,6 +87,39 @@ def test_the_summary_counts_what_was_taken_and_what_was_dropped_and_why(tmp_path
     assert summary.reference_gaps == summary.heading_faults == ()
 
 
+def test_rows_whose_clock_goes_backwards_are_put_in_order_and_counted(tmp_path: Path) -> None:
+    log = import_mrclam(folder(tmp_path, Robot1_Odometry__dat="100.2 0.3 0\n100.0 0.1 0\n100.1 0.2 0\n"))
+    speeds = [record.message.v for record in log.records if isinstance(record.message, Odometry)]
+    assert speeds == [0.1, 0.2, 0.3]
+    assert log.summary.clock_backwards == 2  # that of the odometry, and of the reference
+
+
+def test_other_robots_are_landmarks_that_move_where_their_reference_has_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seen = "100.100 14 1.0 0.0\n100.150 14 1.0 0.1\n100.900 14 1.0 0.1\n102.0 14 1.0 0.1\n100.180 25 2.5 4.0\n"
+    paths = {f"Robot{robot}_Groundtruth__dat": "100.0 0 0 0\n" for robot in (3, 4, 5)}
+    paths["Robot2_Groundtruth__dat"] = "100.1 1.0 2.0 0\n100.2 3.0 1.0 0\n101.0 5.0 5.0 0\n"
+    source = folder(tmp_path, Robot1_Measurement__dat=seen, **paths)
+    log = import_mrclam(source, 1, robots=True)
+    found = [
+        one for record in log.records if isinstance(record.message, LandmarkReadings) for one in record.message.readings
+    ]
+    assert found == [
+        LandmarkReading(landmark=2, range=1.0, bearing=0.0, x=1.0, y=2.0),
+        LandmarkReading(landmark=2, range=1.0, bearing=0.1, x=pytest.approx(2.0), y=pytest.approx(1.5)),
+        LandmarkReading(landmark=7, range=2.5, bearing=4.0 - math.tau),
+    ]
+    # In a gap of the other's reference, or after its end, nobody knows where it was.
+    assert (log.summary.robot_readings, log.summary.dropped_robots) == (2, 2)
+    assert import_mrclam(source, 1).summary.dropped_robots == 4
+    assert main(["import", "mrclam", str(source), "--robot", "1", "--robots", "-o", str(tmp_path / "log.mcap")]) == 0
+    assert "of other robots   2" in capsys.readouterr().out
+    (source / "Robot3_Groundtruth.dat").unlink()
+    with pytest.raises(ImportFailedError, match=r"Robot3_Groundtruth\.dat: no such file"):
+        import_mrclam(source, 1, robots=True)
+
+
 def test_a_gap_of_the_reference_is_told_in_seconds_from_the_start(tmp_path: Path) -> None:
     references = "100.0 0 0 0\n100.5 0 0 0\n101.1 0 0 0\n"
     log = import_mrclam(folder(tmp_path, Robot1_Groundtruth__dat=references))
@@ -233,3 +266,55 @@ def test_the_real_log_shows_its_two_marker_swaps_and_a_clean_one_none() -> None:
     # The heading itself jumps at 757.5, 835.6, 991.2 and 1045.4 s; half a chord is added.
     assert summary.heading_faults == (pytest.approx((757.0, 836.1), abs=0.6), pytest.approx((991.2, 1046.0), abs=0.6))
     assert import_mrclam(REAL / "ds7_5robots_30s", 2).summary.heading_faults == ()
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason=f"the MRCLAM data sets are not at {REAL}")
+@pytest.mark.parametrize(
+    ("name", "robot", "prefix", "common"),
+    [
+        ("ds1_Dataset9_Robot3", None, "ds1_", "ds1_"),
+        ("ds1_seed_60s", None, "ds1_", "ds1_"),
+        ("MRCLAM_Dataset7", 4, "Robot4_", ""),
+        *(("ds7_5robots_30s", robot, f"Robot{robot}_", "") for robot in range(1, 6)),
+    ],
+)
+def test_a_real_log_comes_over_row_by_row(name: str, robot: int | None, prefix: str, common: str) -> None:
+    source = REAL / name
+    log = import_mrclam(source, robot)
+    odometry, seen, truth = (rows_of(source, f"{prefix}{what}") for what in ("Odometry", "Measurement", "Groundtruth"))
+    subjects = {row[1]: int(row[0]) for row in rows_of(source, f"{common}Barcodes")}
+    surveyed = {int(row[0]) for row in rows_of(source, f"{common}Landmark_Groundtruth")}
+    found: dict[str, list[Record]] = {}
+    for record in log.records:
+        found.setdefault(record.topic, []).append(record)
+
+    expected = [(nanoseconds(row[0]), Odometry(v=float(row[1]), w=float(row[2]))) for row in odometry]
+    assert [(one.stamp_ns, one.message) for one in found["log/odometry"]] == expected
+    poses = [(one.stamp_ns, one.message.x, one.message.y, one.message.theta) for one in found["log/truth"]]  # type: ignore[union-attr]
+    assert poses == [(nanoseconds(row[0]), *map(float, row[1:])) for row in truth]
+    readings = [
+        (one.stamp_ns, reading.landmark, reading.range, reading.bearing)
+        for one in found["log/landmarks"]
+        for reading in one.message.readings  # type: ignore[union-attr]
+    ]
+    kept = [row for row in seen if subjects.get(row[1]) in surveyed]
+    assert readings == [
+        (nanoseconds(row[0]), subjects[row[1]], float(row[2]), math.remainder(float(row[3]), math.tau)) for row in kept
+    ]
+    summary = log.summary
+    assert len(seen) - len(kept) == summary.dropped_robots + summary.dropped_unknown_barcodes + summary.dropped_unmapped
+    assert summary.dropped_unknown_barcodes == sum(row[1] not in subjects for row in seen)
+    stamps = [nanoseconds(row[0]) for rows in (odometry, kept, truth) for row in (rows[0], rows[-1])]
+    assert summary.start_ns == min(stamps)
+    assert summary.duration_s == (max(stamps) - min(stamps)) / 1e9
+
+
+def rows_of(folder: Path, name: str) -> list[list[str]]:
+    path = folder / f"{name}.dat"
+    text = path.read_text() if path.exists() else lzma.decompress((folder / f"{name}.dat.xz").read_bytes()).decode()
+    return [line.split() for line in text.splitlines() if line.strip() and not line.startswith("#")]
+
+
+def nanoseconds(text: str) -> int:
+    whole, _, part = text.partition(".")
+    return int(whole) * 10**9 + int(part.ljust(9, "0")[:9])

@@ -11,6 +11,7 @@ from scipy.stats import multivariate_normal
 from dynpf import kernels
 from dynpf.maps import LandmarkMap
 from dynpf.measurement import RangeBearing, RangeBearingParams, RangeBearingReadings
+from dynpf.measurement.range_bearing import SensorRows
 from dynpf.reference import landmarks as reference_landmarks
 from dynpf.rng import Stream
 from dynpf.se2 import wrap_angle
@@ -55,7 +56,7 @@ def test_expected_readings_are_those_of_the_source_document(
 def test_the_log_likelihood_of_a_batch_is_the_sum_of_gaussian_log_densities() -> None:
     batch = readings((13, 4.3, -0.7), (6, 8.0, -1.4))
     expected = np.zeros(2)
-    for landmark, distance, bearing in zip(*batch, strict=True):
+    for landmark, distance, bearing in zip(*batch[:3], strict=True):
         east, north = LANDMARKS.position(int(landmark))
         mean_range = np.hypot(east - PARTICLES[0], north - PARTICLES[1])
         mean_bearing = np.arctan2(north - PARTICLES[1], east - PARTICLES[0]) - PARTICLES[2]
@@ -129,7 +130,7 @@ def test_the_gate_refuses_what_sure_particles_do_not_expect_and_unsure_ones_acce
     right, misread, off = (13, 4.1, -0.73), (17, 4.1, -0.73), (13, 5.5, -1.0)
     admitted = model().admit(sure, weights, readings(misread, right, off))
     assert admitted is not None
-    assert [values.tolist() for values in admitted] == [[13], [4.1], [-0.73]]
+    assert [values.tolist() for values in admitted[:3]] == [[13], [4.1], [-0.73]]
     assert model().admit(sure, weights, readings(misread)) is None
     assert model().admit(unsure, weights, readings(off)) is not None
     ungated = model(RangeBearingParams(gate=None))
@@ -163,7 +164,7 @@ def test_a_reading_that_tells_nothing_favours_no_particle(
     good = (13, 4.1, -0.73)
     admitted = gated.admit(PARTICLES, HALVES, readings(useless, good))
     assert admitted is not None
-    assert [values.tolist() for values in admitted] == [[13], [4.1], [-0.73]]
+    assert [values.tolist() for values in admitted[:3]] == [[13], [4.1], [-0.73]]
     both = gated.log_likelihood(PARTICLES, readings(useless, good))
     assert both.tolist() == gated.log_likelihood(PARTICLES, readings(good)).tolist()
 
@@ -196,7 +197,7 @@ def test_the_kernels_are_compiled_once_whatever_the_arrays_are() -> None:
     kinds = (
         batch,
         RangeBearingReadings(batch.landmarks.astype(np.int32), frozen, batch.bearings.astype(np.float32)),
-        RangeBearingReadings(*(np.repeat(values, 2)[::2] for values in batch)),
+        RangeBearingReadings(*(np.repeat(values, 2)[::2] for values in batch[:3])),
         readings(),
     )
     for particles in (PARTICLES, PARTICLES.astype(np.float64), np.asfortranarray(PARTICLES), cloud(9)[:, 2:4]):
@@ -311,7 +312,7 @@ def test_the_kernels_are_the_references(
     noise = {"sigma_range": sigmas[0], "sigma_range_per_m": sigmas[1], "sigma_bearing": sigmas[2]}
     reading = readings(*batch)
     known = {
-        **dict(zip(("landmarks", "ranges", "bearings"), reading, strict=True)),
+        **dict(zip(("landmarks", "ranges", "bearings"), reading[:3], strict=True)),
         **{"ids": np.array(some.ids), "easts": some.positions[0], "norths": some.positions[1]},
     }
     particles = np.array(poses, dtype=np.float32).T
@@ -334,7 +335,7 @@ def test_the_gate_s_kernel_is_the_reference(
         east, north = some.position(reading[0])
         particles[2] = np.arctan2(north - particles[1], east - particles[0]) + particles[2] / 70.0
     weights = np.arange(1, len(poses) + 1, dtype=np.float32)
-    landmark, distance, bearing = readings(reading)
+    landmark, distance, bearing = readings(reading)[:3]
     ids, (easts, norths) = np.array(some.ids), some.positions.astype(np.float32)
     out = np.empty(1)
     kernels.landmarks.distances(
@@ -365,3 +366,63 @@ def test_the_gate_s_kernel_is_the_reference(
         sigma_bearing=0.2,
     )
     np.testing.assert_allclose(out, expected, rtol=2e-4, atol=1e-4)
+
+
+ROWS = SensorRows(bearing_bias=3, range_scale=4)
+
+
+def test_a_calibrated_state_reads_as_an_uncalibrated_one_whose_readings_are_corrected() -> None:
+    # Noise of the range that does not grow with it, which is then the same before and after a correction.
+    params = RangeBearingParams(sigma_range_per_m=0.0, outlier_fraction=0.0, gate=None, tempering=1.0)
+    batch = readings((13, 4.3, -0.7), (6, 8.0, -1.4), (99, 1.0, 0.0))
+    states = np.concatenate([PARTICLES, [[0.05, 0.0], [1.1, 1.0]]]).astype(np.float32)
+    calibrated = RangeBearing(params, LANDMARKS, ROWS)
+    found = calibrated.log_likelihood(states, batch)
+    plain = model(params)
+    assert found[1] == pytest.approx(plain.log_likelihood(PARTICLES, batch)[1], rel=1e-5)
+    errors = calibrated.innovation(states.astype(np.float64), readings((13, 4.3, -0.7), (6, 8.0, -1.4)))
+    sigmas = np.tile([params.sigma_range, params.sigma_bearing], 2)[:, None]
+    density = -0.5 * (errors / sigmas) ** 2 - np.log(np.sqrt(2.0 * np.pi) * sigmas)
+    assert found == pytest.approx(density.sum(axis=0), rel=1e-4)
+    assert errors[:, 0] != pytest.approx(plain.innovation(states, batch.only(batch.landmarks != 99))[:, 0], abs=0.01)
+
+
+def test_the_jacobian_of_a_calibrated_state_is_the_derivative() -> None:
+    calibrated = RangeBearing(PLAIN, LANDMARKS, ROWS)
+    states = np.array([[0.3], [2.0], [0.4], [0.05], [1.1]])
+    batch, step = readings((13, 4.3, -0.7), (6, 8.0, -1.4)), 1e-6
+    found = calibrated.jacobian(states, batch)
+    for row in range(5):
+        shift = np.zeros((5, 1))
+        shift[row] = step
+        ahead, behind = (calibrated.innovation(states + sign * shift, batch) for sign in (1.0, -1.0))
+        assert found[:, row] == pytest.approx((behind - ahead) / (2.0 * step), abs=1e-8)
+
+
+def test_a_bias_that_all_particles_share_is_no_reason_to_refuse_a_reading() -> None:
+    poses = cloud(1000, 0.01)
+    biased = np.concatenate([poses, np.full((1, 1000), 0.3), np.ones((1, 1000))]).astype(np.float32)
+    weights = np.full(1000, 1e-3, dtype=np.float32)
+    shifted = readings((13, 4.1, -0.73 + 0.3))
+    assert RangeBearing(RangeBearingParams(), LANDMARKS, ROWS).admit(biased, weights, shifted) is shifted
+    assert model().admit(poses, weights, shifted) is None
+    # Mere poses, such as candidates for a start, have no calibration.
+    assert RangeBearing(RangeBearingParams(), LANDMARKS, ROWS).admit(poses, weights, readings((13, 4.1, -0.73)))
+
+
+@pytest.mark.parametrize("rows", [None, ROWS])
+def test_a_landmark_that_moves_is_where_the_reading_says(rows: SensorRows | None) -> None:
+    still = readings((13, 4.3, -0.7), (6, 8.0, -1.4))
+    places = np.array([[np.nan, LANDMARKS.position(6)[0]], [np.nan, LANDMARKS.position(6)[1]]])
+    moving = RangeBearingReadings(np.array([13, 2]), still.ranges, still.bearings, places)
+    states = PARTICLES if rows is None else np.concatenate([PARTICLES, np.zeros((1, 2)), np.ones((1, 2))])
+    one = RangeBearing(RangeBearingParams(gate=None), LANDMARKS, rows)
+    assert one.log_likelihood(states, moving) == pytest.approx(one.log_likelihood(states, still), rel=1e-6)
+    assert np.array_equal(one.innovation(states, moving), one.innovation(states, still))
+    assert np.array_equal(one.jacobian(states, moving), one.jacobian(states, still))
+    assert one.admit(states, HALVES, moving) is moving
+    stream = Stream.of(1, "test", 0)
+    start = one.poses(moving.only(np.array([False, True])), 5, stream)
+    assert np.array_equal(start, one.poses(still.only(np.array([False, True])), 5, stream))
+    gone = one.admit(states, HALVES, RangeBearingReadings(np.array([2]), *still.only(np.array([False, True]))[1:3]))
+    assert gone is None

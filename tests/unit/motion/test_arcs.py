@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dynpf.motion import Arcs, ArcsParams, CalibratedArcs, CalibrationParams, Twist
-from dynpf.motion.calibration import TURN_SCALE
+from dynpf.motion.calibration import BEARING_BIAS, LAG, RANGE_SCALE, TURN_SCALE, WAY_SCALE
 from dynpf.rng import Stream
 
 NOISELESS = ArcsParams(
@@ -73,7 +73,7 @@ def test_turn_scales_start_around_one() -> None:
 
 def test_a_small_turn_scale_does_not_mean_less_noise() -> None:
     model = CalibratedArcs(ArcsParams(), CalibrationParams())
-    particles = np.zeros((4, 100_000))
+    particles = model.particles(np.zeros((3, 100_000)), stream())
     particles[TURN_SCALE, ::2] = 0.5
     particles[TURN_SCALE, 1::2] = 1.5
     moved = model.propagate(particles, Twist(0.0, 0.5, 0.2), stream())
@@ -88,3 +88,34 @@ def test_calibration_walks_by_the_time_that_the_robot_moves() -> None:
     assert np.array_equal(model.propagate(particles, Twist(0.0, 0.0, 4.0), stream(1)), particles)
     moved = model.propagate(particles, Twist(0.1, 0.0, 4.0), stream(1))
     assert moved[TURN_SCALE].std() == pytest.approx(0.2, rel=0.02)
+
+
+def test_each_particle_goes_its_own_way_scale() -> None:
+    model = CalibratedArcs(NOISELESS, CalibrationParams(turn_scale_walk=0.0))
+    particles = model.particles(np.zeros((3, 2)), stream())
+    particles[WAY_SCALE] = 0.5, 2.0
+    assert model.propagate(particles, Twist(1.0, 0.0, 0.5), stream(1))[0] == pytest.approx([0.25, 1.0])
+
+
+def test_a_sensor_s_calibration_is_drawn_and_walks_as_it_is_told() -> None:
+    sigmas = CalibrationParams(bearing_bias_sigma=0.02, range_scale_sigma=0.05, range_scale_walk=0.01)
+    model = CalibratedArcs(NOISELESS, sigmas)
+    particles = model.particles(np.zeros((3, 20_000)), stream())
+    assert particles[BEARING_BIAS].std() == pytest.approx(0.02, rel=0.03)
+    assert particles[BEARING_BIAS].mean() == pytest.approx(0.0, abs=0.02 * 5 / 141)
+    assert particles[RANGE_SCALE].mean() == pytest.approx(1.0, abs=0.05 * 5 / 141)
+    moved = model.propagate(particles, Twist(0.1, 0.0, 4.0), stream(1))
+    assert np.array_equal(moved[BEARING_BIAS], particles[BEARING_BIAS])
+    assert (moved[RANGE_SCALE] - particles[RANGE_SCALE]).std() == pytest.approx(0.02, rel=0.03)
+
+
+def test_a_particle_with_a_lag_goes_on_as_before_for_so_long() -> None:
+    model = CalibratedArcs(NOISELESS, CalibrationParams(turn_scale_sigma=0.0, turn_scale_walk=0.0, lag_sigma=0.1))
+    late = model.particles(np.zeros((3, 3)), stream())
+    late[LAG] = -0.1, 0.0, 0.2
+    late = model.propagate(late, Twist(1.0, 0.0, 1.0), stream(1))
+    assert late[0] == pytest.approx([1.1, 1.0, 0.8])  # it stood before
+    late = model.propagate(late, Twist(1.0, 0.0, 1.0), stream(2))
+    assert late[0] == pytest.approx([2.1, 2.0, 1.8])  # nothing has changed
+    late = model.propagate(late, Twist(0.0, 0.0, 1.0), stream(3))
+    assert late[0] == pytest.approx([2.0, 2.0, 2.0])  # it stands, all late and early moves made up for

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -49,11 +50,15 @@ class Case(NamedTuple):
     rows: int = 3
 
 
+WALKING = CalibrationParams(way_scale_walk=0.01, bearing_bias_walk=0.001, range_scale_walk=0.002)
 CASES = {
     "arcs": Case(Arcs(ArcsParams()), Twist(0.7, -1.3, 0.8)),
     "arcs, straight back": Case(Arcs(ArcsParams()), Twist(-0.7, 0.0, 0.8)),
     "arcs, on the spot": Case(Arcs(ArcsParams()), Twist(0.0, 1.0, 0.8)),
-    "calibrated arcs": Case(CalibratedArcs(ArcsParams(), CalibrationParams()), Twist(0.7, 1.3, 0.8), rows=4),
+    "calibrated arcs": Case(CalibratedArcs(ArcsParams(), WALKING), Twist(0.7, 1.3, 0.8), rows=7),
+    "calibrated arcs with a lag": Case(
+        CalibratedArcs(ArcsParams(), msgspec.structs.replace(WALKING, lag_sigma=0.1)), Twist(0.7, 1.3, 0.8), rows=10
+    ),
     "velocity": Case(Velocity(VelocityParams()), Twist(0.7, -1.3, 0.8)),
     "odometry": Case(OdometryMotion(OdometryParams()), Displacement(0.4, -0.2, 0.5)),
     "odometry, backward": Case(OdometryMotion(OdometryParams()), Displacement(-0.4, 0.1, 0.5)),
@@ -80,7 +85,7 @@ every_kernel_of_poses = pytest.mark.parametrize(
 def states_of(case: Case, count: int, dtype: type = np.float64) -> Floats:
     states = np.random.default_rng(7).uniform(-2.0, 2.0, (case.rows, count))
     if isinstance(case.model, CalibratedArcs):
-        states[3] = 1.0 + 0.1 * states[3]
+        states[3:5] = 1.0 + 0.1 * states[3:5]
     return states.astype(dtype)
 
 
@@ -191,7 +196,6 @@ def told(number: float) -> bool:
     ("name", "rows", "numbers", "sigmas"),
     [
         ("follow_arcs", 3, 2, 3),
-        ("follow_scaled_arcs", 4, 2, 4),
         ("follow_twist", 3, 2, 3),
         ("rotate_translate_rotate", 3, 3, 3),
         ("move_capsule", 3, 2, 2),
@@ -213,6 +217,20 @@ def test_kernels_do_as_their_references(name: str, rows: int, numbers: int, sigm
     difference[2] = wrap_angle(difference[2])
     # Angles of up to 16 radians, rounded four times to 2**-21 at most, aim ways of up to 4 m.
     assert np.abs(difference).max() < 4 * 4 * 2.0**-21
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 9999), st.lists(st.floats(0.0, 0.5).filter(told), min_size=3, max_size=3))
+def test_each_particle_s_own_arc_is_the_reference_s(seed: int, sigmas: list[float]) -> None:
+    rows = np.random.default_rng(seed).uniform(-4.0, 4.0, (5, 37)).astype(np.float32)
+    noise = STREAM.starting_at(seed).normals(3, 37)
+    moved = np.empty_like(rows[:3])
+    kernels.motion.follow_own_arcs(*rows, noise, *sigmas, *moved)
+    wide = rows.astype(np.float64)
+    difference = moved - twins.follow_own_arcs(wide[:3], wide[3], wide[4], noise.astype(np.float64), sigmas)
+    difference[2] = wrap_angle(difference[2])
+    # As above, twice as far and turned twice as much.
+    assert np.abs(difference).max() < 4 * 8 * 2.0**-20
 
 
 def moments(

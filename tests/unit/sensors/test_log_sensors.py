@@ -2,8 +2,10 @@
 
 import math
 
+import numpy as np
 import pytest
 
+from dynpf.measurement import RangeBearingReadings
 from protocol.messages import (
     LandmarkReading,
     LandmarkReadings,
@@ -14,6 +16,7 @@ from protocol.messages import (
     planar_pose,
     timestamp,
 )
+from services.estimator.readings import reading_of
 from services.node import Received, Step, decode_state, encode_state
 from services.sensors.config import LogSensorsConfig
 from services.sensors.log import LogSensors
@@ -76,6 +79,18 @@ def test_readings_of_what_is_not_on_the_map_are_dropped_and_counted() -> None:
     assert output.message == LandmarkReadings(readings=(reading(7),))
     assert node.step(step(LandmarkReadings(readings=(reading(3),)))).outputs == ()
     assert node.freeze() == {"unknown": 3, "refused": 0}
+
+
+def test_a_landmark_that_moves_is_not_on_the_map_and_passes_with_its_place() -> None:
+    moving = LandmarkReading(landmark=3, range=1.0, bearing=0.1, x=2.0, y=-1.0)
+    message = LandmarkReadings(readings=(moving, reading(6)))
+    (output,) = sensors().step(step(message)).outputs
+    assert isinstance(output.message, LandmarkReadings)
+    assert output.message.readings[0] == moving
+    taken = reading_of(output.message, RangeBearingReadings)
+    assert taken.places[:, 0].tolist() == [2.0, -1.0]
+    assert np.isnan(taken.places[:, 1]).all()
+    assert reading_of(LandmarkReadings(readings=(reading(6),)), RangeBearingReadings).places is None
 
 
 @pytest.mark.parametrize(
