@@ -12,12 +12,14 @@ import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
 __all__ = [
+    "Barrier",
     "Color",
     "Command",
     "CompressedImage",
     "Detection",
     "Detections",
     "Diagnostics",
+    "Disc",
     "Duration",
     "Estimate",
     "FilterHealth",
@@ -35,6 +37,7 @@ __all__ = [
     "Log",
     "LogLevel",
     "Message",
+    "Obstacles",
     "Odometry",
     "OdometryPose",
     "PartEstimate",
@@ -324,6 +327,29 @@ class PartsState(Message, frozen=True, kw_only=True):
     held: Annotated[int, Meta(ge=-1, lt=64)]
     contacts: Count  # ticks so far in which two discs, or a disc and a wall, overlapped
     finished: bool  # the controller has said that it is done
+
+
+class Disc(Part, frozen=True, kw_only=True):
+    x: float  # m
+    y: float  # m
+    radius: Positive  # m
+
+
+class Barrier(Part, frozen=True, kw_only=True):
+    """A straight piece from one end to the other."""
+
+    x1: float  # m
+    y1: float  # m
+    x2: float  # m
+    y2: float  # m
+
+
+class Obstacles(Message, frozen=True, kw_only=True):
+    """What stands in the way just now and is in no map: people as discs, and the doors that are closed."""
+
+    schema_name = "dynpf.Obstacles"
+    people: Annotated[tuple[Disc, ...], Meta(max_length=256)] = ()
+    doors: Annotated[tuple[Barrier, ...], Meta(max_length=256)] = ()
 
 
 # --- what is sensed ------------------------------------------------------------------------------------------------

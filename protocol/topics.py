@@ -100,6 +100,12 @@ _ROWS = (
         description="True positions of the parts, what is held, contacts so far",
     ),
     Topic(
+        name="truth/obstacles",
+        type=messages.Obstacles,
+        publishers=("simulator",),
+        description="People about and doors that are closed, in a room that has any",
+    ),
+    Topic(
         name="truth/scene",
         type=messages.SceneUpdate,
         publishers=("simulator",),

@@ -6,8 +6,9 @@ import msgspec
 from msgspec import Meta
 
 from services.simulator.camera import CameraParams
+from services.steering import Route
 
-__all__ = ["RoomConfig", "WorkspaceConfig"]
+__all__ = ["Door", "Driver", "PeopleParams", "RoomConfig", "WorkspaceConfig"]
 
 NonNegative = Annotated[float, Meta(ge=0.0)]
 Positive = Annotated[float, Meta(gt=0.0)]
@@ -24,6 +25,33 @@ class WorkspaceConfig(
     start_gap: NonNegative = 0.26  # between drawn starts: the robot fits between any two parts
     start_wall_gap: NonNegative = 0.10  # between drawn starts and the walls
     camera: CameraParams | None = None  # the overhead camera; absent: no frames are rendered
+
+
+class PeopleParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """People who walk through the room, and through the beams, from one place in view to the next."""
+
+    number: Annotated[int, Meta(ge=0, le=256)] = 0
+    speed: Positive = 0.8  # m/s
+    radius: Positive = 0.2  # m
+
+
+class Door(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A door that is in no map: while it is closed, a wall between two points."""
+
+    segment: tuple[float, float, float, float]  # x1, y1, x2, y2 in m
+    period: Positive = 20.0  # s from opening to opening
+    open_for: NonNegative = 10.0  # s; at the start of each period
+    phase: float = 0.0  # s after the start of the run at which a period begins
+    opens_within: NonNegative = 0.0  # m from the robot: then it is open in any case
+
+
+class Driver(Route, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Somebody who sees the robot and drives it, as logs are recorded: the way does not depend on an estimate.
+
+    Stops before people and closed doors. The run ends with the route.
+    """
+
+    gap: Positive = 0.3  # m that is kept to what stands in the way ahead
 
 
 class RoomConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="room"):
@@ -48,3 +76,6 @@ class RoomConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         0.0,
         0.0,
     )
+    driver: Driver | None = None  # absent: the controller drives
+    people: PeopleParams | None = None
+    doors: Annotated[tuple[Door, ...], Meta(max_length=256)] = ()
