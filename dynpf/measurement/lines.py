@@ -1,5 +1,6 @@
 """Walls seen as straight lines, matched with the segments of a map (TURTLEBOT, "weighting")."""
 
+import math
 from typing import Annotated, NamedTuple
 
 import msgspec
@@ -65,6 +66,12 @@ class PolarLines:
         centres = middles[:, 1] * np.cos(alpha) - middles[:, 0] * np.sin(alpha)
         columns = (rho, alpha, np.cos(alpha), np.sin(alpha), longest, centres)
         self._segments = tuple(column.astype(np.float32) for column in columns)
+
+    @property
+    def log_outlier(self) -> np.float32:
+        """The log-density of a line that is of nothing in the map; -inf where there is no share of those."""
+        fraction = self.params.outlier_fraction
+        return np.float32(math.log(fraction / (math.tau * self.params.outlier_rho)) if fraction > 0.0 else -math.inf)
 
     def admit(self, particles: Floats, weights: Floats, reading: Lines) -> Lines | None:  # noqa: ARG002
         """Return the lines that are finite and not too long for every segment of the map, None if there is none."""

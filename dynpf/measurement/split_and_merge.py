@@ -91,10 +91,10 @@ def _split(points: FloatArray, first: int, last: int, params: SplitAndMergeParam
 def _merged(
     points: FloatArray, pieces: list[tuple[int, int]], params: SplitAndMergeParams
 ) -> Iterator[tuple[int, int]]:
-    """Yield pieces, neighbours put together where one line is near all of their points."""
+    """Yield pieces, those that share a corner put together where one line is near all of their points."""
     held: tuple[int, int] | None = None
     for piece in pieces:
-        if held is not None and piece[0] <= held[1] and _is_straight(points[:, held[0] : piece[1]], params.split):
+        if held is not None and piece[0] < held[1] and _is_straight(points[:, held[0] : piece[1]], params.split):
             held = held[0], piece[1]
             continue
         if held is not None:

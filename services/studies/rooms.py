@@ -1,0 +1,225 @@
+"""Runs of the room scenarios for studies: what a robot saw and did on its way, and what filters make of it; no bus."""
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from dynpf.filters.models import Models
+from dynpf.filters.start import FromReadingsStart, KnownStart, start_poses
+from dynpf.measurement.scan import Scan
+from dynpf.motion.model import Twist
+from dynpf.rng import Stream, generator
+from dynpf.se2 import FloatArray, arc_displacement, compose, wrap_angle
+from protocol.messages import LandmarkReadings, LaserScan, Odometry, RobotState
+from services.estimator.components import localizer_of, measurements_of, motion_of
+from services.estimator.config import LocalizationConfig
+from services.estimator.readings import TOPICS, reading_of
+from services.maps import Maps, open_maps
+from services.node import Output, Received, Step
+from services.scenario import Scenario, load_scenario
+from services.sensors.config import SimulatedSensorsConfig
+from services.sensors.simulated import SimulatedSensors
+from services.simulator.config import Door, RoomConfig
+from services.simulator.room import RoomSimulator
+from services.steering import Route
+
+__all__ = ["Epoch", "Track", "World", "dead_reckoning", "follow", "measures", "record", "world"]
+
+NEAR_M, NEAR_RAD = 0.5, math.radians(15.0)
+"""A pose estimate within these of the truth is right."""
+LASTING = 10
+"""Updates for which it has to stay right."""
+
+
+class World(NamedTuple):
+    """A scenario, its maps, and changes to what the robot meets there."""
+
+    name: str
+    scenario: Scenario
+    maps: Maps
+
+
+class Epoch(NamedTuple):
+    """What odometry said since the last scan, and what was seen at its end; ``truth`` is the pose there (3,)."""
+
+    twists: tuple[Twist, ...]
+    messages: tuple[LaserScan | LandmarkReadings, ...]
+    truth: FloatArray
+
+
+class Track(NamedTuple):
+    """Estimates (3, T), standard deviation of the position (T,) along its worst direction, particles that there were
+    (T,), and, where asked for, some of the particles (3, M) at each update.
+    """
+
+    poses: FloatArray
+    sigmas: FloatArray
+    counts: FloatArray
+    clouds: Sequence[FloatArray] = ()
+
+
+@lru_cache(maxsize=16)
+def world(name: str, overrides: tuple[str, ...] = ()) -> World:
+    """Return the world of a scenario."""
+    scenario = load_scenario(name, overrides=overrides)
+    marks = scenario.landmarks or None
+    return World(name, scenario, open_maps(scenario.map, marks, lambda path: b""))
+
+
+def record(place: World, seed: int, updates: int, *, rest: int = 0, panels: Sequence[Door] = ()) -> list[Epoch]:
+    """Return so many epochs of a drive round the scenario's route, which begins somewhere else for each seed.
+
+    ``rest``: epochs at the start for which the robot stands still. ``panels``: more doors.
+    """
+    scenario = place.scenario
+    room, sensors = scenario.simulator, scenario.sensors
+    assert isinstance(room, RoomConfig)
+    assert isinstance(sensors, SimulatedSensorsConfig)
+    assert room.driver is not None
+    assert sensors.scan is not None
+    start, points = _route(room.driver, seed)
+    driver = msgspec.structs.replace(room.driver, points=points, laps=1000)
+    config = msgspec.structs.replace(room, start=start, driver=driver, doors=(*room.doors, *panels))
+    tick_s, tick_ns = scenario.tick_s, scenario.tick_ns
+    simulator = RoomSimulator(config=config, seed=seed, tick_s=tick_s, landmarks=scenario.landmarks, maps=place.maps)
+    node = SimulatedSensors(
+        config=sensors, seed=seed, tick_s=tick_s, landmarks=scenario.landmarks, maps=place.maps
+    )
+    epochs: list[Epoch] = []
+    twists: list[Twist] = []
+    held: Twist | None = None
+    tick = 0
+    standing = RobotState(x=start[0], y=start[1], theta=start[2])
+    while len(epochs) < updates:
+        still = len(epochs) < rest
+        outputs = () if still else simulator.step(Step(tick, tick, tick * tick_ns, ())).outputs
+        truth = standing if still else _state(outputs)
+        inputs = (("truth/robot", truth),) if still else tuple((one.topic, one.message) for one in outputs)
+        received = tuple(
+            Received(topic, "simulator", "", tick, tick * tick_ns, message)
+            for topic, message in inputs
+            if topic in node.reads
+        )
+        sensed = [one.message for one in node.step(Step(tick, tick, tick * tick_ns, received)).outputs]
+        if held is not None:
+            twists.append(held)
+        messages = tuple(one for one in sensed if isinstance(one, LaserScan | LandmarkReadings))
+        if any(isinstance(one, LaserScan) for one in messages):
+            epochs.append(Epoch(tuple(twists), messages, np.array([truth.x, truth.y, truth.theta])))
+            twists = []
+        said = next(one for one in sensed if isinstance(one, Odometry))
+        held = Twist(said.v, said.w, tick_s)
+        tick += 1
+    return epochs
+
+
+def _state(outputs: Sequence[Output]) -> RobotState:
+    return next(one.message for one in outputs if isinstance(one.message, RobotState))
+
+
+def _route(route: Route, seed: int) -> tuple[tuple[float, float, float], tuple[tuple[float, float], ...]]:
+    """Return a start on the way between two waypoints, and the points from there on, either way round."""
+    rng = generator(seed, "studies", 0, "route")
+    points = list(route.points) if rng.random() < 0.5 else list(route.points)[::-1]
+    first = int(rng.integers(len(points)))
+    points = points[first:] + points[:first]
+    (x1, y1), (x2, y2) = points[-1], points[0]
+    share = rng.uniform(0.2, 0.8)
+    heading = math.atan2(y2 - y1, x2 - x1) + 0.3 * float(rng.standard_normal())
+    start = (x1 + share * (x2 - x1), y1 + share * (y2 - y1), math.remainder(heading, math.tau))
+    return start, tuple(points)
+
+
+def known_start(epochs: Sequence[Epoch], seed: int, sigma_position: float, sigma_heading: float) -> KnownStart:
+    """Return what somebody who measured the first pose by hand would say of it."""
+    off = generator(seed, "studies", 0, "start").standard_normal(3)
+    x, y, theta = (epochs[0].truth + off * [sigma_position, sigma_position, sigma_heading]).tolist()
+    return KnownStart(x=x, y=y, theta=theta, sigma_position=sigma_position, sigma_heading=sigma_heading)
+
+
+def dead_reckoning(epochs: Sequence[Epoch]) -> FloatArray:
+    """Return where odometry alone puts the robot (3, T), from its true start."""
+    poses = [epochs[0].truth]
+    for epoch in epochs[1:]:
+        pose = poses[-1]
+        for v, w, duration in epoch.twists:
+            pose = compose(pose, arc_displacement(v * duration, w * duration))
+        poses.append(pose)
+    return np.stack(poses, axis=1)
+
+
+def follow(
+    place: World, config: LocalizationConfig, epochs: Sequence[Epoch], seed: int, *, shown: int = 0
+) -> Track:
+    """Return what the scenario's estimator, configured so, makes of a drive; ``shown``: particles to keep of each."""
+    motion = motion_of(config, place.maps, {})
+    models = measurements_of(config, place.maps, {})
+    localizer = localizer_of(config, motion.model, models, place.maps, {})
+    scenario = place.scenario
+    assert isinstance(scenario.sensors, SimulatedSensorsConfig)
+    assert scenario.sensors.scan is not None
+    scanner = {"range_min": config.scan_range_min, "range_max": scenario.sensors.scan.range_max}
+    kinds = {TOPICS[kind]: kind for kind in models}
+
+    def readings(epoch: Epoch) -> list[Any]:
+        topics = [("sensors/scan" if isinstance(one, LaserScan) else "sensors/landmarks", one) for one in epoch.messages]
+        return [reading_of(one, kinds[topic], **scanner) for topic, one in topics if topic in kinds]
+
+    poses = start_poses(
+        config.start,
+        config.n,
+        Stream.of(seed, "study", 0, "start"),
+        grid=place.maps.grid,
+        models=Models(motion.model, models),
+        readings=readings(epochs[0]),
+    )
+    belief = localizer.start(poses, Stream.of(seed, "study", 0, "cloud"))
+    found, sigmas, counts, clouds = [], [], [], []
+    # A start from readings has used the first ones up.
+    used = isinstance(config.start, FromReadingsStart)
+    for number, epoch in enumerate(epochs):
+        stream = Stream.of(seed, "study", number, "update")
+        for place_of, twist in enumerate(epoch.twists[:-1]):
+            belief = localizer.predict(belief, motion.control(twist), stream.part("predict").part(place_of))
+        if number == 0 and used:
+            one = localizer.find(belief)
+        else:
+            control = motion.control(epoch.twists[-1]) if epoch.twists else None
+            belief, one = localizer.update(belief, control, readings(epoch), stream)
+        found.append(one.estimate.mean[:3])
+        sigmas.append(math.sqrt(float(np.linalg.eigvalsh(one.estimate.covariance[:2, :2])[-1])))
+        counts.append(belief.weights.size)
+        if shown:
+            clouds.append(np.array(localizer.shown(belief, shown)))
+    return Track(np.stack(found, axis=1), np.array(sigmas), np.array(counts, dtype=np.float64), clouds)
+
+
+def measures(epochs: Sequence[Epoch], poses: FloatArray) -> dict[str, float | bool]:
+    """Return the measures of DESIGN: errors from where it is right for good on, or of the whole way if it never is."""
+    truth = np.stack([epoch.truth for epoch in epochs], axis=1)
+    distance = np.hypot(*(poses[:2] - truth[:2]))
+    turn = np.abs(wrap_angle(poses[2] - truth[2]))
+    right = (distance < NEAR_M) & (turn < NEAR_RAD)
+    success = bool(right[-LASTING:].all())
+    lasting = np.flatnonzero(np.convolve(right, np.ones(LASTING), "valid") == LASTING)
+    first = int(lasting[0]) if lasting.size else 0
+    return {
+        "success_percent": success,
+        "position_rmse_m": float(np.sqrt(np.mean(distance[first:] ** 2))),
+        "heading_rmse_rad": float(np.sqrt(np.mean(turn[first:] ** 2))),
+        "updates_to_converge": float(first + 1) if lasting.size and success else math.nan,
+    }
+
+
+def scans(epochs: Sequence[Epoch], range_max: float) -> list[tuple[FloatArray, Scan]]:
+    """Return the scans of a drive, each with the true pose."""
+    pairs = []
+    for epoch in epochs:
+        for message in epoch.messages:
+            if isinstance(message, LaserScan):
+                pairs.append((epoch.truth, reading_of(message, Scan, range_max=range_max)))
+    return pairs
