@@ -12,6 +12,8 @@ _MODULES = {
     "colon-cases": "colon",
     "colon-growth": "colon",
     "colon-hypotheses": "colon",
+    "indoor": "indoor",
+    "turtlebot": "turtlebot",
 }
 
 

@@ -1,8 +1,9 @@
 """Runs of the room scenarios for studies: what a robot saw and did on its way, and what filters make of it; no bus."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
@@ -11,15 +12,18 @@ import numpy as np
 from dynpf.filters.models import Models
 from dynpf.filters.start import FromReadingsStart, KnownStart, start_poses
 from dynpf.measurement.scan import Scan
-from dynpf.motion.model import Twist
+from dynpf.motion.model import Displacement, Twist
 from dynpf.rng import Stream, generator
-from dynpf.se2 import FloatArray, arc_displacement, compose, wrap_angle
-from protocol.messages import LandmarkReadings, LaserScan, Odometry, RobotState
-from services.estimator.components import localizer_of, measurements_of, motion_of
+from dynpf.se2 import FloatArray, arc_displacement, compose, relative, wrap_angle
+from protocol.codec import decode
+from protocol.messages import LandmarkReadings, LaserScan, Odometry, OdometryPose, RobotState
+from services.errors import UsageError
+from services.estimator.components import Moved, localizer_of, measurements_of, motion_of
 from services.estimator.config import LocalizationConfig
 from services.estimator.readings import TOPICS, reading_of
 from services.maps import Maps, open_maps
 from services.node import Output, Received, Step
+from services.played_log import PlayedLog
 from services.scenario import Scenario, load_scenario
 from services.sensors.config import SimulatedSensorsConfig
 from services.sensors.simulated import SimulatedSensors
@@ -27,26 +31,42 @@ from services.simulator.config import Door, RoomConfig
 from services.simulator.room import RoomSimulator
 from services.steering import Route
 
-__all__ = ["Epoch", "Track", "World", "dead_reckoning", "follow", "measures", "record", "world"]
+__all__ = [
+    "Drive",
+    "Epoch",
+    "Track",
+    "World",
+    "dead_reckoning",
+    "follow",
+    "known_start",
+    "measures",
+    "played",
+    "record",
+    "scans",
+    "world",
+]
 
 NEAR_M, NEAR_RAD = 0.5, math.radians(15.0)
 """A pose estimate within these of the truth is right."""
+REFERENCE_NS = 10_000_000
+"""Between a scan of a log and the reference pose that is taken for its own."""
 LASTING = 10
 """Updates for which it has to stay right."""
 
 
 class World(NamedTuple):
-    """A scenario, its maps, and changes to what the robot meets there."""
+    """A scenario and its maps."""
 
     name: str
     scenario: Scenario
     maps: Maps
+    range_max: float  # m, which a beam without return reads
 
 
 class Epoch(NamedTuple):
     """What odometry said since the last scan, and what was seen at its end; ``truth`` is the pose there (3,)."""
 
-    twists: tuple[Twist, ...]
+    controls: tuple[Twist | Moved, ...]
     messages: tuple[LaserScan | LandmarkReadings, ...]
     truth: FloatArray
 
@@ -67,7 +87,9 @@ def world(name: str, overrides: tuple[str, ...] = ()) -> World:
     """Return the world of a scenario."""
     scenario = load_scenario(name, overrides=overrides)
     marks = scenario.landmarks or None
-    return World(name, scenario, open_maps(scenario.map, marks, lambda path: b""))
+    assert isinstance(scenario.sensors, SimulatedSensorsConfig)
+    assert scenario.sensors.scan is not None
+    return World(name, scenario, open_maps(scenario.map, marks, lambda path: b""), scenario.sensors.scan.range_max)
 
 
 def record(place: World, seed: int, updates: int, *, rest: int = 0, panels: Sequence[Door] = ()) -> list[Epoch]:
@@ -146,8 +168,11 @@ def dead_reckoning(epochs: Sequence[Epoch]) -> FloatArray:
     poses = [epochs[0].truth]
     for epoch in epochs[1:]:
         pose = poses[-1]
-        for v, w, duration in epoch.twists:
-            pose = compose(pose, arc_displacement(v * duration, w * duration))
+        for control in epoch.controls:
+            if isinstance(control, Moved):
+                pose = compose(pose, np.array(control.displacement))
+            else:
+                pose = compose(pose, arc_displacement(control.v * control.duration, control.w * control.duration))
         poses.append(pose)
     return np.stack(poses, axis=1)
 
@@ -159,10 +184,7 @@ def follow(
     motion = motion_of(config, place.maps, {})
     models = measurements_of(config, place.maps, {})
     localizer = localizer_of(config, motion.model, models, place.maps, {})
-    scenario = place.scenario
-    assert isinstance(scenario.sensors, SimulatedSensorsConfig)
-    assert scenario.sensors.scan is not None
-    scanner = {"range_min": config.scan_range_min, "range_max": scenario.sensors.scan.range_max}
+    scanner = {"range_min": config.scan_range_min, "range_max": place.range_max}
     kinds = {TOPICS[kind]: kind for kind in models}
 
     def readings(epoch: Epoch) -> list[Any]:
@@ -183,12 +205,12 @@ def follow(
     used = isinstance(config.start, FromReadingsStart)
     for number, epoch in enumerate(epochs):
         stream = Stream.of(seed, "study", number, "update")
-        for place_of, twist in enumerate(epoch.twists[:-1]):
-            belief = localizer.predict(belief, motion.control(twist), stream.part("predict").part(place_of))
+        for part, held in enumerate(epoch.controls[:-1]):
+            belief = localizer.predict(belief, motion.control(held), stream.part("predict").part(part))
         if number == 0 and used:
             one = localizer.find(belief)
         else:
-            control = motion.control(epoch.twists[-1]) if epoch.twists else None
+            control = motion.control(epoch.controls[-1]) if epoch.controls else None
             belief, one = localizer.update(belief, control, readings(epoch), stream)
         found.append(one.estimate.mean[:3])
         sigmas.append(math.sqrt(float(np.linalg.eigvalsh(one.estimate.covariance[:2, :2])[-1])))
@@ -215,11 +237,59 @@ def measures(epochs: Sequence[Epoch], poses: FloatArray) -> dict[str, float | bo
     }
 
 
-def scans(epochs: Sequence[Epoch], range_max: float) -> list[tuple[FloatArray, Scan]]:
-    """Return the scans of a drive, each with the true pose."""
-    pairs = []
+def scans(place: World, epochs: Sequence[Epoch]) -> Iterator[tuple[FloatArray, Scan]]:
+    """Yield the scans of a drive, each with the true pose (3,)."""
     for epoch in epochs:
         for message in epoch.messages:
             if isinstance(message, LaserScan):
-                pairs.append((epoch.truth, reading_of(message, Scan, range_max=range_max)))
-    return pairs
+                yield epoch.truth, reading_of(message, Scan, range_max=place.range_max)
+
+
+class Drive(NamedTuple):
+    """An imported log as a study takes it."""
+
+    place: World
+    epochs: Sequence[Epoch]
+
+    def stretch(self, seed: int, updates: int) -> list[Epoch]:
+        """Return so many epochs on end from another place of the log for each seed."""
+        last = len(self.epochs) - updates
+        if last < 0:
+            raise UsageError(f"the log has {len(self.epochs)} scans with a reference; expected {updates} or more")
+        first = int(generator(seed, "studies", 0, "stretch").integers(last + 1))
+        return [self.epochs[first]._replace(controls=()), *self.epochs[first + 1 : first + updates]]
+
+
+@lru_cache(maxsize=2)
+def played(path: Path, scenario: str = "laser-log", moved_m: float = 0.25, turned_rad: float = 0.2) -> Drive:
+    """Return a log in its own map; of its scans, those that come when the robot has moved or turned so far.
+
+    Raises UsageError where it has no map or no reference.
+    """
+    log = PlayedLog(path)
+    facts = log.facts
+    if facts.map is None or facts.range_max is None:
+        raise UsageError(f"{path}: holds no map or no scans; dynpf import carmen|rosbag --map makes such a recording")
+    resolved = load_scenario(scenario, log=facts)
+    maps = open_maps(resolved.map, None, lambda name: facts.files[name.rpartition("/")[2]])
+    epochs: list[Epoch] = []
+    odometry: FloatArray | None = None  # the last pose of odometry
+    taken: FloatArray | None = None  # that of the last epoch
+    stamp_ns, truth_ns, truth, scan = 0, -1, None, None
+    for one in log.records:
+        match decode(one.topic, one.payload):
+            case OdometryPose(x=x, y=y, theta=theta):
+                odometry = np.array([x, y, theta])
+            case LaserScan() as message if odometry is not None:
+                scan, stamp_ns = message, one.stamp_ns
+            case RobotState(x=x, y=y, theta=theta):
+                truth, truth_ns = np.array([x, y, theta]), one.stamp_ns
+        if scan is None or odometry is None or truth is None or abs(truth_ns - stamp_ns) > REFERENCE_NS:
+            continue
+        step = None if taken is None else relative(taken, odometry)
+        if step is None or math.hypot(*step[:2]) >= moved_m or abs(step[2]) >= turned_rad:
+            controls = () if step is None else (Moved(Displacement(*step.tolist()), 1.0),)
+            epochs.append(Epoch(controls, (scan,), truth))
+            taken = odometry
+        scan = None
+    return Drive(World(path.stem, resolved, maps, float(facts.range_max)), epochs)

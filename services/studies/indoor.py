@@ -1,0 +1,224 @@
+"""INDOOR's question: how many particles does it take in a furnished flat with people and doors, or on a real log?"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from dynpf.filters.adaptation import KldParams
+from dynpf.filters.resampling import Systematic
+from dynpf.filters.start import FromReadingsStart, UniformStart
+from dynpf.maps.raycast import RayCaster
+from dynpf.measurement.beam import BeamParams
+from dynpf.measurement.beam_fit import BeamFit, fit_beam
+from services.errors import UsageError
+from services.estimator.config import LocalizationConfig
+from services.studies.room_figures import Shown, draw
+from services.studies.rooms import (
+    Epoch,
+    World,
+    dead_reckoning,
+    follow,
+    known_start,
+    measures,
+    played,
+    record,
+    scans,
+    world,
+)
+from services.studies.rows import Row, Sample, summarized
+from services.studies.study import Study
+
+__all__ = ["STUDIES", "IndoorSettings", "configured", "fitted"]
+
+Count = Annotated[int, Meta(ge=1)]
+Start = Literal["known", "uniform", "readings"]
+Filter = Literal["document", "careful", "kld"]
+
+FIT_SEED = 1_000_003
+"""Of the drive that the beam model is fitted to; no trial has it."""
+REST = 40
+"""Updates that a robot stands still in the case ``rest``."""
+
+
+class IndoorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    n: tuple[Count, ...] = (50, 100, 200, 500, 1000, 2000, 5000, 10000, 20000, 50000)
+    n_known: Count = 5000  # the most for a known start
+    n_readings: Count = 5000  # the most for a start from readings
+    n_rest: tuple[Count, ...] = (1000, 5000)
+    updates: Annotated[int, Meta(ge=20)] = 60
+    log: str = ""  # an imported log with scans, its map and a reference, in place of the flat
+
+
+class Case(NamedTuple):
+    """One filter on one drive: what is asked of it."""
+
+    case: Literal["drive", "rest"]
+    start: Start
+    filter: Filter
+    n: int
+
+
+class Part(NamedTuple):
+    """All that is tried on one drive, so that it takes place once."""
+
+    settings: IndoorSettings
+    seed: int
+    cases: tuple[Case, ...]
+
+
+def _cases(settings: IndoorSettings) -> Iterator[Case]:
+    for n in settings.n:
+        if n <= settings.n_known:
+            yield Case("drive", "known", "careful", n)
+        yield Case("drive", "uniform", "document", n)
+        yield Case("drive", "uniform", "careful", n)
+        if n <= settings.n_readings:
+            yield Case("drive", "readings", "careful", n)
+    most = min(settings.n_readings, max(settings.n))
+    yield Case("drive", "readings", "kld", most)
+    for n in () if settings.log else settings.n_rest:
+        yield Case("rest", "uniform", "document", n)
+        yield Case("rest", "uniform", "careful", n)
+        yield Case("rest", "readings", "careful", n)
+
+
+def _parts(settings: IndoorSettings, trials: int, seed: int) -> list[Part]:
+    return [Part(settings, seed + trial, tuple(_cases(settings))) for trial in range(trials)]
+
+
+def place_of(settings: IndoorSettings) -> World:
+    return played(Path(settings.log)).place if settings.log else world("indoor-global")
+
+
+def drive_of(settings: IndoorSettings, seed: int, rest: int = 0) -> list[Epoch]:
+    if settings.log:
+        return played(Path(settings.log)).stretch(seed, settings.updates)
+    return record(world("indoor-global"), seed, settings.updates + rest, rest=rest)
+
+
+def fitted(settings: IndoorSettings) -> BeamFit:
+    """Return the beam model of a drive of its own, by expectation maximization over its readings at the true poses.
+
+    Of a log, half of whose scans also serve to try it out, every fifth scan takes part.
+    """
+    place = place_of(settings)
+    grid = place.maps.grid
+    if grid is None:
+        raise UsageError("the study needs a grid map")
+    epochs = played(Path(settings.log)).epochs[::5] if settings.log else drive_of(settings, FIT_SEED)
+    caster, ranges, expected = RayCaster(grid), [], []
+    start = _beam(place)
+    for truth, scan in scans(place, epochs):
+        pose, angles = truth.astype(np.float32), scan.angles + np.float32(truth[2])
+        x, y = np.full(angles.size, pose[0]), np.full(angles.size, pose[1])
+        ranges.append(scan.ranges)
+        expected.append(caster.ranges(x, y, angles, scan.range_max))
+    return fit_beam(np.concatenate(ranges), np.concatenate(expected), scan.range_max, start)
+
+
+def _beam(place: World) -> BeamParams:
+    """Return the scenario's beam model, or another to start with."""
+    estimator = place.scenario.estimator
+    assert isinstance(estimator, LocalizationConfig)
+    own = (table for table in estimator.measurement if isinstance(table, BeamParams))
+    return next(own, BeamParams(max_beams=30, tempering=0.3))
+
+
+def configured(place: World, beam: BeamParams, case: Case, epochs: list[Epoch], seed: int) -> LocalizationConfig:
+    """Return the estimator of a case: the scenario's with the fitted beam model, or, for "document", INDOOR's own.
+
+    That one counts every beam in full, and resamples by a low-variance comb at every update, also at rest.
+    """
+    config = place.scenario.estimator
+    assert isinstance(config, LocalizationConfig)
+    if case.filter == "document":
+        beam = msgspec.structs.replace(beam, tempering=1.0)
+        config = msgspec.structs.replace(config, resampling=Systematic(when="always"))
+    if case.filter == "kld":
+        config = msgspec.structs.replace(
+            config, adaptation=(KldParams(cell_x=0.2, cell_y=0.2, n_min=min(200, case.n), n_max=case.n),)
+        )
+    anywhere = UniformStart(clearance=0.18)
+    starts = {
+        "known": known_start(epochs, seed, 0.2, 0.1),
+        "uniform": anywhere,
+        "readings": FromReadingsStart(candidates=20, base=anywhere),
+    }
+    return msgspec.structs.replace(config, n=case.n, measurement=(beam,), start=starts[case.start])
+
+
+def _run(part: Part) -> list[Sample]:
+    settings = part.settings
+    place = place_of(settings)
+    fit = fitted(settings)
+    samples = []
+    drives = {"drive": drive_of(settings, part.seed)}
+    for case in part.cases:
+        if case.case not in drives:
+            drives[case.case] = drive_of(settings, part.seed, REST)
+        epochs = drives[case.case]
+        track = follow(place, configured(place, fit.params, case, epochs, part.seed), epochs, part.seed)
+        found = measures(epochs, track.poses)
+        samples.append(Sample(_factors(place, case), found | {"particles": float(track.counts.mean())}))
+    known = Case("drive", "known", "careful", 0)
+    factors = _factors(place, known) | {"filter": "odometry"}
+    samples.append(Sample(factors, measures(drives["drive"], dead_reckoning(drives["drive"]))))
+    values = {name: float(getattr(fit.params, name)) for name in _FITTED}
+    samples.append(Sample(_factors(place, known) | {"case": "fit", "filter": "em"}, values))
+    return samples
+
+
+_FITTED = ("z_hit", "z_short", "z_max", "z_rand", "sigma_hit", "lambda_short")
+
+
+def _factors(place: World, case: Case) -> dict[str, str | int]:
+    return {
+        "dataset": place.name,
+        "case": case.case,
+        "start": case.start,
+        "filter": case.filter,
+        "n": case.n,
+    }
+
+
+def _figures(settings: IndoorSettings, seed: int, rows: list[Row], folder: Path) -> list[Path]:
+    place, epochs, fit = place_of(settings), drive_of(settings, seed), fitted(settings)
+    shown = []
+    for start, n in (("readings", 1000), ("known", 1000)):
+        case = Case("drive", start, "careful", n)
+        config = configured(place, fit.params, case, epochs, seed)
+        shown.append(Shown(f"{start}, N = {n}", follow(place, config, epochs, seed, shown=400)))
+    return draw(place, epochs, shown, rows, folder)
+
+
+STUDIES = {
+    "indoor": Study(
+        "INDOOR: how many particles a furnished flat with people and doors calls for; deprivation, and its cure",
+        20,
+        IndoorSettings,
+        _parts,
+        _run,
+        lambda samples: summarized(samples),
+        (
+            ("dataset", "", "dataset"),
+            ("case", "", "case"),
+            ("start", "", "start"),
+            ("filter", "", "filter"),
+            ("n", "", "n"),
+            ("trials", "", "trials"),
+            ("success %", ".0f", "success_percent"),
+            ("95 %", ".0f", "success_percent_ci_low success_percent_ci_high"),
+            ("updates", ".0f", "updates_to_converge_median"),
+            ("position m", ".3f", "position_rmse_m_median position_rmse_m_p95"),
+            ("heading rad", ".4f", "heading_rmse_rad_median"),
+            ("particles", ".0f", "particles_mean"),
+            ("hit/short/max/rand", ".3f", "z_hit_mean z_short_mean z_max_mean z_rand_mean"),
+            ("sigma m, lambda /m", ".3f", "sigma_hit_mean lambda_short_mean"),
+        ),
+        _figures,
+    )
+}
