@@ -1,5 +1,6 @@
 """INDOOR's question: how many particles does it take in a furnished flat with people and doors, or on a real log?"""
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
@@ -8,12 +9,13 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from dynpf.filters.adaptation import KldParams
+from dynpf.filters.adaptation import KldParams, SensorResettingParams
 from dynpf.filters.resampling import Systematic
 from dynpf.filters.start import FromReadingsStart, UniformStart
 from dynpf.maps.raycast import RayCaster
 from dynpf.measurement.beam import BeamParams
 from dynpf.measurement.beam_fit import BeamFit, fit_beam
+from dynpf.rng import generator
 from services.errors import UsageError
 from services.estimator.config import LocalizationConfig
 from services.studies.room_figures import Shown, draw
@@ -36,19 +38,21 @@ __all__ = ["STUDIES", "IndoorSettings", "configured", "fitted"]
 
 Count = Annotated[int, Meta(ge=1)]
 Start = Literal["known", "uniform", "readings"]
-Filter = Literal["document", "careful", "kld"]
+Filter = Literal["document", "careful", "kld", "resetting"]
 
 FIT_SEED = 1_000_003
 """Of the drive that the beam model is fitted to; no trial has it."""
-REST = 40
-"""Updates that a robot stands still in the case ``rest``."""
+WRONG = np.array([1.5, 0.5])
+"""How far off the pose told is in the case ``wrong``, m, and rad."""
+MARGIN = 0.3
+"""Of a beam's log-likelihood, on the track and while resetting begins."""
 
 
 class IndoorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     n: tuple[Count, ...] = (50, 100, 200, 500, 1000, 2000, 5000, 10000, 20000, 50000)
     n_known: Count = 5000  # the most for a known start
     n_readings: Count = 5000  # the most for a start from readings
-    n_rest: tuple[Count, ...] = (1000, 5000)
+    n_deprived: Count = 1000  # for the case wrong
     updates: Annotated[int, Meta(ge=20)] = 60
     log: str = ""  # an imported log with scans, its map and a reference, in place of the flat
 
@@ -56,7 +60,7 @@ class IndoorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 class Case(NamedTuple):
     """One filter on one drive: what is asked of it."""
 
-    case: Literal["drive", "rest"]
+    case: Literal["drive", "wrong"]
     start: Start
     filter: Filter
     n: int
@@ -80,10 +84,9 @@ def _cases(settings: IndoorSettings) -> Iterator[Case]:
             yield Case("drive", "readings", "careful", n)
     most = min(settings.n_readings, max(settings.n))
     yield Case("drive", "readings", "kld", most)
-    for n in () if settings.log else settings.n_rest:
-        yield Case("rest", "uniform", "document", n)
-        yield Case("rest", "uniform", "careful", n)
-        yield Case("rest", "readings", "careful", n)
+    n = settings.n_deprived
+    yield Case("wrong", "known", "careful", n)
+    yield Case("wrong", "known", "resetting", n)
 
 
 def _parts(settings: IndoorSettings, trials: int, seed: int) -> list[Part]:
@@ -94,10 +97,10 @@ def place_of(settings: IndoorSettings) -> World:
     return played(Path(settings.log)).place if settings.log else world("indoor-global")
 
 
-def drive_of(settings: IndoorSettings, seed: int, rest: int = 0) -> list[Epoch]:
+def drive_of(settings: IndoorSettings, seed: int) -> list[Epoch]:
     if settings.log:
         return played(Path(settings.log)).stretch(seed, settings.updates)
-    return record(world("indoor-global"), seed, settings.updates + rest, rest=rest)
+    return record(world("indoor-global"), seed, settings.updates)
 
 
 def fitted(settings: IndoorSettings) -> BeamFit:
@@ -128,13 +131,16 @@ def _beam(place: World) -> BeamParams:
     return next(own, BeamParams(max_beams=30, tempering=0.3))
 
 
-def configured(place: World, beam: BeamParams, case: Case, epochs: list[Epoch], seed: int) -> LocalizationConfig:
+def configured(place: World, fit: BeamFit, case: Case, epochs: list[Epoch], seed: int) -> LocalizationConfig:
     """Return the estimator of a case: the scenario's with the fitted beam model, or, for "document", INDOOR's own.
 
-    That one counts every beam in full, and resamples by a low-variance comb at every update, also at rest.
+    That one counts every beam in full, and resamples by a low-variance comb at every update. "resetting"
+    draws particles anew where the readings are less likely than the fit says that they should be.
     """
-    config = place.scenario.estimator
+    config, beam = place.scenario.estimator, fit.params
     assert isinstance(config, LocalizationConfig)
+    anywhere = UniformStart(clearance=0.18)
+    by_readings = FromReadingsStart(candidates=20, base=anywhere)
     if case.filter == "document":
         beam = msgspec.structs.replace(beam, tempering=1.0)
         config = msgspec.structs.replace(config, resampling=Systematic(when="always"))
@@ -142,12 +148,16 @@ def configured(place: World, beam: BeamParams, case: Case, epochs: list[Epoch], 
         config = msgspec.structs.replace(
             config, adaptation=(KldParams(cell_x=0.2, cell_y=0.2, n_min=min(200, case.n), n_max=case.n),)
         )
-    anywhere = UniformStart(clearance=0.18)
-    starts = {
-        "known": known_start(epochs, seed, 0.2, 0.1),
-        "uniform": anywhere,
-        "readings": FromReadingsStart(candidates=20, base=anywhere),
-    }
+    if case.filter == "resetting":
+        usual = beam.tempering * fit.log_likelihoods[-1] / fit.used
+        reset = SensorResettingParams(log_likelihood=float(usual) - MARGIN * beam.tempering, share_max=0.1)
+        config = msgspec.structs.replace(config, adaptation=(reset,), restart=by_readings)
+    known = known_start(epochs, seed, 0.2, 0.1)
+    if case.case == "wrong":
+        aside = generator(seed, "studies", 0, "wrong").uniform(-math.pi, math.pi)
+        x, y = known.x + WRONG[0] * math.cos(aside), known.y + WRONG[0] * math.sin(aside)
+        known = msgspec.structs.replace(known, x=x, y=y, theta=known.theta + float(WRONG[1]))
+    starts = {"known": known, "uniform": anywhere, "readings": by_readings}
     return msgspec.structs.replace(config, n=case.n, measurement=(beam,), start=starts[case.start])
 
 
@@ -156,17 +166,14 @@ def _run(part: Part) -> list[Sample]:
     place = place_of(settings)
     fit = fitted(settings)
     samples = []
-    drives = {"drive": drive_of(settings, part.seed)}
+    drive = drive_of(settings, part.seed)
     for case in part.cases:
-        if case.case not in drives:
-            drives[case.case] = drive_of(settings, part.seed, REST)
-        epochs = drives[case.case]
-        track = follow(place, configured(place, fit.params, case, epochs, part.seed), epochs, part.seed)
-        found = measures(epochs, track.poses)
+        track = follow(place, configured(place, fit, case, drive, part.seed), drive, part.seed)
+        found = measures(drive, track.poses)
         samples.append(Sample(_factors(place, case), found | {"particles": float(track.counts.mean())}))
     known = Case("drive", "known", "careful", 0)
     factors = _factors(place, known) | {"filter": "odometry"}
-    samples.append(Sample(factors, measures(drives["drive"], dead_reckoning(drives["drive"]))))
+    samples.append(Sample(factors, measures(drive, dead_reckoning(drive))))
     values = {name: float(getattr(fit.params, name)) for name in _FITTED}
     samples.append(Sample(_factors(place, known) | {"case": "fit", "filter": "em"}, values))
     return samples
@@ -190,7 +197,7 @@ def _figures(settings: IndoorSettings, seed: int, rows: list[Row], folder: Path)
     shown = []
     for start, n in (("readings", 1000), ("known", 1000)):
         case = Case("drive", start, "careful", n)
-        config = configured(place, fit.params, case, epochs, seed)
+        config = configured(place, fit, case, epochs, seed)
         shown.append(Shown(f"{start}, N = {n}", follow(place, config, epochs, seed, shown=400)))
     return draw(place, epochs, shown, rows, folder)
 

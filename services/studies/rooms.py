@@ -22,7 +22,7 @@ from services.estimator.components import Moved, localizer_of, measurements_of, 
 from services.estimator.config import LocalizationConfig
 from services.estimator.readings import TOPICS, reading_of
 from services.maps import Maps, open_maps
-from services.node import Output, Received, Step
+from services.node import Received, Step
 from services.played_log import PlayedLog
 from services.scenario import Scenario, load_scenario
 from services.sensors.config import SimulatedSensorsConfig
@@ -92,10 +92,10 @@ def world(name: str, overrides: tuple[str, ...] = ()) -> World:
     return World(name, scenario, open_maps(scenario.map, marks, lambda path: b""), scenario.sensors.scan.range_max)
 
 
-def record(place: World, seed: int, updates: int, *, rest: int = 0, panels: Sequence[Door] = ()) -> list[Epoch]:
+def record(place: World, seed: int, updates: int, panels: Sequence[Door] = ()) -> list[Epoch]:
     """Return so many epochs of a drive round the scenario's route, which begins somewhere else for each seed.
 
-    ``rest``: epochs at the start for which the robot stands still. ``panels``: more doors.
+    ``panels``: doors besides those of the scenario.
     """
     scenario = place.scenario
     room, sensors = scenario.simulator, scenario.sensors
@@ -115,12 +115,10 @@ def record(place: World, seed: int, updates: int, *, rest: int = 0, panels: Sequ
     twists: list[Twist] = []
     held: Twist | None = None
     tick = 0
-    standing = RobotState(x=start[0], y=start[1], theta=start[2])
     while len(epochs) < updates:
-        still = len(epochs) < rest
-        outputs = () if still else simulator.step(Step(tick, tick, tick * tick_ns, ())).outputs
-        truth = standing if still else _state(outputs)
-        inputs = (("truth/robot", truth),) if still else tuple((one.topic, one.message) for one in outputs)
+        outputs = simulator.step(Step(tick, tick, tick * tick_ns, ())).outputs
+        truth = next(one.message for one in outputs if isinstance(one.message, RobotState))
+        inputs = ((one.topic, one.message) for one in outputs)
         received = tuple(
             Received(topic, "simulator", "", tick, tick * tick_ns, message)
             for topic, message in inputs
@@ -137,10 +135,6 @@ def record(place: World, seed: int, updates: int, *, rest: int = 0, panels: Sequ
         held = Twist(said.v, said.w, tick_s)
         tick += 1
     return epochs
-
-
-def _state(outputs: Sequence[Output]) -> RobotState:
-    return next(one.message for one in outputs if isinstance(one.message, RobotState))
 
 
 def _route(route: Route, seed: int) -> tuple[tuple[float, float, float], tuple[tuple[float, float], ...]]:
@@ -220,15 +214,19 @@ def follow(
     return Track(np.stack(found, axis=1), np.array(sigmas), np.array(counts, dtype=np.float64), clouds)
 
 
-def measures(epochs: Sequence[Epoch], poses: FloatArray) -> dict[str, float | bool]:
-    """Return the measures of DESIGN: errors from where it is right for good on, or of the whole way if it never is."""
+def measures(epochs: Sequence[Epoch], poses: FloatArray, *, whole: bool = False) -> dict[str, float | bool]:
+    """Return success, errors, and the update from which on the poses (3, T) were right for ten on end.
+
+    Success is to be right at each of the last ten. Errors are those from convergence on, or, if there is none, or if
+    the ``whole`` is asked for, of all the way.
+    """
     truth = np.stack([epoch.truth for epoch in epochs], axis=1)
     distance = np.hypot(*(poses[:2] - truth[:2]))
     turn = np.abs(wrap_angle(poses[2] - truth[2]))
     right = (distance < NEAR_M) & (turn < NEAR_RAD)
     success = bool(right[-LASTING:].all())
     lasting = np.flatnonzero(np.convolve(right, np.ones(LASTING), "valid") == LASTING)
-    first = int(lasting[0]) if lasting.size else 0
+    first = int(lasting[0]) if lasting.size and not whole else 0
     return {
         "success_percent": success,
         "position_rmse_m": float(np.sqrt(np.mean(distance[first:] ** 2))),

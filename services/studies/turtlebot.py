@@ -1,0 +1,187 @@
+"""TURTLEBOT's question: how many particles find a robot by the lines that a narrow depth camera sees?"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+import msgspec
+from msgspec import Meta
+
+from dynpf.filters.resampling import Systematic
+from dynpf.filters.start import FromReadingsStart, UniformStart
+from dynpf.measurement.scan_lines import ScanLinesParams
+from services.estimator.config import LocalizationConfig
+from services.sensors.config import SimulatedSensorsConfig
+from services.simulator.config import Door
+from services.studies.room_figures import Shown, draw
+from services.studies.rooms import Epoch, World, dead_reckoning, follow, known_start, measures, record, world
+from services.studies.rows import Row, Sample, summarized
+from services.studies.study import Study
+
+__all__ = ["STUDIES", "TurtlebotSettings", "configured"]
+
+Count = Annotated[int, Meta(ge=1)]
+Start = Literal["known", "uniform", "heading", "readings"]
+Filter = Literal["document", "careful", "landmarks"]
+
+PANELS = {
+    "turtlebot-room": ((2.0, 0.9, 2.0, 1.3), (0.9, 2.3, 1.3, 2.6)),
+    "turtlebot-loops": ((-9.6, 2.4, -9.6, 3.6), (-6.6, 6.4, -5.4, 6.4), (-2.3, 2.6, -2.3, 3.8), (-6.0, 1.6, -4.6, 1.6)),
+}
+"""Straight things that the map does not have, parallel to walls that it has, so that lines are taken for others."""
+
+
+class TurtlebotSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    worlds: tuple[Literal["turtlebot-room", "turtlebot-loops"], ...] = ("turtlebot-room", "turtlebot-loops")
+    n: tuple[Count, ...] = (50, 100, 200, 500, 1000, 2000, 5000, 20000)
+    n_known: Count = 5000  # the most for a known start
+    n_panels: Count = 1000  # for the case panels
+    updates: Annotated[int, Meta(ge=20)] = 100
+    loops: Annotated[int, Meta(ge=20)] = 370  # updates of the drive on which odometry is compared: two loops
+
+
+class Case(NamedTuple):
+    """One filter on one drive: what is asked of it."""
+
+    case: Literal["drive", "panels"]
+    start: Start
+    filter: Filter
+    n: int
+
+
+class Part(NamedTuple):
+    """All that is tried in one world with one seed, so that its drives take place once."""
+
+    settings: TurtlebotSettings
+    world: str
+    seed: int
+    cases: tuple[Case, ...]
+
+
+def _cases(settings: TurtlebotSettings, name: str) -> Iterator[Case]:
+    landmarks: tuple[Filter, ...] = ("landmarks",) if world(name).scenario.landmarks else ()
+    for n in settings.n:
+        for start in ("known", "heading", "uniform", "readings"):
+            if start in {"uniform", "readings"} or n <= settings.n_known:
+                yield Case("drive", start, "careful", n)
+            if start == "uniform" or (start != "readings" and n <= settings.n_known):
+                yield Case("drive", start, "document", n)
+        for one in landmarks:
+            yield Case("drive", "readings", one, n)
+    for one in ("document", "careful"):
+        yield Case("panels", "known", one, settings.n_panels)
+
+
+def _parts(settings: TurtlebotSettings, trials: int, seed: int) -> list[Part]:
+    return [
+        Part(settings, name, seed + trial, tuple(_cases(settings, name)))
+        for trial in range(trials)
+        for name in settings.worlds
+    ]
+
+
+def configured(place: World, case: Case, epochs: list[Epoch], seed: int) -> LocalizationConfig:
+    """Return the estimator of a case: the scenario's by lines alone, by lines and landmarks, or TURTLEBOT's own.
+
+    That one matches carrying lines wherever the walls are, has no outliers, counts every line in full, and resamples
+    at every update while the robot moves.
+    """
+    config = place.scenario.estimator
+    assert isinstance(config, LocalizationConfig)
+    lines = config.measurement[0]
+    assert isinstance(lines, ScanLinesParams)
+    tables: tuple[Any, ...] = config.measurement if case.filter == "landmarks" else (lines,)
+    if case.filter == "document":
+        printed = msgspec.structs.replace(lines.lines, sigma_along=None, outlier_fraction=0.0)
+        tables = (msgspec.structs.replace(lines, lines=printed, hidden=None, tempering=1.0),)
+        resampling = Systematic(when="always", only_when_moving=True)
+        config = msgspec.structs.replace(config, resampling=resampling, regularization=None)
+    known = known_start(epochs, seed, 0.2, 0.1)
+    anywhere = UniformStart(clearance=0.18)
+    starts = {
+        "known": known,
+        "uniform": anywhere,
+        "heading": msgspec.structs.replace(anywhere, theta=known.theta),
+        "readings": FromReadingsStart(candidates=20, base=anywhere),
+    }
+    return msgspec.structs.replace(config, n=case.n, measurement=tables, start=starts[case.start])
+
+
+def _run(part: Part) -> list[Sample]:
+    place, settings = world(part.world), part.settings
+    doors = tuple(Door(segment=segment, open_for=0.0) for segment in PANELS[part.world])
+    drives = {
+        "drive": record(place, part.seed, settings.updates),
+        "panels": record(place, part.seed, settings.updates, panels=doors),
+    }
+    samples = []
+    for case in part.cases:
+        epochs = drives[case.case]
+        track = follow(place, configured(place, case, epochs, part.seed), epochs, part.seed)
+        samples.append(Sample(_factors(place, case), measures(epochs, track.poses)))
+    for name, robot in (("wheels", _without_gyro(place)), ("gyro", place)):
+        epochs = record(robot, part.seed, settings.loops)
+        factors = _factors(place, Case("drive", "known", "careful", 0)) | {"case": "odometry", "filter": name}
+        samples.append(Sample(factors, measures(epochs, dead_reckoning(epochs), whole=True)))
+    return samples
+
+
+def _without_gyro(place: World) -> World:
+    sensors = place.scenario.sensors
+    assert isinstance(sensors, SimulatedSensorsConfig)
+    assert sensors.odometry is not None
+    wheels = msgspec.structs.replace(sensors, odometry=msgspec.structs.replace(sensors.odometry, gyro=None))
+    return place._replace(scenario=msgspec.structs.replace(place.scenario, sensors=wheels))
+
+
+def _factors(place: World, case: Case) -> dict[str, str | int]:
+    return {
+        "dataset": place.name,
+        "case": case.case,
+        "start": case.start,
+        "filter": case.filter,
+        "n": case.n,
+    }
+
+
+def _figures(settings: TurtlebotSettings, seed: int, rows: list[Row], folder: Path) -> list[Path]:
+    written = []
+    for name in settings.worlds:
+        place = world(name)
+        epochs = record(place, seed, settings.updates)
+        starts: tuple[tuple[Start, int], ...] = (("readings", 2000), ("heading", 2000), ("known", 500))
+        shown = []
+        for start, n in starts:
+            config = configured(place, Case("drive", start, "careful", n), epochs, seed)
+            shown.append(Shown(f"{start} start, N = {n}", follow(place, config, epochs, seed, shown=400)))
+        own = folder / name
+        own.mkdir(exist_ok=True)
+        here = [row for row in rows if row["dataset"] == name]
+        written += draw(place, epochs, shown, here, own)
+    return written
+
+
+STUDIES = {
+    "turtlebot": Study(
+        "TURTLEBOT: how many particles it takes to find a robot by the lines of a depth camera, from several starts",
+        20,
+        TurtlebotSettings,
+        _parts,
+        _run,
+        lambda samples: summarized(samples),
+        (
+            ("dataset", "", "dataset"),
+            ("case", "", "case"),
+            ("start", "", "start"),
+            ("filter", "", "filter"),
+            ("n", "", "n"),
+            ("trials", "", "trials"),
+            ("success %", ".0f", "success_percent"),
+            ("95 %", ".0f", "success_percent_ci_low success_percent_ci_high"),
+            ("updates", ".0f", "updates_to_converge_median"),
+            ("position m", ".3f", "position_rmse_m_median position_rmse_m_p95"),
+            ("heading rad", ".4f", "heading_rmse_rad_median"),
+        ),
+        _figures,
+    )
+}
