@@ -44,6 +44,8 @@ FIT_SEED = 1_000_003
 """Of the drive that the beam model is fitted to; no trial has it."""
 WRONG = np.array([1.5, 0.5])
 """How far off the pose told is in the case ``wrong``, m, and rad."""
+SPACING = 0.15
+"""m that particles are apart: a wall's error as far as they can tell, besides the sensor's own."""
 MARGIN = 0.3
 """Of a beam's log-likelihood, on the track and while resetting begins."""
 
@@ -134,15 +136,17 @@ def _beam(place: World) -> BeamParams:
 def configured(place: World, fit: BeamFit, case: Case, epochs: list[Epoch], seed: int) -> LocalizationConfig:
     """Return the estimator of a case: the scenario's with the fitted beam model, or, for "document", INDOOR's own.
 
-    That one counts every beam in full, and resamples by a low-variance comb at every update. "resetting"
-    draws particles anew where the readings are less likely than the fit says that they should be.
+    That one takes the fit as it is, counts every beam in full, and resamples by a low-variance comb at every update.
+    The others allow for the distance between particles. "resetting" draws particles anew where the readings are less
+    likely than the fit says that they should be.
     """
-    config, beam = place.scenario.estimator, fit.params
+    config = place.scenario.estimator
+    beam = msgspec.structs.replace(fit.params, sigma_hit=math.hypot(fit.params.sigma_hit, SPACING))
     assert isinstance(config, LocalizationConfig)
     anywhere = UniformStart(clearance=0.18)
     by_readings = FromReadingsStart(candidates=20, base=anywhere)
     if case.filter == "document":
-        beam = msgspec.structs.replace(beam, tempering=1.0)
+        beam = msgspec.structs.replace(fit.params, tempering=1.0)
         config = msgspec.structs.replace(config, resampling=Systematic(when="always"))
     if case.filter == "kld":
         config = msgspec.structs.replace(
