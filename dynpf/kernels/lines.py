@@ -15,7 +15,7 @@ _PI_HIGH, _PI_LOW, _ONE_OVER_PI = _f(3.140625), _f(np.pi - 3.140625), _f(1.0 / n
 
 
 @kernel
-def log_likelihood(
+def log_likelihood(  # noqa: PLR0912 - a loop over particles for lines with a place, and one for those without
     out,
     x,
     y,

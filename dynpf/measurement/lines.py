@@ -53,8 +53,8 @@ class PolarLines:
 
     No line is taken for a segment that is shorter than it. TURTLEBOT compares carrying lines, so that any parallel wall
     at the same distance will do; with ``sigma_along``, what is seen of a line has to lie where the segment is, too.
-    (rho, alpha) and (-rho, alpha + pi) are one line and compared as such. A line with a value that is not finite tells nothing: it is not admitted and adds zero to the
-    log-likelihood of every particle.
+    (rho, alpha) and (-rho, alpha + pi) are one line and compared as such. A line with a value that is not finite tells
+    nothing: it is not admitted and adds zero to the log-likelihood of every particle.
     """
 
     def __init__(self, params: PolarLinesParams, segment_map: SegmentMap) -> None:
@@ -81,7 +81,8 @@ class PolarLines:
             return None
         if kept.all():
             return reading
-        return Lines(*(None if values is None else np.asarray(values)[kept] for values in reading))
+        rho, alpha, lengths = (np.asarray(values)[kept] for values in reading[:3])
+        return Lines(rho, alpha, lengths, None if reading.middles is None else np.asarray(reading.middles)[kept])
 
     def count(self, reading: Lines) -> int:
         """Return the number of lines."""

@@ -27,7 +27,7 @@ class ScanLinesParams(
     lines: PolarLinesParams = PolarLinesParams(sigma_along=0.2)
     # Exponent of the product: lines of one scan share their errors, so each counts for less than if it stood alone.
     tempering: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
-    # m: a line that a wall of the map hides, nearer by more than this, counts as an outlier; absent: walls hide nothing.
+    # m: a line that a wall of the map hides, nearer by more than this, is an outlier; absent: walls hide nothing.
     hidden: Annotated[float, Meta(gt=0.0)] | None = 0.3
     resolution: Annotated[float, Meta(gt=0.0)] = 0.05  # m a cell of the grid in which that is found out
 

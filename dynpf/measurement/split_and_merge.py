@@ -6,6 +6,7 @@ extraction algorithms using 2D range data for indoor mobile robotics", Autonomou
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Annotated
 
 import msgspec
@@ -38,9 +39,9 @@ def extract_lines(scan: Scan, params: SplitAndMergeParams) -> Lines:
     """
     angles, ranges = scan.beams()
     seen = np.isfinite(angles) & (ranges >= scan.range_min) & (ranges > 0.0) & (ranges < scan.range_max)
-    angles, ranges = angles[seen].astype(np.float64), ranges[seen].astype(np.float64)
-    points = ranges * np.stack([np.cos(angles), np.sin(angles)])
-    pieces = [piece for chain in _chains(points, angles, ranges, params) for piece in _split(points, *chain, params)]
+    at, far = angles[seen].astype(np.float64), ranges[seen].astype(np.float64)
+    points = far * np.stack([np.cos(at), np.sin(at)])
+    pieces = [piece for chain in _chains(points, at, far, params) for piece in _split(points, *chain, params)]
     found = [_polar(points[:, first:last]) for first, last in _merged(points, pieces, params)]
     kept = [line for line in found if line[2] >= params.min_length]
     return Lines(*np.array(kept, dtype=np.float64).reshape(-1, 4).T)
@@ -63,7 +64,7 @@ def _chains(
     step = np.median(np.abs(np.diff(angles)))
     far = np.hypot(*np.diff(points)) > params.gap + params.gap_beams * step * np.minimum(ranges[1:], ranges[:-1])
     ends = [0, *(np.flatnonzero(far) + 1).tolist(), ranges.size]
-    yield from ((first, last) for first, last in zip(ends, ends[1:], strict=False) if last - first >= 2)
+    yield from ((first, last) for first, last in pairwise(ends) if last - first >= 2)
 
 
 def _split(points: FloatArray, first: int, last: int, params: SplitAndMergeParams) -> Iterator[tuple[int, int]]:

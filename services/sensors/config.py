@@ -46,7 +46,9 @@ class OdometrySensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     w_std: NonNegative = 0.0  # rad/s
     w_std_per_unit: NonNegative = 0.0  # of the true turning rate
     w_bias: float = 0.0  # rad/s
-    w_scale: Positive = 1.0  # of the true turning rate: wheels farther apart or closer together than they are taken to be
+    w_scale: Positive = (
+        1.0  # of the true turning rate: wheels farther apart or closer together than they are taken to be
+    )
     gyro: GyroSensor | None = None  # absent: the wheels alone
     every: Every = 1  # ticks between readings
 

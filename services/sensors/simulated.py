@@ -123,9 +123,7 @@ class SimulatedSensors:
             publish(
                 "scan",
                 scan.every,
-                lambda rng: read_scan(
-                    scan, robot, parts, self._obstacles, self._rays, stamp_ns=step.stamp_ns, rng=rng
-                ),
+                lambda rng: read_scan(scan, robot, parts, self._obstacles, self._rays, stamp_ns=step.stamp_ns, rng=rng),
             )
         if (lines := config.lines) is not None:
             publish("lines", lines.every, lambda rng: read_lines(lines, robot, self._segments, rng))

@@ -99,9 +99,9 @@ class People:
                 return goal
         return here.copy()
 
-    def _drawn(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Return those of so many places in the map's box that are free, (K, 2)."""
+    def _drawn(self, rng: np.random.Generator, count: int) -> list[FloatArray]:
+        """Return those of so many places (2,) in the map's box that are free."""
         rows, columns = self._grid.cells.shape
         column, row = rng.uniform((0.0, 0.0), (columns, rows), (count, 2)).T
         free = self._grid.free[row.astype(np.int64), column.astype(np.int64)]
-        return np.stack(self._grid.to_map(column[free], row[free]), axis=1)
+        return list(np.stack(self._grid.to_map(column[free], row[free]), axis=1))

@@ -199,10 +199,11 @@ def _factors(place: World, case: Case) -> dict[str, str | int]:
 def _figures(settings: IndoorSettings, seed: int, rows: list[Row], folder: Path) -> list[Path]:
     place, epochs, fit = place_of(settings), drive_of(settings, seed), fitted(settings)
     shown = []
-    for start, n in (("readings", 1000), ("known", 1000)):
+    starts: tuple[tuple[Start, int], ...] = (("readings", 1000), ("known", 1000))
+    for start, n in starts:
         case = Case("drive", start, "careful", n)
         config = configured(place, fit, case, epochs, seed)
-        shown.append(Shown(f"{start}, N = {n}", follow(place, config, epochs, seed, shown=400)))
+        shown.append(Shown(f"{start} start, N = {n}", follow(place, config, epochs, seed, shown=400)))
     return draw(place, epochs, shown, rows, folder)
 
 
@@ -213,7 +214,7 @@ STUDIES = {
         IndoorSettings,
         _parts,
         _run,
-        lambda samples: summarized(samples),
+        summarized,
         (
             ("dataset", "", "dataset"),
             ("case", "", "case"),

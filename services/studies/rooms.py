@@ -14,7 +14,7 @@ from dynpf.filters.start import FromReadingsStart, KnownStart, start_poses
 from dynpf.measurement.scan import Scan
 from dynpf.motion.model import Displacement, Twist
 from dynpf.rng import Stream, generator
-from dynpf.se2 import FloatArray, arc_displacement, compose, relative, wrap_angle
+from dynpf.se2 import FloatArray, Floats, arc_displacement, compose, relative, wrap_angle
 from protocol.codec import decode
 from protocol.messages import LandmarkReadings, LaserScan, Odometry, OdometryPose, RobotState
 from services.errors import UsageError
@@ -79,7 +79,7 @@ class Track(NamedTuple):
     poses: FloatArray
     sigmas: FloatArray
     counts: FloatArray
-    clouds: Sequence[FloatArray] = ()
+    clouds: Sequence[Floats] = ()
 
 
 @lru_cache(maxsize=16)
@@ -89,7 +89,7 @@ def world(name: str, overrides: tuple[str, ...] = ()) -> World:
     marks = scenario.landmarks or None
     assert isinstance(scenario.sensors, SimulatedSensorsConfig)
     assert scenario.sensors.scan is not None
-    return World(name, scenario, open_maps(scenario.map, marks, lambda path: b""), scenario.sensors.scan.range_max)
+    return World(name, scenario, open_maps(scenario.map, marks, lambda _: b""), scenario.sensors.scan.range_max)
 
 
 def record(place: World, seed: int, updates: int, panels: Sequence[Door] = ()) -> list[Epoch]:
@@ -108,9 +108,7 @@ def record(place: World, seed: int, updates: int, panels: Sequence[Door] = ()) -
     config = msgspec.structs.replace(room, start=start, driver=driver, doors=(*room.doors, *panels))
     tick_s, tick_ns = scenario.tick_s, scenario.tick_ns
     simulator = RoomSimulator(config=config, seed=seed, tick_s=tick_s, landmarks=scenario.landmarks, maps=place.maps)
-    node = SimulatedSensors(
-        config=sensors, seed=seed, tick_s=tick_s, landmarks=scenario.landmarks, maps=place.maps
-    )
+    node = SimulatedSensors(config=sensors, seed=seed, tick_s=tick_s, landmarks=scenario.landmarks, maps=place.maps)
     epochs: list[Epoch] = []
     twists: list[Twist] = []
     held: Twist | None = None
@@ -171,9 +169,7 @@ def dead_reckoning(epochs: Sequence[Epoch]) -> FloatArray:
     return np.stack(poses, axis=1)
 
 
-def follow(
-    place: World, config: LocalizationConfig, epochs: Sequence[Epoch], seed: int, *, shown: int = 0
-) -> Track:
+def follow(place: World, config: LocalizationConfig, epochs: Sequence[Epoch], seed: int, *, shown: int = 0) -> Track:
     """Return what the scenario's estimator, configured so, makes of a drive; ``shown``: particles to keep of each."""
     motion = motion_of(config, place.maps, {})
     models = measurements_of(config, place.maps, {})
@@ -182,7 +178,9 @@ def follow(
     kinds = {TOPICS[kind]: kind for kind in models}
 
     def readings(epoch: Epoch) -> list[Any]:
-        topics = [("sensors/scan" if isinstance(one, LaserScan) else "sensors/landmarks", one) for one in epoch.messages]
+        topics = [
+            ("sensors/scan" if isinstance(one, LaserScan) else "sensors/landmarks", one) for one in epoch.messages
+        ]
         return [reading_of(one, kinds[topic], **scanner) for topic, one in topics if topic in kinds]
 
     poses = start_poses(

@@ -168,7 +168,7 @@ STUDIES = {
         TurtlebotSettings,
         _parts,
         _run,
-        lambda samples: summarized(samples),
+        summarized,
         (
             ("dataset", "", "dataset"),
             ("case", "", "case"),

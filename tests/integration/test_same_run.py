@@ -8,7 +8,14 @@ import pytest
 from services.recording.digest import content_digest
 from services.recording.reader import read_recording
 
-CASES = {"parts-3-easy": 25, "landmark-room": 60, "room-scan": 30, "landmark-mrclam": 150}
+CASES = {
+    "parts-3-easy": 25,
+    "landmark-room": 60,
+    "room-scan": 30,
+    "indoor-global": 10,
+    "turtlebot-loops": 20,
+    "landmark-mrclam": 150,
+}
 SEEDS = (1, 2, 3)
 
 METRICS = {

@@ -17,7 +17,17 @@ from services.runners.inline import run_inline
 from services.runners.replay import replay_node
 from services.scenario import Scenario, load_scenario
 
-TICKS = {"landmark-room": 60, "room-scan": 40, "room-lines": 40, "parts-3-tracked": 120, "parts-3-easy": 6}
+TICKS = {
+    "landmark-room": 60,
+    "room-scan": 40,
+    "room-lines": 40,
+    "indoor-tracking": 20,
+    "indoor-global": 10,
+    "turtlebot-room": 16,
+    "turtlebot-loops": 20,
+    "parts-3-tracked": 120,
+    "parts-3-easy": 6,
+}
 CASES = [(name, node) for name in TICKS for node in load_scenario(name).nodes]
 
 
