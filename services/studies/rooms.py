@@ -13,6 +13,7 @@ from dynpf.filters.models import Models
 from dynpf.filters.start import FromReadingsStart, KnownStart, start_poses
 from dynpf.measurement.scan import Scan
 from dynpf.motion.model import Displacement, Twist
+from dynpf.motion.odometry import OdometryParams
 from dynpf.rng import Stream, generator
 from dynpf.se2 import FloatArray, Floats, arc_displacement, compose, relative, wrap_angle
 from protocol.codec import decode
@@ -267,6 +268,10 @@ def played(path: Path, scenario: str = "laser-log", moved_m: float = 0.25, turne
     if facts.map is None or facts.range_max is None:
         raise UsageError(f"{path}: holds no map or no scans; dynpf import carmen|rosbag --map makes such a recording")
     resolved = load_scenario(scenario, log=facts)
+    assert isinstance(resolved.estimator, LocalizationConfig)
+    # The scenario's noise is for every record of odometry; here there is one movement from scan to scan.
+    estimator = msgspec.structs.replace(resolved.estimator, motion=OdometryParams())
+    resolved = msgspec.structs.replace(resolved, estimator=estimator)
     maps = open_maps(resolved.map, None, lambda name: facts.files[name.rpartition("/")[2]])
     epochs: list[Epoch] = []
     odometry: FloatArray | None = None  # the last pose of odometry
