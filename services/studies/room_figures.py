@@ -42,11 +42,17 @@ def draw(place: World, epochs: Sequence[Epoch], shown: Sequence[Shown], rows: li
 
 
 def _success(pyplot: Any, rows: list[Row], path: Path) -> Path:
-    """Success against N, a panel a dataset and case, a line for each start and filter, with 95 % intervals."""
+    """Success against N, a panel a dataset and case, a line for each start and filter, with 95 % intervals.
+
+    Cases that were tried with one N are left to the table.
+    """
     found = [row for row in rows if "success_percent" in row and row["n"] > 0]
-    panels = list(dict.fromkeys((row["dataset"], row["case"]) for row in found))
+    numbers: dict[tuple[str, str], set[int]] = {}
+    for row in found:
+        numbers.setdefault((row["dataset"], row["case"]), set()).add(row["n"])
+    panels = [panel for panel, several in numbers.items() if len(several) > 1] or list(numbers)[:1]
     figure, axes = pyplot.subplots(
-        1, len(panels), figsize=(5.0 * len(panels), 4.2), sharey=True, squeeze=False, layout="constrained"
+        1, len(panels), figsize=(7.5 * len(panels), 5.2), sharey=True, squeeze=False, layout="constrained"
     )
     for axis, panel in zip(axes[0], panels, strict=True):
         here = [row for row in found if (row["dataset"], row["case"]) == panel]
@@ -58,11 +64,16 @@ def _success(pyplot: Any, rows: list[Row], path: Path) -> Path:
             style = f"{'os^vDPX*'[number % 8]}-"
             reach = np.abs(np.stack([rate - low, high - rate]))
             axis.errorbar(n, rate, yerr=reach, fmt=style, capsize=3, label=f"{kind[0]} start, {kind[1]}")
-        axis.set(xscale="log", xlabel="particles N", ylim=(-3, 103), title=f"{panel[0]}, {panel[1]}")
+        axis.set(
+            xscale="log",
+            xlabel="particles N",
+            ylim=(-3, 103),
+            title=f"{panel[0]}: success against the number of particles ({panel[1]})",
+        )
         axis.axhline(95.0, color="grey", linestyle=":")
         axis.grid(alpha=0.3)
-        axis.legend(fontsize=8, loc="lower right")
-    axes[0, 0].set_ylabel("success in % of trials")
+        axis.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3)
+    axes[0, 0].set_ylabel("success in % of trials, 95 % intervals")
     return _saved(pyplot, figure, path)
 
 
@@ -75,7 +86,7 @@ def _way(pyplot: Any, place: World, epochs: Sequence[Epoch], shown: Shown, path:
     axis.plot(*shown.track.poses[:2], "-", color="tab:blue", label=f"estimate ({shown.name})")
     axis.plot(*truth[:2, 0], "ko", label="start")
     axis.set(title=f"{place.name}: the way", xlabel="x in m", ylabel="y in m")
-    axis.legend(fontsize=8, loc="best")
+    axis.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=4)
     return _saved(pyplot, figure, path)
 
 
@@ -87,10 +98,10 @@ def _particles(pyplot: Any, place: World, epochs: Sequence[Epoch], shown: Shown,
         _map(axis, place, truth)
         axis.plot(*shown.track.clouds[time][:2], ".", color="tab:blue", markersize=3, alpha=0.5, label="particles")
         x, y, theta = truth[:, time]
-        axis.plot(x, y, "o", color="tab:red", markersize=6, label="robot")
-        axis.plot([x, x + 0.5 * np.cos(theta)], [y, y + 0.5 * np.sin(theta)], "-", color="tab:red")
+        axis.plot(x, y, "o", color="tab:red", markersize=9, fillstyle="none", label="robot")
+        axis.plot([x, x + 0.6 * np.cos(theta)], [y, y + 0.6 * np.sin(theta)], "-", color="tab:red")
         axis.set(title=f"after update {time + 1}")
-    axes[0, 0].legend(fontsize=8, loc="best")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), fontsize=8, loc="lower right", ncols=2)
     figure.supxlabel("x in m")
     figure.supylabel("y in m")
     figure.suptitle(f"{place.name}: particles over time ({shown.name})")

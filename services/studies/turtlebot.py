@@ -60,7 +60,7 @@ LASER = ScanLinesParams(
 
 class TurtlebotSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     worlds: tuple[Literal["turtlebot-room", "turtlebot-loops"], ...] = ("turtlebot-room", "turtlebot-loops")
-    n: tuple[Count, ...] = (50, 100, 200, 500, 1000, 2000, 5000, 20000)
+    n: tuple[Count, ...] = (50, 100, 200, 500, 1000, 2000, 5000)
     n_known: Count = 5000  # the most for a known start
     n_panels: Count = 1000  # for the case panels
     updates: Annotated[int, Meta(ge=20)] = 100
