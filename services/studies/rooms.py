@@ -1,7 +1,7 @@
 """Runs of the room scenarios for studies: what a robot saw and did on its way, and what filters make of it; no bus."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,6 +11,7 @@ import numpy as np
 
 from dynpf.filters.models import Models
 from dynpf.filters.start import FromReadingsStart, KnownStart, start_poses
+from dynpf.measurement.model import MeasurementModel
 from dynpf.measurement.scan import Scan
 from dynpf.motion.model import Displacement, Twist
 from dynpf.motion.odometry import OdometryParams
@@ -42,6 +43,7 @@ __all__ = [
     "known_start",
     "measures",
     "played",
+    "readings_of",
     "record",
     "scans",
     "world",
@@ -170,27 +172,31 @@ def dead_reckoning(epochs: Sequence[Epoch]) -> FloatArray:
     return np.stack(poses, axis=1)
 
 
+def readings_of(
+    place: World, config: LocalizationConfig, epoch: Epoch, models: Mapping[type, MeasurementModel[Any]]
+) -> list[Any]:
+    """Return what was seen at the end of an epoch as the readings that measurement models take."""
+    kinds = {TOPICS[kind]: kind for kind in models}
+    topics = [("sensors/scan" if isinstance(one, LaserScan) else "sensors/landmarks", one) for one in epoch.messages]
+    return [
+        reading_of(one, kinds[topic], range_min=config.scan_range_min, range_max=place.range_max)
+        for topic, one in topics
+        if topic in kinds
+    ]
+
+
 def follow(place: World, config: LocalizationConfig, epochs: Sequence[Epoch], seed: int, *, shown: int = 0) -> Track:
     """Return what the scenario's estimator, configured so, makes of a drive; ``shown``: particles to keep of each."""
     motion = motion_of(config, place.maps, {})
     models = measurements_of(config, place.maps, {})
     localizer = localizer_of(config, motion.model, models, place.maps, {})
-    scanner = {"range_min": config.scan_range_min, "range_max": place.range_max}
-    kinds = {TOPICS[kind]: kind for kind in models}
-
-    def readings(epoch: Epoch) -> list[Any]:
-        topics = [
-            ("sensors/scan" if isinstance(one, LaserScan) else "sensors/landmarks", one) for one in epoch.messages
-        ]
-        return [reading_of(one, kinds[topic], **scanner) for topic, one in topics if topic in kinds]
-
     poses = start_poses(
         config.start,
         config.n,
         Stream.of(seed, "study", 0, "start"),
         grid=place.maps.grid,
         models=Models(motion.model, models),
-        readings=readings(epochs[0]),
+        readings=readings_of(place, config, epochs[0], models),
     )
     belief = localizer.start(poses, Stream.of(seed, "study", 0, "cloud"))
     found, sigmas, counts, clouds = [], [], [], []
@@ -204,7 +210,7 @@ def follow(place: World, config: LocalizationConfig, epochs: Sequence[Epoch], se
             one = localizer.find(belief)
         else:
             control = motion.control(epoch.controls[-1]) if epoch.controls else None
-            belief, one = localizer.update(belief, control, readings(epoch), stream)
+            belief, one = localizer.update(belief, control, readings_of(place, config, epoch, models), stream)
         found.append(one.estimate.mean[:3])
         sigmas.append(math.sqrt(float(np.linalg.eigvalsh(one.estimate.covariance[:2, :2])[-1])))
         counts.append(belief.weights.size)
