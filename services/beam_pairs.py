@@ -1,11 +1,14 @@
 """The beam model learned from a recorded run: its ranges, beside the lengths of rays from where they were taken."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
+from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.maps.raycast import RayCaster
 from dynpf.measurement.beam import BeamParams
 from dynpf.measurement.beam_fit import BeamFit, fit_beam
-from dynpf.se2 import FloatArray, compose
+from dynpf.se2 import FloatArray, Floats, compose
 from protocol.codec import decode
 from protocol.messages import LaserScan, RobotState
 from services.errors import UsageError
@@ -16,7 +19,7 @@ from services.recording.scenario import recorded_scenario
 from services.scenario import Scenario
 from services.sensors.config import SimulatedSensorsConfig
 
-__all__ = ["fit_recording"]
+__all__ = ["fit_recording", "fit_scans"]
 
 APART_NS = 500_000_000
 """Between two true poses, at most, for one in between to be known."""
@@ -35,21 +38,30 @@ def fit_recording(recording: Recording) -> BeamFit:
     estimator = scenario.estimator
     tables = estimator.measurement if isinstance(estimator, LocalizationConfig) else ()
     start = next((table for table in tables if isinstance(table, BeamParams)), BeamParams())
-    range_max, stamps, poses = _range_max(recording, scenario), *_truth(recording)
-    caster, ranges, expected = RayCaster(grid), [], []
+    stamps, poses = _truth(recording)
+    taken = []
     for one in recording.messages("sensors/scan"):
-        pose = _at(stamps, poses, one.stamp_ns)
-        message = decode(one.topic, one.payload)
-        if pose is None or not isinstance(message, LaserScan):
-            continue
-        x, y, theta = compose(pose, np.array([start.sensor_x, start.sensor_y, start.sensor_theta])).tolist()
-        angles = theta + np.linspace(message.start_angle, message.end_angle, len(message.ranges))
-        from_x, from_y = (np.full(angles.size, place, dtype=np.float32) for place in (x, y))
-        ranges.append(np.array(message.ranges))
-        expected.append(caster.ranges(from_x, from_y, angles.astype(np.float32), range_max))
-    if not ranges:
+        pose, message = _at(stamps, poses, one.stamp_ns), decode(one.topic, one.payload)
+        if pose is not None and isinstance(message, LaserScan):
+            angles = np.linspace(message.start_angle, message.end_angle, len(message.ranges))
+            taken.append((pose, angles, np.array(message.ranges)))
+    if not taken:
         raise UsageError(f"{recording.path}: holds no scans with true poses")
-    return fit_beam(np.concatenate(ranges), np.concatenate(expected), range_max, start)
+    return fit_scans(grid, taken, _range_max(recording, scenario), start)
+
+
+def fit_scans(
+    grid: OccupancyGrid, taken: Iterable[tuple[FloatArray, Floats, Floats]], range_max: float, start: BeamParams
+) -> BeamFit:
+    """Return the beam model that makes scans likeliest: of each the robot's pose (3,), angles (B,) and ranges (B,)."""
+    caster, sensor = RayCaster(grid), np.array([start.sensor_x, start.sensor_y, start.sensor_theta])
+    readings, expected = [], []
+    for pose, angles, ranges in taken:
+        x, y, theta = compose(pose, sensor).tolist()
+        from_x, from_y = (np.full(angles.size, place, dtype=np.float32) for place in (x, y))
+        readings.append(ranges)
+        expected.append(caster.ranges(from_x, from_y, (theta + angles).astype(np.float32), range_max))
+    return fit_beam(np.concatenate(readings), np.concatenate(expected), range_max, start)
 
 
 def _range_max(recording: Recording, scenario: Scenario) -> float:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
@@ -12,10 +13,10 @@ from msgspec import Meta
 from dynpf.filters.adaptation import KldParams, SensorResettingParams
 from dynpf.filters.resampling import Systematic
 from dynpf.filters.start import FromReadingsStart, UniformStart
-from dynpf.maps.raycast import RayCaster
 from dynpf.measurement.beam import BeamParams
-from dynpf.measurement.beam_fit import BeamFit, fit_beam
+from dynpf.measurement.beam_fit import BeamFit
 from dynpf.rng import generator
+from services.beam_pairs import fit_scans
 from services.errors import UsageError
 from services.estimator.config import LocalizationConfig
 from services.studies.room_figures import Shown, draw
@@ -105,24 +106,19 @@ def drive_of(settings: IndoorSettings, seed: int) -> list[Epoch]:
     return record(world("indoor-global"), seed, settings.updates)
 
 
+@lru_cache(maxsize=2)
 def fitted(settings: IndoorSettings) -> BeamFit:
     """Return the beam model of a drive of its own, by expectation maximization over its readings at the true poses.
 
-    Of a log, half of whose scans also serve to try it out, every fifth scan takes part.
+    Of a log, every fifth scan takes part; the trials are on the same log.
     """
     place = place_of(settings)
     grid = place.maps.grid
     if grid is None:
         raise UsageError("the study needs a grid map")
     epochs = played(Path(settings.log)).epochs[::5] if settings.log else drive_of(settings, FIT_SEED)
-    caster, ranges, expected = RayCaster(grid), [], []
-    start = _beam(place)
-    for truth, scan in scans(place, epochs):
-        pose, angles = truth.astype(np.float32), scan.angles + np.float32(truth[2])
-        x, y = np.full(angles.size, pose[0]), np.full(angles.size, pose[1])
-        ranges.append(scan.ranges)
-        expected.append(caster.ranges(x, y, angles, scan.range_max))
-    return fit_beam(np.concatenate(ranges), np.concatenate(expected), scan.range_max, start)
+    taken = ((truth, scan.angles, scan.ranges) for truth, scan in scans(place, epochs))
+    return fit_scans(grid, taken, place.range_max, _beam(place))
 
 
 def _beam(place: World) -> BeamParams:

@@ -49,4 +49,4 @@ def _inline(table: dict[str, object]) -> str:
 def test_a_run_without_scans_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = recorded("room-lines", tmp_path / "run.mcap", "max_ticks=3")
     assert main(["fit", str(path)]) == 2
-    assert "does not tell the scanner's greatest range" in capsys.readouterr().err
+    assert "holds no scans with true poses" in capsys.readouterr().err
