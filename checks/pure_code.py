@@ -21,6 +21,7 @@ PURE = (
     "services/errors.py",
     "services/maps.py",
     "services/node.py",
+    "services/steering.py",
     "services/task.py",
     "services/simulator",
     "services/vision",

@@ -42,12 +42,15 @@ if TYPE_CHECKING:
     from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, RangeBearingReadings
     from dynpf.measurement.range_vector import RangeVector, RangeVectorModel, RangeVectorParams
     from dynpf.measurement.scan import Scan
+    from dynpf.measurement.scan_lines import ScanLines, ScanLinesParams
+    from dynpf.measurement.split_and_merge import SplitAndMergeParams, extract_lines
     from dynpf.measurement.unknown_landmarks import UnknownLandmarks, UnknownLandmarksParams, UnlabelledReadings
     from dynpf.metrics.bounds import covariance_bound, noiseless_information, posterior_information, rms_bound
     from dynpf.metrics.consistency import coverage, mean_square, nees
     from dynpf.motion.arcs import Arcs, ArcsParams
     from dynpf.motion.capsule import CapsuleMotion, CapsuleStep, CapsuleStepParams
     from dynpf.motion.gradient_flow import GradientFlow, GradientFlowParams
+    from dynpf.motion.gyro import GyroOdometry, GyroOdometryParams
     from dynpf.motion.linear import LinearGaussian, LinearGaussianParams
     from dynpf.motion.model import Displacement, Twist
     from dynpf.motion.odometry import OdometryMotion, OdometryParams
@@ -76,6 +79,8 @@ __all__ = [
     "GaussianPositionParams",
     "GradientFlow",
     "GradientFlowParams",
+    "GyroOdometry",
+    "GyroOdometryParams",
     "Health",
     "HealthParams",
     "Kld",
@@ -113,10 +118,13 @@ __all__ = [
     "Rescue",
     "Residual",
     "Scan",
+    "ScanLines",
+    "ScanLinesParams",
     "SegmentMap",
     "SensorResetting",
     "SensorResettingParams",
     "Signs",
+    "SplitAndMergeParams",
     "Status",
     "Stratified",
     "Stream",
@@ -133,6 +141,7 @@ __all__ = [
     "Verdict",
     "covariance_bound",
     "coverage",
+    "extract_lines",
     "fit_beam",
     "fixed_lag",
     "mean_and_covariance",
@@ -183,12 +192,15 @@ _MODULES: dict[str, tuple[str, ...]] = {
     "dynpf.measurement.range_bearing": ("RangeBearing", "RangeBearingParams", "RangeBearingReadings"),
     "dynpf.measurement.range_vector": ("RangeVector", "RangeVectorModel", "RangeVectorParams"),
     "dynpf.measurement.scan": ("Scan",),
+    "dynpf.measurement.scan_lines": ("ScanLines", "ScanLinesParams"),
+    "dynpf.measurement.split_and_merge": ("SplitAndMergeParams", "extract_lines"),
     "dynpf.measurement.unknown_landmarks": ("UnknownLandmarks", "UnknownLandmarksParams", "UnlabelledReadings"),
     "dynpf.metrics.bounds": ("covariance_bound", "noiseless_information", "posterior_information", "rms_bound"),
     "dynpf.metrics.consistency": ("coverage", "mean_square", "nees"),
     "dynpf.motion.arcs": ("Arcs", "ArcsParams"),
     "dynpf.motion.capsule": ("CapsuleMotion", "CapsuleStep", "CapsuleStepParams"),
     "dynpf.motion.gradient_flow": ("GradientFlow", "GradientFlowParams"),
+    "dynpf.motion.gyro": ("GyroOdometry", "GyroOdometryParams"),
     "dynpf.motion.linear": ("LinearGaussian", "LinearGaussianParams"),
     "dynpf.motion.model": ("Displacement", "Twist"),
     "dynpf.motion.odometry": ("OdometryMotion", "OdometryParams"),

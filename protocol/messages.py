@@ -12,6 +12,7 @@ import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
 __all__ = [
+    "Barrier",
     "CapsuleEstimate",
     "CapsuleMove",
     "CapsuleReading",
@@ -22,6 +23,7 @@ __all__ = [
     "Detection",
     "Detections",
     "Diagnostics",
+    "Disc",
     "Duration",
     "Estimate",
     "FilterHealth",
@@ -41,6 +43,7 @@ __all__ = [
     "MapProbability",
     "Message",
     "MovedWall",
+    "Obstacles",
     "Odometry",
     "OdometryPose",
     "PartEstimate",
@@ -350,6 +353,29 @@ class CapsuleState(Message, frozen=True, kw_only=True):
     theta: Angle  # rad
     map: str
     move: CapsuleMove | UnsetType = UNSET  # that it was told to make since the reading before; left out at the start
+
+
+class Disc(Part, frozen=True, kw_only=True):
+    x: float  # m
+    y: float  # m
+    radius: Positive  # m
+
+
+class Barrier(Part, frozen=True, kw_only=True):
+    """A straight piece from one end to the other."""
+
+    x1: float  # m
+    y1: float  # m
+    x2: float  # m
+    y2: float  # m
+
+
+class Obstacles(Message, frozen=True, kw_only=True):
+    """What stands in the way just now and is in no map: people as discs, and the doors that are closed."""
+
+    schema_name = "dynpf.Obstacles"
+    people: Annotated[tuple[Disc, ...], Meta(max_length=256)] = ()
+    doors: Annotated[tuple[Barrier, ...], Meta(max_length=256)] = ()
 
 
 # --- what is sensed ------------------------------------------------------------------------------------------------

@@ -107,6 +107,12 @@ _ROWS = (
         description="True pose of the capsule in pixels of its map, and the name of the map that holds",
     ),
     Topic(
+        name="truth/obstacles",
+        type=messages.Obstacles,
+        publishers=("simulator",),
+        description="People about and doors that are closed, in a room that has any",
+    ),
+    Topic(
         name="truth/scene",
         type=messages.SceneUpdate,
         publishers=("simulator",),

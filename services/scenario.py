@@ -473,6 +473,8 @@ def _contradictions(scenario: Scenario) -> Iterator[str]:
     nodes = scenario.nodes
     if not nodes or nodes[0] not in {"simulator", "sensors"}:
         yield "a run needs a source: a [simulator], or [sensors] that play a log"
+    if isinstance(scenario.simulator, RoomConfig) and scenario.simulator.driver is not None and scenario.controller:
+        yield "simulator.driver: the [controller] drives already"
     if scenario.needs_log and scenario.simulator is not None:
         yield "simulator: a run that plays a log (needs_log) has no simulator"
     if isinstance(scenario.sensors, LogSensorsConfig) != scenario.needs_log:

@@ -6,6 +6,9 @@ from dynpf.measurement.model import GaussianMeasurement, MeasurementModel
 from dynpf.measurement.position import GaussianPosition, GaussianPositionParams, Position
 from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, RangeBearingReadings
 from dynpf.measurement.range_vector import RangeVector, RangeVectorModel, RangeVectorParams
+from dynpf.measurement.scan import Scan
+from dynpf.measurement.scan_lines import ScanLines, ScanLinesParams
+from dynpf.measurement.split_and_merge import SplitAndMergeParams, extract_lines
 from dynpf.measurement.unknown_landmarks import UnknownLandmarks, UnknownLandmarksParams, UnlabelledReadings
 
 __all__ = [
@@ -25,7 +28,12 @@ __all__ = [
     "RangeVector",
     "RangeVectorModel",
     "RangeVectorParams",
+    "Scan",
+    "ScanLines",
+    "ScanLinesParams",
+    "SplitAndMergeParams",
     "UnknownLandmarks",
     "UnknownLandmarksParams",
     "UnlabelledReadings",
+    "extract_lines",
 ]

@@ -1,5 +1,6 @@
 """Walls seen as straight lines, matched with the segments of a map (TURTLEBOT, "weighting")."""
 
+import math
 from typing import Annotated, NamedTuple
 
 import msgspec
@@ -21,12 +22,14 @@ class Lines(NamedTuple):
     """Lines seen at one instant, in the robot's frame, each array (K,).
 
     ``rho`` is the distance (m) from the robot to the line and ``alpha`` (rad) the direction in which it lies, so that
-    the line's points satisfy x cos alpha + y sin alpha = rho; ``lengths`` (m) is how much of it was seen.
+    the line's points satisfy x cos alpha + y sin alpha = rho; ``lengths`` (m) is how much of it was seen, and
+    ``middles`` (m), where it is known, how far to the left of the line's nearest point the middle of that lies.
     """
 
     rho: Floats
     alpha: Floats
     lengths: Floats
+    middles: Floats | None = None
 
 
 class PolarLinesParams(
@@ -38,6 +41,8 @@ class PolarLinesParams(
     sigma_alpha: Positive = 0.1  # rad
     # m: by how much a line may be longer than a segment of the map and still be taken for it.
     length_tolerance: Annotated[float, Meta(ge=0.0)] = 0.2
+    # m: by how much a line of known middle may reach beyond the segment, tolerance aside; absent: places do not matter.
+    sigma_along: Positive | None = None
     # Share of lines that are of nothing in the map: with none, a line too long for every segment rules all out.
     outlier_fraction: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.05
     outlier_rho: Positive = 4.0  # m: an outlier's distance is uniform up to here, its direction over the circle
@@ -46,9 +51,10 @@ class PolarLinesParams(
 class PolarLines:
     """Independent Gaussian errors of rho and alpha about the segment of maximum likelihood, for each line.
 
-    No line is taken for a segment that is shorter than it. (rho, alpha) and (-rho, alpha + pi) are one line and
-    compared as such. A line with a value that is not finite tells nothing: it is not admitted and adds zero to the
-    log-likelihood of every particle.
+    No line is taken for a segment that is shorter than it. TURTLEBOT compares carrying lines, so that any parallel wall
+    at the same distance will do; with ``sigma_along``, what is seen of a line has to lie where the segment is, too.
+    (rho, alpha) and (-rho, alpha + pi) are one line and compared as such. A line with a value that is not finite tells
+    nothing: it is not admitted and adds zero to the log-likelihood of every particle.
     """
 
     def __init__(self, params: PolarLinesParams, segment_map: SegmentMap) -> None:
@@ -56,16 +62,27 @@ class PolarLines:
         self.params = validated(params)
         rho, alpha = segment_map.rho, segment_map.alpha
         longest = segment_map.lengths + params.length_tolerance
-        columns = (rho, alpha, np.cos(alpha), np.sin(alpha), longest)
+        middles = segment_map.segments.reshape(-1, 2, 2).mean(axis=1)
+        centres = middles[:, 1] * np.cos(alpha) - middles[:, 0] * np.sin(alpha)
+        columns = (rho, alpha, np.cos(alpha), np.sin(alpha), longest, centres)
         self._segments = tuple(column.astype(np.float32) for column in columns)
+
+    @property
+    def log_outlier(self) -> np.float32:
+        """The log-density of a line that is of nothing in the map; -inf where there is no share of those."""
+        fraction = self.params.outlier_fraction
+        return np.float32(math.log(fraction / (math.tau * self.params.outlier_rho)) if fraction > 0.0 else -math.inf)
 
     def admit(self, particles: Floats, weights: Floats, reading: Lines) -> Lines | None:  # noqa: ARG002
         """Return the lines that are finite and not too long for every segment of the map, None if there is none."""
         lines = _arrays(reading)
-        kept = np.isfinite(lines).all(axis=0) & (lines[2] <= np.max(self._segments[-1]))
+        kept = np.isfinite(lines).all(axis=0) & (lines[2] <= np.max(self._segments[4]))
         if not kept.any():
             return None
-        return reading if kept.all() else Lines(*(np.asarray(values)[kept] for values in reading))
+        if kept.all():
+            return reading
+        rho, alpha, lengths = (np.asarray(values)[kept] for values in reading[:3])
+        return Lines(rho, alpha, lengths, None if reading.middles is None else np.asarray(reading.middles)[kept])
 
     def count(self, reading: Lines) -> int:
         """Return the number of lines."""
@@ -79,7 +96,8 @@ class PolarLines:
         """
         params = self.params
         x, y, theta = np.ascontiguousarray(particles[:3], dtype=np.float32)
-        rho, alpha, lengths = _arrays(reading)
+        rho, alpha, lengths, *middles = _arrays(reading)
+        sigma_along = params.sigma_along if middles and params.sigma_along is not None else 0.0
         out = np.empty(x.size, dtype=np.float32)
         kernels.lines.log_likelihood(
             out,
@@ -89,9 +107,11 @@ class PolarLines:
             rho,
             alpha,
             lengths,
+            *(middles or [lengths]),
             *self._segments,
             params.sigma_rho,
             params.sigma_alpha,
+            sigma_along,
             params.outlier_fraction,
             params.outlier_rho,
         )
@@ -99,5 +119,5 @@ class PolarLines:
 
 
 def _arrays(reading: Lines) -> NDArray[np.float32]:
-    """Return the lines (3, K) as the kernel takes them, copied: a read-only array would be compiled for anew."""
-    return np.array(reading, dtype=np.float32)
+    """Return the lines (3 or 4, K) as the kernel takes them, copied: a read-only array would be compiled for anew."""
+    return np.array([values for values in reading if values is not None], dtype=np.float32)

@@ -24,6 +24,7 @@ _COMMANDS = {
     "doctor": ("doctor", "what is wrong with a recording"),
     "recover": ("recover", "mend a recording into a new file"),
     "metrics": ("metrics", "a recorded run against the truth in it"),
+    "fit": ("fit", "the beam model's parameters from a recorded run"),
     "import": ("import_", "make a recording of somebody else's log"),
     "export": ("export", "write a topic of a recording for other programs"),
     "study": ("study", "an experiment of the source documents, with confidence intervals"),

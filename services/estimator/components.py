@@ -34,6 +34,7 @@ from dynpf.measurement.position import GaussianPosition, GaussianPositionParams,
 from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, RangeBearingReadings, SensorRows
 from dynpf.measurement.range_vector import RangeVector, RangeVectorModel, RangeVectorParams
 from dynpf.measurement.scan import Scan
+from dynpf.measurement.scan_lines import ScanLines, ScanLinesParams
 from dynpf.measurement.unknown_landmarks import UnknownLandmarks, UnknownLandmarksParams, UnlabelledReadings
 from dynpf.motion.arcs import Arcs, ArcsParams
 from dynpf.motion.calibration import BEARING_BIAS, RANGE_SCALE, CalibratedArcs
@@ -210,6 +211,8 @@ def _measurement(
             return RangeVector, RangeVectorModel(table, needed("grid"))
         case PolarLinesParams():
             return Lines, PolarLines(table, needed("segments"))
+        case ScanLinesParams():
+            return Scan, ScanLines(table, needed("segments"))
         case GaussianPositionParams():
             return Position, GaussianPosition(table)
     own = made(table, key, (MeasurementModel,), classes, maps._asdict())

@@ -23,6 +23,7 @@ from dynpf.measurement.lines import PolarLinesParams
 from dynpf.measurement.position import GaussianPositionParams
 from dynpf.measurement.range_bearing import RangeBearingParams
 from dynpf.measurement.range_vector import RangeVectorParams
+from dynpf.measurement.scan_lines import ScanLinesParams
 from dynpf.measurement.unknown_landmarks import UnknownLandmarksParams
 from dynpf.motion.arcs import ArcsParams
 from dynpf.motion.calibration import CalibrationParams
@@ -94,6 +95,7 @@ MeasurementTable = (
     | BeamParams
     | RangeVectorParams
     | PolarLinesParams
+    | ScanLinesParams
     | GaussianPositionParams
     | UserComponent
 )

@@ -47,12 +47,13 @@ def example_readings(
 ) -> Iterator[Any]:
     """Yield a reading for each measurement model, as it would be at ``pose`` (3,).
 
-    A user's model gives one itself, by its method ``example()``; one without is left out.
+    A model with a method ``example()`` gives one itself; a user's model without is left out.
     """
     for table, (kind, model) in zip(config.measurement, models.items(), strict=True):
+        if hasattr(model, "example"):
+            yield model.example()
+            continue
         if isinstance(table, UserComponent):
-            if hasattr(model, "example"):
-                yield model.example()
             continue
         beams = len(model.params.angles) if isinstance(model, RangeVectorModel) else BEAMS
         message = _message(kind, maps, pose, beams, range_max)

@@ -6,9 +6,12 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from dynpf.motion.gyro import GyroOdometryParams
+
 __all__ = [
     "CapsuleSensorsConfig",
     "GripperSensor",
+    "GyroSensor",
     "LandmarkSensor",
     "LineSensor",
     "LogSensorsConfig",
@@ -27,6 +30,14 @@ FieldOfView = Annotated[float, Meta(gt=0.0, le=math.tau)]
 Every = Annotated[int, Meta(ge=1)]
 
 
+class GyroSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A rate gyro, and the extended Kalman filter that corrects the wheels' turning rate by it."""
+
+    w_std: NonNegative = 0.005  # rad/s
+    w_bias: float = 0.0  # rad/s
+    filter: GyroOdometryParams = GyroOdometryParams()
+
+
 class OdometrySensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Wheel encoders: Gaussian noise of standard deviation sqrt(std^2 + (std_per_unit * true)^2), and a bias."""
 
@@ -36,6 +47,10 @@ class OdometrySensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     w_std: NonNegative = 0.0  # rad/s
     w_std_per_unit: NonNegative = 0.0  # of the true turning rate
     w_bias: float = 0.0  # rad/s
+    w_scale: Positive = (
+        1.0  # of the true turning rate: wheels farther apart or closer together than they are taken to be
+    )
+    gyro: GyroSensor | None = None  # absent: the wheels alone
     every: Every = 1  # ticks between readings
 
 
@@ -60,15 +75,19 @@ class LandmarkSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 
 
 class ScanSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Ranges from the robot's centre to parts and walls, on beams spread evenly over the field of view.
+    """Ranges from the robot's centre to walls, parts, people and closed doors, on beams spread over the field of view.
 
-    The walls are those given here, else the map's, else the rectangle of the task's workspace.
+    The walls are those given here, else the map's, else the rectangle of the task's workspace. The noise's standard
+    deviation is range_std + range_std_per_square_metre range^2: that of a structured-light camera grows so.
     """
 
     beams: Annotated[int, Meta(ge=2, le=100_000)] = 60
     field_of_view: FieldOfView = 3 * math.pi / 2  # rad, first to last beam, centred on the heading
+    range_min: NonNegative = 0.0  # m; what is nearer gives no reading, which is 0
     range_max: Positive = 4.0  # m; also the reading of a beam without return
     range_std: NonNegative = 0.01  # m
+    range_std_per_square_metre: NonNegative = 0.0  # 1/m
+    glass: tuple[tuple[float, float, float, float], ...] = ()  # walls of the map, as it has them, that beams go through
     walls: tuple[tuple[float, float, float, float], ...] = ()  # x1, y1, x2, y2 in m
     every: Every = 1
 

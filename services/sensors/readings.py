@@ -17,6 +17,7 @@ from protocol.messages import (
     LaserScan,
     LineReading,
     LineReadings,
+    Obstacles,
     Odometry,
     PartsState,
     PositionFix,
@@ -26,6 +27,7 @@ from protocol.messages import (
 )
 from services.sensors.config import (
     GripperSensor,
+    GyroSensor,
     LandmarkSensor,
     LineSensor,
     OdometrySensor,
@@ -39,6 +41,7 @@ __all__ = [
     "Floats",
     "Rays",
     "read_gripper",
+    "read_gyro",
     "read_landmarks",
     "read_lines",
     "read_odometry",
@@ -57,8 +60,14 @@ def read_odometry(sensor: OdometrySensor, robot: RobotState, rng: np.random.Gene
     noise_v, noise_w = rng.standard_normal(2).tolist()
     return Odometry(
         v=robot.v + sensor.v_bias + math.hypot(sensor.v_std, sensor.v_std_per_unit * robot.v) * noise_v,
-        w=robot.w + sensor.w_bias + math.hypot(sensor.w_std, sensor.w_std_per_unit * robot.w) * noise_w,
+        w=sensor.w_scale * robot.w
+        + sensor.w_bias
+        + math.hypot(sensor.w_std, sensor.w_std_per_unit * robot.w) * noise_w,
     )
+
+
+def read_gyro(sensor: GyroSensor, robot: RobotState, rng: np.random.Generator) -> float:
+    return robot.w + sensor.w_bias + sensor.w_std * float(rng.standard_normal())
 
 
 def read_gripper(
@@ -100,12 +109,13 @@ def read_scan(
     sensor: ScanSensor,
     robot: RobotState,
     parts: PartsState | None,
+    obstacles: Obstacles | None,
     walls: Rays,
     *,
     stamp_ns: int,
     rng: np.random.Generator,
 ) -> LaserScan:
-    """A beam that meets nothing within range_max reads range_max, without noise."""
+    """A beam that meets nothing within range_max reads range_max, without noise; one that meets too near a thing, 0."""
     half = sensor.field_of_view / 2
     angles = robot.theta + np.linspace(-half, half, sensor.beams)
     origin = np.array([robot.x, robot.y])
@@ -113,9 +123,15 @@ def read_scan(
     if parts is not None and parts.parts:
         discs = np.array([(part.x, part.y, part.radius) for part in parts.parts])
         ranges = np.minimum(ranges, ray_discs(origin, angles, discs))
-    noise = sensor.range_std * rng.standard_normal(sensor.beams)
+    if obstacles is not None:
+        people = np.array([(one.x, one.y, one.radius) for one in obstacles.people]).reshape(-1, 3)
+        doors = np.array([(one.x1, one.y1, one.x2, one.y2) for one in obstacles.doors]).reshape(-1, 4)
+        ranges = np.minimum(ranges, np.minimum(ray_discs(origin, angles, people), ray_segments(origin, angles, doors)))
     returned = ranges < sensor.range_max
-    ranges = np.where(returned, np.clip(ranges + noise, 0.0, sensor.range_max), sensor.range_max)
+    true = np.where(returned, ranges, sensor.range_max)
+    std = sensor.range_std + sensor.range_std_per_square_metre * true**2
+    read = np.clip(true + std * rng.standard_normal(sensor.beams), 0.0, sensor.range_max)
+    ranges = np.where(returned, np.where(true < sensor.range_min, 0.0, read), sensor.range_max)
     return LaserScan(
         timestamp=timestamp(stamp_ns),
         frame_id=frames.ROBOT,

@@ -6,8 +6,18 @@ import msgspec
 from msgspec import Meta
 
 from services.simulator.camera import CameraParams
+from services.steering import Route
 
-__all__ = ["CapsuleConfig", "Hiding", "Intervention", "RoomConfig", "WorkspaceConfig"]
+__all__ = [
+    "CapsuleConfig",
+    "Door",
+    "Driver",
+    "Hiding",
+    "Intervention",
+    "PeopleParams",
+    "RoomConfig",
+    "WorkspaceConfig",
+]
 
 NonNegative = Annotated[float, Meta(ge=0.0)]
 Positive = Annotated[float, Meta(gt=0.0)]
@@ -51,6 +61,33 @@ class WorkspaceConfig(
     camera: CameraParams | None = None  # the overhead camera; absent: no frames are rendered
 
 
+class PeopleParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """People who walk through the room, and through the beams, from one place in view to the next."""
+
+    number: Annotated[int, Meta(ge=0, le=256)] = 0
+    speed: Positive = 0.8  # m/s
+    radius: Positive = 0.2  # m
+
+
+class Door(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A door that is in no map: while it is closed, a wall between two points."""
+
+    segment: tuple[float, float, float, float]  # x1, y1, x2, y2 in m
+    period: Positive = 20.0  # s from opening to opening
+    open_for: NonNegative = 10.0  # s; at the start of each period
+    phase: float = 0.0  # s after the start of the run at which a period begins
+    opens_within: NonNegative = 0.0  # m from the robot: then it is open in any case
+
+
+class Driver(Route, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Somebody who sees the robot and drives it, as logs are recorded: the way does not depend on an estimate.
+
+    Stops before people and closed doors. The run ends with the route.
+    """
+
+    gap: Positive = 0.3  # m that is kept to what stands in the way ahead
+
+
 class RoomConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="room"):
     """A unicycle robot in a room: within the walls of the run's map, or else in a rectangle centred at the origin.
 
@@ -73,6 +110,9 @@ class RoomConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         0.0,
         0.0,
     )
+    driver: Driver | None = None  # absent: the controller drives
+    people: PeopleParams | None = None
+    doors: Annotated[tuple[Door, ...], Meta(max_length=256)] = ()
 
 
 class CapsuleConfig(

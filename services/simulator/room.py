@@ -1,21 +1,22 @@
-"""The room simulator: a unicycle robot among landmarks, driven by forward speed and turning rate."""
+"""The room simulator: a unicycle robot among walls, landmarks, people and doors, driven by speed and turning rate."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
-from dynpf.maps.distance import distance_field
-from dynpf.maps.occupancy import OccupancyGrid
+from dynpf.measurement.ray import ray_segments
 from dynpf.rng import generator
-from dynpf.se2 import FloatArray, arc_displacement, compose
+from dynpf.se2 import arc_displacement, compose
 from protocol import frames
 from protocol.messages import (
     ArrowPrimitive,
+    Barrier,
     Color,
     Command,
     CylinderPrimitive,
+    Disc,
     LinePrimitive,
+    Obstacles,
     Point3,
     Pose,
     Quaternion,
@@ -31,19 +32,21 @@ from protocol.messages import (
 from services.errors import ScenarioError
 from services.maps import NO_MAPS, Maps
 from services.node import Output, Result, State, Step
-from services.simulator.config import RoomConfig
+from services.simulator.clearance import clearance_of, from_segments
+from services.simulator.company import People, closed_doors
+from services.simulator.config import Driver, RoomConfig
+from services.steering import steer
 from services.task import Landmark
 
 __all__ = ["RoomSimulator"]
-
-Clearance = Callable[[float, float], float]
-"""The distance in metres from a point to the nearest wall."""
 
 SCENE_PERIOD_NS = 200_000_000
 LOOP, PAIRS = 1, 2  # how Foxglove's lines connect their points
 WALL_COLOR = Color(r=0.35, g=0.35, b=0.35)
 LANDMARK_COLOR = Color(r=0.85, g=0.55, b=0.1)
 ROBOT_COLOR = Color(r=0.15, g=0.4, b=0.8)
+PERSON_COLOR = Color(r=0.55, g=0.3, b=0.6)
+DOOR_COLOR = Color(r=0.6, g=0.4, b=0.2)
 
 
 class RoomSimulator:
@@ -51,13 +54,11 @@ class RoomSimulator:
 
     Each step is one tick. The twist in truth/robot is the one that holds from its stamp to the next: the last command
     and the motion's noise. The next step finds the robot at the end of that arc. A robot that would leave the room, or
-    run into a wall of the map, is held there while its wheels turn on. Raises ScenarioError for a start where it does
-    not fit.
+    run into a wall of the map or a closed door, is held there while its wheels turn on. Raises ScenarioError for a
+    start where it does not fit, and for people or doors without a map.
     """
 
     name = "simulator"
-    reads = frozenset({"controller/command"})
-    writes = frozenset({"truth/robot", "truth/scene"})
 
     def __init__(
         self,
@@ -73,7 +74,7 @@ class RoomSimulator:
         self.tick_s = tick_s
         self.landmarks = landmarks
         self._segments = None if maps.segments is None else maps.segments.segments
-        self._clearance = _clearance(maps)
+        self._clearance = clearance_of(maps)
         if not self._fits(config.start):
             room = "map" if self._clearance else f"room of {config.width} m x {config.height} m"
             raise ScenarioError(
@@ -85,14 +86,37 @@ class RoomSimulator:
         self._twist = (0.0, 0.0, 0.0)  # true forward speed and turning rate, and rate of turning on the spot besides
         self._finished = False
         self._scene_ns = -SCENE_PERIOD_NS
+        self._reached = 0  # of the driver's waypoints
+        self._doors = closed_doors(config.doors, 0.0, self._pose[:2])
+        self._people = self._drawn_people(maps)
+
+    @property
+    def reads(self) -> frozenset[str]:
+        return frozenset({"controller/command"} if self.config.driver is None else ())
+
+    @property
+    def writes(self) -> frozenset[str]:
+        return frozenset({"truth/robot", "truth/scene"} | ({"truth/obstacles"} if self._has_company else set()))
+
+    @property
+    def _has_company(self) -> bool:
+        return self._people is not None or bool(self.config.doors)
 
     def step(self, step: Step) -> Result:
         self._move()
-        self._obey(step)
+        self._doors = closed_doors(self.config.doors, step.stamp_ns * 1e-9, self._pose[:2])
+        if self._people is not None:
+            self._people.walk(step.number, self.tick_s, self._pose[:2], self._doors)
+        if self.config.driver is None:
+            self._obey(step)
+        else:
+            self._drive(self.config.driver)
         self._twist = self._perturbed(step.number)
         x, y, theta = self._pose
         v, w, _ = self._twist
         outputs = [Output("truth/robot", RobotState(x=x, y=y, theta=theta, v=v, w=w))]
+        if self._has_company:
+            outputs.append(Output("truth/obstacles", self._obstacles()))
         if step.stamp_ns - self._scene_ns >= SCENE_PERIOD_NS:
             self._scene_ns = step.stamp_ns
             outputs.append(Output("truth/scene", self._scene(timestamp(step.stamp_ns))))
@@ -112,6 +136,39 @@ class RoomSimulator:
                 self._command = _clip(v, self.config.max_speed), _clip(w, self.config.max_turn_rate)
                 self._finished = self._finished or command.finished
 
+    def _drive(self, driver: Driver) -> None:
+        """Head for the next waypoint, but not into what stands in the way."""
+        waypoint = driver.waypoint(self._reached)
+        if waypoint is not None and math.dist(self._pose[:2], waypoint) <= driver.arrival_radius:
+            self._reached += 1
+            waypoint = driver.waypoint(self._reached)
+        self._finished = waypoint is None
+        v, w = (0.0, 0.0) if waypoint is None else steer(driver, self._pose, waypoint)
+        free = self._way_ahead() > driver.gap
+        self._command = _clip(v, self.config.max_speed) if free else 0.0, _clip(w, self.config.max_turn_rate)
+
+    def _way_ahead(self) -> float:
+        """Return how far the robot could go straight on before it would touch a person or a closed door, m."""
+        x, y, theta = self._pose
+        radius = self.config.robot_radius
+        ways = [float(ray_segments(np.array([x, y]), np.array([theta]), self._doors)[0]) - radius]
+        if self._people is not None:
+            for dx, dy in (self._people.places - [x, y]).tolist():
+                along, across = math.cos(theta) * dx + math.sin(theta) * dy, math.cos(theta) * dy - math.sin(theta) * dx
+                touching = radius + self._people.params.radius
+                if along > 0.0 and abs(across) < touching:
+                    ways.append(along - math.sqrt(touching**2 - across**2))
+        return min(ways)
+
+    def _drawn_people(self, maps: Maps) -> People | None:
+        if self._clearance is None or maps.grid is None:
+            if self.config.people is not None or self.config.doors:
+                raise ScenarioError("simulator.people and simulator.doors need a [map]; this run has none")
+            return None
+        if self.config.people is None:
+            return None
+        return People(self.config.people, self.seed, self._clearance, maps.grid, self._pose[:2])
+
     def _perturbed(self, number: int) -> tuple[float, float, float]:
         v, w = self._command
         a1, a2, a3, a4, a5, a6 = self.config.alpha
@@ -127,8 +184,9 @@ class RoomSimulator:
         if self._clearance is None:
             return *self._inside(x, y), theta
         here_x, here_y, _ = self._pose
-        gap = self._clearance(x, y)
-        free = gap >= self.config.robot_radius or gap > self._clearance(here_x, here_y)
+        door = from_segments(self._doors)
+        gap = min(self._clearance(x, y), door(x, y))
+        free = gap >= self.config.robot_radius or gap > min(self._clearance(here_x, here_y), door(here_x, here_y))
         return (x, y, theta) if free else (here_x, here_y, theta)
 
     def _fits(self, pose: tuple[float, float, float]) -> bool:
@@ -140,8 +198,26 @@ class RoomSimulator:
         radius = self.config.robot_radius
         return _clip(x, self.config.width / 2 - radius), _clip(y, self.config.height / 2 - radius)
 
+    def _obstacles(self) -> Obstacles:
+        places = [] if self._people is None else self._people.places.tolist()
+        radius = 0.0 if self._people is None else self._people.params.radius
+        return Obstacles(
+            people=tuple(Disc(x=x, y=y, radius=radius) for x, y in places),
+            doors=tuple(Barrier(x1=x1, y1=y1, x2=x2, y2=y2) for x1, y1, x2, y2 in self._doors.tolist()),
+        )
+
     def _scene(self, now: Timestamp) -> SceneUpdate:
-        return SceneUpdate(entities=(self._room_shape(now), self._landmark_shapes(now), self._robot_shape(now)))
+        shapes = (self._room_shape(now), self._landmark_shapes(now), self._robot_shape(now))
+        return SceneUpdate(entities=(*shapes, self._company_shapes(now)) if self._has_company else shapes)
+
+    def _company_shapes(self, now: Timestamp) -> SceneEntity:
+        obstacles = self._obstacles()
+        ends = tuple(Point3(x=x, y=y) for x, y in self._doors.reshape(-1, 2).tolist())
+        doors = LinePrimitive(
+            type=PAIRS, pose=_at(0.0, 0.0, 0.0), thickness=0.05, scale_invariant=False, points=ends, color=DOOR_COLOR
+        )
+        people = tuple(_cylinder(one.x, one.y, one.radius, 1.7, PERSON_COLOR) for one in obstacles.people)
+        return SceneEntity(timestamp=now, frame_id=frames.MAP, id="company", cylinders=people, lines=(doors,))
 
     def _room_shape(self, now: Timestamp) -> SceneEntity:
         """Draw the map's segments, or the rectangle; a grid's cells would be too many."""
@@ -192,6 +268,9 @@ class RoomSimulator:
             "twist": list(self._twist),
             "finished": self._finished,
             "scene_ns": self._scene_ns,
+            **({} if self.config.driver is None else {"reached": self._reached}),
+            **({} if not self._has_company else {"doors": self._doors}),
+            **({} if self._people is None else self._people.freeze()),
         }
 
     def thaw(self, state: State) -> None:
@@ -201,35 +280,10 @@ class RoomSimulator:
         self._pose, self._command, self._twist = (x, y, theta), (v, w), (true_v, true_w, spin)
         self._finished = state["finished"]
         self._scene_ns = state["scene_ns"]
-
-
-def _clearance(maps: Maps) -> Clearance | None:
-    if maps.segments is not None:
-        return _from_segments(maps.segments.segments)
-    return None if maps.grid is None else _from_grid(maps.grid)
-
-
-def _from_segments(segments: FloatArray) -> Clearance:
-    start, along = segments[:, :2], segments[:, 2:] - segments[:, :2]
-    squared = np.sum(along**2, axis=1)
-
-    def clearance(x: float, y: float) -> float:
-        from_start = np.array([x, y]) - start
-        fraction = np.clip(np.sum(from_start * along, axis=1) / squared, 0.0, 1.0)
-        return float(np.min(np.hypot(*(from_start - fraction[:, None] * along).T)))
-
-    return clearance
-
-
-def _from_grid(grid: OccupancyGrid) -> Clearance:
-    field = distance_field(grid.occupied, grid.resolution)
-    rows, columns = field.shape
-
-    def clearance(x: float, y: float) -> float:
-        column, row = (math.floor(place) for place in grid.to_cells(x, y))
-        return float(field[row, column]) if 0 <= column < columns and 0 <= row < rows else 0.0
-
-    return clearance
+        self._reached = state.get("reached", 0)
+        self._doors = np.array(state.get("doors", np.empty((0, 4))))
+        if self._people is not None:
+            self._people.thaw(state)
 
 
 def _clip(value: float, limit: float) -> float:

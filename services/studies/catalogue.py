@@ -19,6 +19,8 @@ _MODULES = {
     "parts-time": "parts_studies",
     "parts-vision": "parts_vision",
     "landmark": "landmark",
+    "indoor": "indoor",
+    "turtlebot": "turtlebot",
 }
 
 

@@ -22,13 +22,15 @@ class Sample(NamedTuple):
     measures: dict[str, float | bool]
 
 
-def summarized(samples: Iterable[Sample], pooled: str) -> list[Row]:
-    """Return a row for each combination of factors, in order, and one more for all values of the factor ``pooled``."""
+def summarized(samples: Iterable[Sample], pooled: str | None = None) -> list[Row]:
+    """Return a row for each combination of factors, in order; with ``pooled``, one more for all values of that one."""
     groups: dict[tuple[tuple[str, Any], ...], list[Sample]] = {}
     for sample in samples:
-        for factors in (sample.factors, sample.factors | {pooled: "all"}):
+        for factors in (sample.factors, *([sample.factors | {pooled: "all"}] if pooled else [])):
             groups.setdefault(tuple(factors.items()), []).append(sample)
     rows = [_row(dict(factors), group) for factors, group in groups.items()]
+    if pooled is None:
+        return rows
     return [row for row in rows if row[pooled] != "all"] + [row for row in rows if row[pooled] == "all"]
 
 

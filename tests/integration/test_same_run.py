@@ -9,6 +9,7 @@ from services.recording.digest import content_digest
 from services.recording.reader import read_recording
 
 CASES = {"parts-3-easy": 25, "landmark-room": 60, "room-scan": 30, "landmark-mrclam": 150}
+WORLDS = {"indoor-global": 10, "turtlebot-loops": 20}
 SEEDS = (1, 2, 3)
 
 METRICS = {
@@ -76,6 +77,17 @@ def test_bus_inline_and_replay_are_the_same_for_three_seeds(scenario, tmp_path, 
     first = json.loads(differs.out)["first"]
     assert first["node"] in nodes
     assert first["a"] != first["b"]
+
+
+@pytest.mark.parametrize("scenario", WORLDS)
+def test_people_doors_gyro_and_lines_are_the_same_on_the_bus_inline_and_replayed(scenario, tmp_path, dynpf, here):
+    words = [scenario, "--set", f"max_ticks={WORLDS[scenario]}"]
+    on_bus, inline = tmp_path / "bus.mcap", tmp_path / "inline.mcap"
+    run = dynpf("run", *words, "-o", on_bus)
+    assert here("run", *words, "--runner", "inline", "-o", inline).code == 0
+    assert run.wait() == 0, run.stderr
+    assert digest(on_bus) == digest(inline)
+    assert here("replay", on_bus, "--json").code == 0
 
 
 def test_a_whole_run_on_the_bus_brings_every_part_home(tmp_path, dynpf, here):

@@ -27,6 +27,10 @@ TICKS = {
     "colon-own-maps": 11,
     "parts-3-disturbed": 110,
     "parts-3-lens": 6,
+    "indoor-tracking": 20,
+    "indoor-global": 10,
+    "turtlebot-room": 16,
+    "turtlebot-loops": 20,
 }
 CASES = [(name, node) for name in TICKS for node in load_scenario(name).nodes]
 

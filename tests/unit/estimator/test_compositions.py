@@ -54,6 +54,9 @@ COMPOSITIONS: dict[str, dict[str, Any]] = {
         "measurement": {"kind": "range_vector", "angles": [-1.0, -0.5, 0.0, 0.5, 1.0], "range_max": 4.0, "sigma": 0.3}
     },
     "polar_lines": {"measurement": "polar_lines"},
+    "scan_lines": {
+        "measurement": {"kind": "scan_lines", "extraction": {"min_points": 2, "gap": 4.0}, "lines": {"sigma_rho": 0.3}}
+    },
     "position": {"measurement": {"kind": "position", "sigma": 0.2}},
     "fused": {"measurement": ["range_bearing", "likelihood_field", "polar_lines", "position"]},
     "systematic": {"resampling": {"kind": "systematic", "when": "always"}},

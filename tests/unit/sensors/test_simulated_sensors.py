@@ -9,12 +9,15 @@ import pytest
 
 from dynpf.maps.segments import SegmentMap
 from protocol.messages import (
+    Barrier,
     Detections,
+    Disc,
     Gripper,
     LandmarkReadings,
     LaserScan,
     LineReadings,
     Message,
+    Obstacles,
     Odometry,
     PartsState,
     PartState,
@@ -26,6 +29,7 @@ from services.maps import NO_MAPS, Maps
 from services.node import Received, Step, decode_state, encode_state
 from services.sensors.config import (
     GripperSensor,
+    GyroSensor,
     LandmarkSensor,
     LineSensor,
     OdometrySensor,
@@ -301,3 +305,58 @@ def test_a_scan_in_a_map_meets_its_segments_or_its_cells() -> None:
 def test_lines_need_a_map_of_segments() -> None:
     with pytest.raises(ScenarioError, match=r"sensors.lines needs a map of segments; this run has none"):
         in_map(SimulatedSensorsConfig(lines=LineSensor()), Maps(grid=SQUARE.rasterize(0.1)))
+
+
+HALL = SegmentMap([(4, -3, 4, 3), (-4, -3, -4, 3), (-4, 3, 4, 3), (-4, -3, 4, -3)])
+
+
+def in_hall(sensor: ScanSensor, *messages: Message) -> list[float]:
+    """Return the ranges ahead, to the left and behind, from the middle of the hall."""
+    node = SimulatedSensors(config=SimulatedSensorsConfig(scan=sensor), seed=1, tick_s=0.05, maps=Maps(segments=HALL))
+    topics = {RobotState: "truth/robot", Obstacles: "truth/obstacles"}
+    inputs = tuple(Received(topics[type(m)], "simulator", "b", 0, 0, m) for m in (robot(), *messages))
+    (output,) = node.step(Step(0, 0, 0, inputs)).outputs
+    assert isinstance(output.message, LaserScan)
+    ranges = output.message.ranges
+    return [ranges[len(ranges) // 2], ranges[3 * len(ranges) // 4], ranges[0]]
+
+
+EXACT = ScanSensor(beams=361, field_of_view=2 * math.pi, range_max=8.0, range_std=0.0)
+
+
+def test_people_and_closed_doors_stop_beams() -> None:
+    obstacles = Obstacles(people=(Disc(x=2.0, y=0.0, radius=0.25),), doors=(Barrier(x1=-1.0, y1=2.0, x2=1.0, y2=2.0),))
+    assert in_hall(EXACT) == pytest.approx([4.0, 3.0, 4.0], abs=1e-6)
+    assert in_hall(EXACT, obstacles) == pytest.approx([1.75, 2.0, 4.0], abs=1e-6)
+
+
+def test_glass_gives_nothing_and_a_thing_too_near_gives_zero() -> None:
+    glass = ScanSensor(**{**_fields(EXACT), "glass": ((4.0, -3.0, 4.0, 3.0),)})
+    assert in_hall(glass) == pytest.approx([8.0, 3.0, 4.0], abs=1e-6)
+    blind = ScanSensor(**{**_fields(EXACT), "range_min": 3.5})
+    assert in_hall(blind) == pytest.approx([4.0, 0.0, 4.0], abs=1e-6)
+    with pytest.raises(ScenarioError, match=r"glass\.0: .* is no segment"):
+        in_hall(ScanSensor(**{**_fields(EXACT), "glass": ((4.0, -3.0, 4.0, 2.0),)}))
+
+
+def _fields(sensor: ScanSensor) -> dict[str, object]:
+    return {name: getattr(sensor, name) for name in sensor.__struct_fields__}
+
+
+def test_the_noise_of_a_depth_camera_grows_with_the_square_of_the_range() -> None:
+    sensor = ScanSensor(beams=2, field_of_view=0.1, range_max=8.0, range_std=0.01, range_std_per_square_metre=0.005)
+    node = SimulatedSensors(config=SimulatedSensorsConfig(scan=sensor), seed=1, tick_s=0.05, maps=Maps(segments=HALL))
+    ranges = [m.ranges[0] for m in outputs(node, range(4000), robot()) if isinstance(m, LaserScan)]
+    true = 4.0 / math.cos(0.05)
+    assert_normal(np.array(ranges), true, 0.01 + 0.005 * true**2)
+
+
+def test_a_gyro_corrects_the_turning_rate_of_wheels_and_is_part_of_the_state() -> None:
+    sensor = OdometrySensor(w_std=0.01, w_scale=1.1, gyro=GyroSensor(w_std=0.002, w_bias=0.03))
+    node, other = (sensors(SimulatedSensorsConfig(odometry=sensor)) for _ in range(2))
+    for tick in range(600):
+        said = node.step(step(tick, robot(w=0.5 if tick % 200 > 100 else 0.0))).outputs[0].message
+    assert isinstance(said, Odometry)
+    assert said.w == pytest.approx(0.5, abs=0.015)
+    other.thaw(decode_state(encode_state(node.freeze())))
+    assert other.step(step(600, robot(w=0.2))) == node.step(step(600, robot(w=0.2)))

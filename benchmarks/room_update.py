@@ -1,0 +1,48 @@
+"""What one update of the room scenarios' filters costs at N particles: between two scans, odometry included.
+
+Usage: python benchmarks/room_update.py [N]
+The best of twelve for each of forty updates of a drive; printed are their median and the worst, in milliseconds.
+"""
+
+import sys
+import time
+
+import msgspec
+import numpy as np
+
+from dynpf.filters.start import start_poses
+from dynpf.rng import Stream
+from services.estimator.components import localizer_of, measurements_of, motion_of
+from services.estimator.config import LocalizationConfig
+from services.studies.rooms import known_start, readings_of, record, world
+
+REPEATS, UPDATES = 12, 40
+
+
+def main(n: int) -> None:
+    for name in ("indoor-tracking", "turtlebot-room", "turtlebot-loops"):
+        place = world(name)
+        epochs = record(place, 1, UPDATES)
+        estimator = place.scenario.estimator
+        assert isinstance(estimator, LocalizationConfig)
+        config = msgspec.structs.replace(estimator, n=n, start=known_start(epochs, 1, 0.2, 0.1))
+        motion, models = motion_of(config, place.maps, {}), measurements_of(config, place.maps, {})
+        localizer = localizer_of(config, motion.model, models, place.maps, {})
+        belief = localizer.start(start_poses(config.start, n, Stream.of(1, "bench", 0)), Stream.of(1, "bench", 1))
+        costs = []
+        for number, epoch in enumerate(epochs[1:], start=1):
+            taken, stream = [], Stream.of(1, "bench", number)
+            readings = readings_of(place, config, epoch, models)
+            for _ in range(REPEATS):
+                began, after = time.perf_counter(), belief
+                for part, held in enumerate(epoch.controls[:-1]):
+                    after = localizer.predict(after, motion.control(held), stream.part(part))
+                after, _ = localizer.update(after, motion.control(epoch.controls[-1]), readings, stream)
+                taken.append(time.perf_counter() - began)
+            belief = after
+            costs.append(1e3 * min(taken))
+        print(f"{name:<16} N = {n}: median {np.median(costs):.2f} ms, worst {max(costs):.2f} ms")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 5000)
