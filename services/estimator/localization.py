@@ -5,9 +5,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dynpf.filters.adaptation import PoseSource
 from dynpf.filters.health import Signs
 from dynpf.filters.models import Models, Outcome
-from dynpf.filters.start import FromReadingsStart, KnownStart, pose_source, start_poses
+from dynpf.filters.start import FromReadingsStart, KnownStart, Start, UniformStart, around, pose_source
 from dynpf.measurement.range_bearing import RangeBearingReadings
 from dynpf.measurement.scan import Scan
 from dynpf.motion.model import Displacement, Twist
@@ -110,6 +111,7 @@ class LocalizationEstimator:
         self._localizer = localizer_of(config, motion.model, measurements, maps, classes)
         self._start, self._count = config.start, config.n
         self._grid, self._models = maps.grid, Models(motion.model, measurements)
+        self._source = _source(config.start, maps, self._models)
         self._kinds = {TOPICS[kind]: kind for kind in measurements}
         self._known = maps.landmarks if RangeBearingReadings in measurements else None
         range_max = config.scan_range_max or scan_range_max
@@ -169,15 +171,18 @@ class LocalizationEstimator:
     def rehearse(self) -> None:
         """See Rehearsing; of a user's measurement models, those take part that give a reading by ``example()``."""
         stream = Stream.of(self._seed, self.name, 0, "rehearsal")
-        start = self._start.base if isinstance(self._start, FromReadingsStart) else self._start
-        poses = start_poses(start, REHEARSED_PARTICLES, stream, grid=self._grid)
+        if isinstance(self._start, KnownStart):
+            poses = around(self._start, REHEARSED_PARTICLES, stream)
+        else:
+            base = self._start.base if isinstance(self._start, FromReadingsStart) else self._start
+            anywhere = base if isinstance(base, UniformStart) else UniformStart()
+            poses = pose_source(anywhere, grid=self._grid).draw(REHEARSED_PARTICLES, (), stream)
         poses[:] = poses[:, :1]  # all in one place: what would be read there is believed
         readings = list(
             example_readings(self._config, self._models.measurements, self._maps, poses[:, 0], **self._scanner)
         )
-        if isinstance(self._start, FromReadingsStart):
-            source = pose_source(self._start, grid=self._grid, models=self._models)
-            source.draw(REHEARSED_PARTICLES, readings, stream)
+        if self._source is not None:
+            self._source.draw(REHEARSED_PARTICLES, readings, stream)
         control = self._control(Twist(0.01, 0.01, 0.1))
         self._localizer.rehearse(poses, control, readings, stream)
 
@@ -216,20 +221,13 @@ class LocalizationEstimator:
 
     def _begin(self, readings: Sequence[Any]) -> None:
         """Begin to believe; a start from readings waits until there are some."""
-        try:
-            if isinstance(self._start, FromReadingsStart) and not readings:
-                pose_source(self._start.base, grid=self._grid)  # tells now what would be missing then
-                return
-            poses = start_poses(
-                self._start,
-                self._count,
-                self._stream("start"),
-                grid=self._grid,
-                models=self._models,
-                readings=readings,
-            )
-        except ValueError as error:
-            raise ScenarioError(f"estimator.start: {error}") from error
+        if isinstance(self._start, KnownStart):
+            poses = around(self._start, self._count, self._stream("start"))
+        elif isinstance(self._start, UniformStart) or readings:
+            assert self._source is not None
+            poses = self._source.draw(self._count, readings, self._stream("start"))
+        else:
+            return
         self._belief = self._localizer.start(poses, self._stream("start"))
 
     def _take_odometry(self, stamp_ns: int, odometry: Odometry) -> None:
@@ -390,3 +388,12 @@ class LocalizationEstimator:
             )
             for landmark in new
         ]
+
+
+def _source(start: Start, maps: Maps, models: Models) -> PoseSource | None:
+    if isinstance(start, KnownStart):
+        return None
+    try:
+        return pose_source(start, grid=maps.grid, models=models)
+    except ValueError as error:
+        raise ScenarioError(f"estimator.start: {error}") from error

@@ -117,8 +117,10 @@ class ParticleLocalizer:
     def rehearse(self, poses: Floats, control: Any, readings: Sequence[Any], stream: Stream) -> None:
         cloud, _ = _rehearsed(self, poses, control, readings, stream)
         if isinstance(self.filter, ParticleFilter):
-            share = 0.0 if self.filter.rescue is None else 0.5
-            self.filter.resample(cloud, share, readings, stream.part("resample"))
+            rescue, doubt = self.filter.rescue, None
+            if rescue is not None:
+                doubt = rescue.doubt(rescue.begin(), 0.0, 1, readings)._replace(share=0.5)
+            self.filter.resample(cloud, readings, stream.part("resample"), doubt)
 
     def freeze(self, belief: Cloud) -> Mapping[str, Any]:
         return belief._asdict()

@@ -107,7 +107,7 @@ class RearrangementEstimator:
         cloud = self._begin(origin, 1, stream.part("start"))
         for readings in ([], [Observation(origin)]):
             cloud, _ = particles.update(cloud, origin, readings, stream.part("update"))
-        particles.resample(cloud, 0.0, readings, stream.part("resample"))
+        particles.resample(cloud, readings, stream.part("resample"))
 
     def freeze(self) -> State:
         return {
