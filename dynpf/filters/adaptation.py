@@ -216,13 +216,15 @@ class PoseSource(Protocol):
 class Doubt(NamedTuple):
     """How far a filter is to doubt its particles: what it remembers, the share to draw anew, and from where.
 
-    ``places`` are those that a search of the map has found, if there was one.
+    ``places`` are those that a search of the map has found, if there was one; ``unfit`` is how many searches in a row
+    have found nowhere that explains the readings as usual.
     """
 
     memory: tuple[float, ...]
     share: float
     source: PoseSource
     places: "Places | None" = None
+    unfit: int = 0
 
 
 class Rescuer(Protocol):

@@ -2,16 +2,16 @@
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import msgspec
 from msgspec import Meta
 
 from dynpf.filters.adaptation import Doubt, tells_nothing
-from dynpf.filters.search import Search
+from dynpf.filters.search import Places, Search
 from dynpf.params import validated
 
-__all__ = ["Jump", "JumpParams"]
+__all__ = ["Jump", "JumpMemory", "JumpParams"]
 
 Positive = Annotated[float, Meta(gt=0.0)]
 Rate = Annotated[float, Meta(gt=0.0, lt=1.0)]
@@ -23,7 +23,17 @@ class JumpParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     probability: Rate = 1e-4  # at each update, of the robot having been set down anywhere
     drop: Positive = 6.0  # nats that an update's log-evidence falls below the usual, then the map is searched
     alpha: Rate = 0.05  # of the way from the usual log-evidence to the newest, at each update
-    patience: Annotated[int, Meta(ge=1)] = 16  # most updates between searches that find nothing better
+    patience: Annotated[int, Meta(ge=1)] = 16  # most updates between searches that find nothing
+
+
+class JumpMemory(NamedTuple):
+    """What a Jump remembers: the usual log-evidence of a reading, and the searches since it was last reached."""
+
+    usual: float
+    updates: float  # that it is the mean of
+    gain: float = 0.0  # nats by which the best places explained the readings better than the particles did
+    unfit: float = 0.0  # searches in a row that found no place which explains the readings as usual
+    wait: float = 0.0  # updates until the next search
 
 
 class Jump:
@@ -34,13 +44,12 @@ class Jump:
 
         share = p E_anywhere / (p E_anywhere + (1 - p) E_particles),
 
-    where E are the mean likelihoods of the readings over either. As a search takes long, none is made while the
-    particles explain the readings about as well as they usually do: the search then could win only if its evidence
-    were higher than theirs by 1 / p. Searches in vain are repeated after 1, 2, 4 ... updates. What is usual is found
-    out in the first update, from the best place on the map, and then averaged.
-
-    The memory: usual log-evidence of a reading, updates that it is the mean of, updates to wait until the next
-    search, and how long the next wait will be.
+    where E are the mean likelihoods of the readings over either. A robot that may have been set down some updates ago
+    is counted with what the best places have gained on the particles since, less ``drop`` an update. As a search takes
+    long, none is made while the particles explain the readings as well as they usually do, less ``drop``: the second
+    can win only if its evidence is higher than theirs by 1 / p. Where nowhere on the map explains the readings as
+    usual it is the map that does not fit, or something is in the way: searches then are repeated after 2, 4, 8 ...
+    updates. What is usual is found out at the first update, from the best place on the map, and then averaged.
     """
 
     def __init__(self, params: JumpParams, search: Search) -> None:
@@ -52,30 +61,39 @@ class Jump:
         return ()
 
     def doubt(self, memory: tuple[float, ...], log_evidence: float, count: int, readings: Sequence[Any]) -> Doubt:
-        """See Rescue."""
+        """See Rescuer; the memory is a JumpMemory, or empty."""
         if tells_nothing(log_evidence, count):
             return Doubt(memory, 0.0, self.search)
-        params = self.params
-        new = log_evidence / count
-        usual, updates, wait, next_wait = memory or (-math.inf, 0.0, 0.0, 1.0)
-        low = log_evidence < usual * count - params.drop
-        if memory and not low:
-            return Doubt(self._remembered(usual, updates, new), 0.0, self.search)
-        least = usual - params.drop / count
-        if wait > 0.0:
-            kept = self._remembered(usual, updates, max(new, least))
-            return Doubt((*kept[:2], wait - 1.0, next_wait), 0.0, self.search)
-        places = self.search.places(readings)
-        odds = math.log(params.probability / (1.0 - params.probability)) + places.log_evidence - log_evidence
-        share = 1.0 / (1.0 + math.exp(min(-odds, 700.0)))
-        explained = (places.log_likelihood - params.drop) / count
         if not memory:
-            return Doubt(self._remembered(0.0, 0.0, max(new, explained)), share, places, places)
-        kept = self._remembered(usual, updates, max(new, explained, least))
-        if share < 0.5:
-            kept = (*kept[:2], next_wait, min(2.0 * next_wait, float(params.patience)))
-        return Doubt(kept, share, places, places)
+            places = self.search.places(readings)
+            usual = max(log_evidence, places.log_likelihood - self.params.drop) / count
+            return self._judged(JumpMemory(usual, 1.0), log_evidence, count, places)
+        known = JumpMemory(*memory)
+        least = known.usual * count - self.params.drop
+        averaged = self._averaged(known, max(log_evidence, least) / count)
+        if log_evidence >= least:
+            return Doubt(averaged, 0.0, self.search)
+        if known.wait > 0.0:
+            waiting = averaged._replace(gain=known.gain, unfit=known.unfit, wait=known.wait - 1.0)
+            return Doubt(waiting, 0.0, self.search, unfit=int(known.unfit))
+        places = self.search.places(readings)
+        gain, unfit = known.gain, 0.0
+        if places.log_likelihood < least:
+            gain, unfit = 0.0, known.unfit + 1.0
+        wait = min(2.0**unfit, float(self.params.patience)) - 1.0
+        return self._judged(averaged._replace(gain=gain, unfit=unfit, wait=wait), log_evidence, count, places)
 
-    def _remembered(self, usual: float, updates: float, new: float) -> tuple[float, ...]:
-        rate = max(self.params.alpha, 1.0 / (updates + 1.0))
-        return usual + rate * (new - usual), updates + 1.0, 0.0, 1.0
+    def _judged(self, memory: JumpMemory, log_evidence: float, count: int, places: Places) -> Doubt:
+        """Return the doubt after a search; what it finds is remembered unless the particles are given up for it."""
+        drop, prior = self.params.drop, self.params.probability / (1.0 - self.params.probability)
+        odds = math.log(prior) + memory.gain + places.log_evidence - log_evidence
+        share = 1.0 / (1.0 + math.exp(min(-odds, 700.0)))
+        if share > 0.5:
+            memory = memory._replace(gain=0.0, unfit=0.0, wait=0.0)
+        elif memory.unfit == 0.0:
+            memory = memory._replace(gain=memory.gain + max(places.log_likelihood - drop - log_evidence, 0.0))
+        return Doubt(memory, share, places, places, int(memory.unfit))
+
+    def _averaged(self, memory: JumpMemory, newest: float) -> JumpMemory:
+        rate = max(self.params.alpha, 1.0 / (memory.updates + 1.0))
+        return JumpMemory(memory.usual + rate * (newest - memory.usual), memory.updates + 1.0)

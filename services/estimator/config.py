@@ -81,6 +81,10 @@ class LocalizationConfig(
     start: KnownStart | UniformStart | FromReadingsStart | SearchStart = KnownStart()
     # Seconds between an odometry message and the robot moving as it says.
     odometry_delay: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
+    # Way and turn since the last readings were taken in, of which one must be reached before others are. What is seen
+    # twice from one place errs alike, so it would be believed too much.
+    min_travel: NonNegative = 0.0  # m
+    min_turn: NonNegative = 0.0  # rad
     scan_range_min: NonNegative = 0.0  # m; a range below it tells nothing
     scan_range_max: Positive | None = None  # m, which a beam without return reads; absent: the simulated scanner's
     motion: MotionTable = ArcsParams()

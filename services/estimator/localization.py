@@ -1,5 +1,6 @@
 """Localization in a known map: odometry moves the belief, readings of any sensors correct it."""
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -138,6 +139,8 @@ class LocalizationEstimator:
         self._coming: list[_TimedTwist] = []
         self._newest_odometry_ns = -1
         self._odometry_pose: FloatArray | None = None
+        self._least = (config.min_travel, config.min_turn)
+        self._since: tuple[float, float] | None = None  # way and turn; None before the first readings
         self._shown_ns: int | None = None
         self._scene_ns: int | None = None
         self._outcomes = {outcome.value: 0 for outcome in Outcome}
@@ -201,6 +204,7 @@ class LocalizationEstimator:
             "unknown": list(self._unknown),
             "health": self._health.freeze(),
             **({} if self._odometry_pose is None else {"odometry_pose": self._odometry_pose}),
+            **({} if self._least == (0.0, 0.0) else {"since": self._since}),
         }
 
     def thaw(self, state: State) -> None:
@@ -213,6 +217,8 @@ class LocalizationEstimator:
         self._newest_odometry_ns = state["newest_odometry_ns"]
         pose = state.get("odometry_pose")
         self._odometry_pose = None if pose is None else np.array(pose)
+        since = state.get("since")
+        self._since = None if since is None else (since[0], since[1])
         self._shown_ns = state["shown_ns"]
         self._scene_ns = state["scene_ns"]
         self._outcomes = dict(state["outcomes"])
@@ -285,13 +291,18 @@ class LocalizationEstimator:
             return
         if self._belief is None:
             self._begin(self._pending)
+            self._since = (0.0, 0.0)
             self._held, self._pending = [], []  # the start is made of these readings, and after the movement before
             return
         if self._health.report is None:
             self._judge(self._localizer.find(self._belief))
+        if not self._worthwhile():
+            self._pending = []
+            return
         control = self._control(self._held.pop()) if self._held else None
         self._predict()
         self._belief, self._found = self._localizer.update(self._belief, control, self._pending, self._stream("update"))
+        self._since = (0.0, 0.0)
         for outcome in self._found.outcomes:
             self._outcomes[outcome.value] += 1
         self._judge(self._found, self._pending)
@@ -310,15 +321,38 @@ class LocalizationEstimator:
             readings=found.readings,
             refused=max(outright, sum(sizes) - found.readings),
             modes=self._localizer.modes(self._belief),
+            jump=found.jump,
+            unfit=found.unfit,
         )
         self._logs += self._health.judge(signs, self._stamp_ns)
 
     def _predict(self) -> None:
         """Let the belief follow the twists held."""
+        if self._since is not None:
+            self._since = self._moved()
         for twist in self._held if self._belief is not None else ():
             self._belief = self._localizer.predict(self._belief, self._control(twist), self._stream("predict"))
             self._found = None
         self._held = []
+
+    def _worthwhile(self) -> bool:
+        """Return whether the robot has moved far enough since the last correction, or there was none."""
+        if self._since is None:
+            return True
+        travel, turn = self._moved()
+        least_travel, least_turn = self._least
+        return travel >= least_travel or turn >= least_turn
+
+    def _moved(self) -> tuple[float, float]:
+        """Return the way (m) and the turn (rad) since the last correction, back and forth added up."""
+        travel, turn = self._since or (0.0, 0.0)
+        for one in self._held:
+            if isinstance(one, Twist):
+                way, angle = one.v * one.duration, one.w * one.duration
+            else:
+                way, angle = math.hypot(one.displacement.dx, one.displacement.dy), one.displacement.turn
+            travel, turn = travel + abs(way), turn + abs(angle)
+        return travel, turn
 
     def _stream(self, purpose: str) -> Stream:
         """Return the next stream of this step."""

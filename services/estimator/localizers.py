@@ -12,7 +12,7 @@ from dynpf.filters.estimate import PoseEstimate, modes, pose_estimate
 from dynpf.filters.extended import ExtendedKalman
 from dynpf.filters.kalman import Gaussian
 from dynpf.filters.models import Outcome
-from dynpf.filters.particle import ParticleFilter
+from dynpf.filters.particle import ParticleFilter, Report
 from dynpf.filters.resampling import systematic
 from dynpf.filters.unscented import UnscentedKalman
 from dynpf.rng import Stream
@@ -37,6 +37,8 @@ class Found(NamedTuple):
     outcomes: Sequence[Outcome] = ()
     log_evidence: float = math.nan
     readings: int = 0
+    jump: float = 0.0  # share of the particles that went where a search of the map has found the robot
+    unfit: int = 0  # searches in a row that found it nowhere
 
 
 class Localizer(Protocol):
@@ -99,7 +101,11 @@ class ParticleLocalizer:
         cloud, report = self.filter.update(belief, control, readings, stream)
         share = report.n_eff / belief.weights.size
         evidence = report.log_evidence if report.readings else math.nan
-        return cloud, Found(report.estimate, report.n_eff, share, report.outcomes, evidence, report.readings)
+        found = Found(report.estimate, report.n_eff, share, report.outcomes, evidence, report.readings)
+        doubt = report.doubt if isinstance(report, Report) else None
+        if doubt is None:
+            return cloud, found
+        return cloud, found._replace(jump=0.0 if doubt.places is None else doubt.share, unfit=doubt.unfit)
 
     def find(self, belief: Cloud) -> Found:
         share = belief.n_eff / belief.weights.size
