@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import Meta
 
 from dynpf import kernels
+from dynpf.filters.cloud import Cloud
 from dynpf.filters.estimate import turn_bins
 from dynpf.params import validated
 from dynpf.rng import Stream
@@ -217,7 +218,8 @@ class Doubt(NamedTuple):
     """How far a filter is to doubt its particles: what it remembers, the share to draw anew, and from where.
 
     ``places`` are those that a search of the map has found, if there was one; ``unfit`` is how many searches in a row
-    have found nowhere that explains the readings as usual.
+    have found nowhere that explains the readings as usual. ``jumped`` is how likely it is that the robot has just been
+    set down elsewhere, as far as the rescue can tell.
     """
 
     memory: tuple[float, ...]
@@ -225,6 +227,7 @@ class Doubt(NamedTuple):
     source: PoseSource
     places: "Places | None" = None
     unfit: int = 0
+    jumped: float = 0.0
 
 
 class Rescuer(Protocol):
@@ -233,8 +236,11 @@ class Rescuer(Protocol):
     def begin(self) -> tuple[float, ...]:
         """Return the memory of having seen nothing."""
 
-    def doubt(self, memory: tuple[float, ...], log_evidence: float, count: int, readings: Sequence[Any]) -> Doubt:
-        """Return the doubt after an update by so many readings (see Recovery.assess), which ``readings`` hold."""
+    def doubt(self, cloud: Cloud, log_evidence: float, count: int, readings: Sequence[Any]) -> Doubt:
+        """Return the doubt of a weighted cloud after an update by so many readings, which ``readings`` hold.
+
+        See Recovery.assess; what is remembered is in the cloud's memory.
+        """
 
 
 class Rescue(NamedTuple):
@@ -249,11 +255,11 @@ class Rescue(NamedTuple):
 
     def doubt(
         self,
-        memory: tuple[float, ...],
+        cloud: Cloud,
         log_evidence: float,
         count: int,
         readings: Sequence[Any],  # noqa: ARG002
     ) -> Doubt:
         """See Rescuer."""
-        memory, share = self.recovery.assess(memory, log_evidence, count)
+        memory, share = self.recovery.assess(cloud.memory, log_evidence, count)
         return Doubt(memory, share, self.source)

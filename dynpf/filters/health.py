@@ -53,8 +53,9 @@ class HealthParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     log_likelihood_lost: float | None = None  # of one reading, natural logarithm
     refused_unsure: Share = 0.5  # lately, of all readings
     refused_lost: Share = 0.9
-    jump_lost: Share = 0.5  # of the particles, put where a search of the map has found the robot
-    unfit_lost: Count = 3  # searches in a row that find it nowhere
+    jump_lost: Share = 0.5  # probability that the robot has been set down elsewhere
+    unfit_unsure: Count = 3  # searches of the map in a row that find it nowhere
+    jumps_unfit: Count = 5  # times that it is found elsewhere without being on its track between
     impossible_lost: Count = 5  # updates in a row that no particle explains; one makes unsure
     worse_after: Count = 3  # assessments in a row that say so
     better_after: Count = 10
@@ -70,7 +71,7 @@ class Signs(NamedTuple):
     readings: int  # how many were used: beams, landmarks
     refused: int = 0  # how many were not believed
     modes: tuple[float, ...] | None = None  # masses, the greatest first; None: not looked for
-    jump: float = 0.0  # share of the particles that were put where a search of the map has found the robot
+    jump: float = 0.0  # probability that the robot has just been set down where a search of the map has found it
     unfit: int = 0  # searches in a row that found no place which explains the readings
 
 
@@ -86,6 +87,7 @@ class HealthMemory(NamedTuple):
     refused: float = 0.0  # share, averaged at the fast rate
     impossible: int = 0  # in a row
     sound: int = 0  # assessments as tracking since the last jump
+    jumps: int = 0  # without having been on the track for long between them
     kidnapped: bool = False  # and not tracking since
 
 
@@ -119,7 +121,8 @@ class Health:
     become normal. The status changes when several assessments in a row agree, sooner for the worse than for the better.
 
     Where a search of the map finds the robot elsewhere and most particles go there, it is lost at once: kidnapped, if
-    it has been on its track for long enough to tell. Searches in vain mean that the map does not fit.
+    it has been on its track for long enough to tell. A map does not fit on which it is found elsewhere again and again,
+    or nowhere while it is lost by other figures; by itself, being nowhere explained as usual makes unsure.
     """
 
     def __init__(self, params: HealthParams | None = None) -> None:
@@ -148,24 +151,23 @@ class Health:
         return memory, Verdict(self._status(memory, signs), reason, figures)
 
     def _status(self, memory: HealthMemory, signs: Signs) -> Status:
-        if memory.severity == 2 and memory.kidnapped:
-            return Status.KIDNAPPED
-        if memory.severity == 2 and signs.unfit >= self.params.unfit_lost:
+        if memory.severity < 2:
+            return _SEVERITY[memory.severity]
+        if memory.jumps >= self.params.jumps_unfit or signs.unfit >= self.params.unfit_unsure:
             return Status.MAP_DOES_NOT_FIT
-        return _SEVERITY[memory.severity]
+        return Status.KIDNAPPED if memory.kidnapped else Status.LOST
 
     def _jumped(self, memory: HealthMemory) -> HealthMemory:
         """Return the memory after most particles went elsewhere: lost, at once, and judged by what they see there."""
-        kidnapped = memory.kidnapped or memory.sound >= self.params.better_after
-        return memory._replace(
-            severity=2, candidate=2, run=0, log_fast=memory.log_slow, impossible=0, sound=0, kidnapped=kidnapped
-        )
+        sound = memory.sound >= self.params.better_after
+        memory = memory._replace(jumps=1 if sound else memory.jumps + 1, kidnapped=memory.kidnapped or sound, sound=0)
+        return memory._replace(severity=2, candidate=2, run=0, log_fast=memory.log_slow, impossible=0)
 
     def _found_by_search(self, signs: Signs) -> Iterator[tuple[int, str]]:
         if signs.jump > self.params.jump_lost:
-            yield 2, f"{signs.jump:.0%} of the particles set where the map explains what is seen better"
-        if signs.unfit >= self.params.unfit_lost:
-            yield 2, f"the last {signs.unfit} searches found no place on the map that explains what is seen"
+            yield 2, f"found elsewhere on the map, with probability {signs.jump:.3g}"
+        if signs.unfit >= self.params.unfit_unsure:
+            yield 1, f"the last {signs.unfit} searches found no place on the map that explains what is seen as usual"
 
     def _taken_in(self, memory: HealthMemory, signs: Signs) -> HealthMemory:
         """Return the memory with the update's likelihood and refused readings averaged in."""

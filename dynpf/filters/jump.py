@@ -5,9 +5,11 @@ from collections.abc import Sequence
 from typing import Annotated, Any, NamedTuple
 
 import msgspec
+import numpy as np
 from msgspec import Meta
 
 from dynpf.filters.adaptation import Doubt, tells_nothing
+from dynpf.filters.cloud import Cloud
 from dynpf.filters.search import Places, Search
 from dynpf.params import validated
 
@@ -15,6 +17,10 @@ __all__ = ["Jump", "JumpMemory", "JumpParams"]
 
 Positive = Annotated[float, Meta(gt=0.0)]
 Rate = Annotated[float, Meta(gt=0.0, lt=1.0)]
+
+
+HALF = 0.5
+"""The share of the particles from which on the robot is more likely to have been set down than not."""
 
 
 class JumpParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="jump"):
@@ -34,6 +40,7 @@ class JumpMemory(NamedTuple):
     gain: float = 0.0  # nats by which the best places explained the readings better than the particles did
     unfit: float = 0.0  # searches in a row that found no place which explains the readings as usual
     wait: float = 0.0  # updates until the next search
+    share: float = 0.0  # of the particles, set down elsewhere at the last update
 
 
 class Jump:
@@ -60,15 +67,21 @@ class Jump:
         """Return the memory of having seen nothing."""
         return ()
 
-    def doubt(self, memory: tuple[float, ...], log_evidence: float, count: int, readings: Sequence[Any]) -> Doubt:
+    def doubt(self, cloud: Cloud, log_evidence: float, count: int, readings: Sequence[Any]) -> Doubt:
         """See Rescuer; the memory is a JumpMemory, or empty."""
         if tells_nothing(log_evidence, count):
-            return Doubt(memory, 0.0, self.search)
-        if not memory:
+            return Doubt(cloud.memory, 0.0, self.search)
+        if not cloud.memory:
             places = self.search.places(readings)
             usual = max(log_evidence, places.log_likelihood - self.params.drop) / count
             return self._judged(JumpMemory(usual, 1.0), log_evidence, count, places)
-        known = JumpMemory(*memory)
+        known = JumpMemory(*cloud.memory)
+        doubt = self._doubt(known, log_evidence, count, readings)
+        # Those set down at the last update are the last of the particles; they may have grown to be most of the weight.
+        grown = float(np.sum(cloud.weights[cloud.weights.size - round(known.share * cloud.weights.size) :]))
+        return doubt._replace(jumped=max(doubt.jumped, grown if known.share <= HALF else 0.0))
+
+    def _doubt(self, known: JumpMemory, log_evidence: float, count: int, readings: Sequence[Any]) -> Doubt:
         least = known.usual * count - self.params.drop
         averaged = self._averaged(known, max(log_evidence, least) / count)
         if log_evidence >= least:
@@ -88,11 +101,11 @@ class Jump:
         drop, prior = self.params.drop, self.params.probability / (1.0 - self.params.probability)
         odds = math.log(prior) + memory.gain + places.log_evidence - log_evidence
         share = 1.0 / (1.0 + math.exp(min(-odds, 700.0)))
-        if share > 0.5:
+        if share > HALF:
             memory = memory._replace(gain=0.0, unfit=0.0, wait=0.0)
         elif memory.unfit == 0.0:
             memory = memory._replace(gain=memory.gain + max(places.log_likelihood - drop - log_evidence, 0.0))
-        return Doubt(memory, share, places, places, int(memory.unfit))
+        return Doubt(memory._replace(share=share), share, places, places, int(memory.unfit), share)
 
     def _averaged(self, memory: JumpMemory, newest: float) -> JumpMemory:
         rate = max(self.params.alpha, 1.0 / (memory.updates + 1.0))

@@ -94,7 +94,7 @@ class ParticleFilter(Generic[EstimateT]):
         resampled, survivors, anew, doubt = weighted, proposed.ancestors, 0, None
         if proposed.log_weights is not None:
             if self.rescue is not None:
-                doubt = self.rescue.doubt(weighted.memory, log_evidence, proposed.readings, readings)
+                doubt = self.rescue.doubt(weighted, log_evidence, proposed.readings, readings)
                 resampled = resampled._replace(memory=doubt.memory)
             if (doubt is not None and doubt.share > 0.0) or self.resampling.due(weighted):
                 resampled, chosen, anew = self.resample(resampled, readings, stream, doubt)

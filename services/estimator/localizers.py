@@ -37,7 +37,7 @@ class Found(NamedTuple):
     outcomes: Sequence[Outcome] = ()
     log_evidence: float = math.nan
     readings: int = 0
-    jump: float = 0.0  # share of the particles that went where a search of the map has found the robot
+    jump: float = 0.0  # probability that the robot has been set down elsewhere
     unfit: int = 0  # searches in a row that found it nowhere
 
 
@@ -103,9 +103,7 @@ class ParticleLocalizer:
         evidence = report.log_evidence if report.readings else math.nan
         found = Found(report.estimate, report.n_eff, share, report.outcomes, evidence, report.readings)
         doubt = report.doubt if isinstance(report, Report) else None
-        if doubt is None:
-            return cloud, found
-        return cloud, found._replace(jump=0.0 if doubt.places is None else doubt.share, unfit=doubt.unfit)
+        return cloud, found if doubt is None else found._replace(jump=doubt.jumped, unfit=doubt.unfit)
 
     def find(self, belief: Cloud) -> Found:
         share = belief.n_eff / belief.weights.size
@@ -125,7 +123,7 @@ class ParticleLocalizer:
         if isinstance(self.filter, ParticleFilter):
             rescue, doubt = self.filter.rescue, None
             if rescue is not None:
-                doubt = rescue.doubt(rescue.begin(), 0.0, 1, readings)._replace(share=0.5)
+                doubt = rescue.doubt(cloud, 0.0, 1, readings)._replace(share=0.5)
             self.filter.resample(cloud, readings, stream.part("resample"), doubt)
 
     def freeze(self, belief: Cloud) -> Mapping[str, Any]:
