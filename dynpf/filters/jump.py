@@ -74,7 +74,7 @@ class Jump:
         if not cloud.memory:
             places = self.search.places(readings)
             usual = max(log_evidence, places.log_likelihood - self.params.drop) / count
-            return self._judged(JumpMemory(usual, 1.0), log_evidence, count, places)
+            return self._judged(JumpMemory(usual, 1.0), log_evidence, places)
         known = JumpMemory(*cloud.memory)
         doubt = self._doubt(known, log_evidence, count, readings)
         # Those set down at the last update are the last of the particles; they may have grown to be most of the weight.
@@ -94,9 +94,9 @@ class Jump:
         if places.log_likelihood < least:
             gain, unfit = 0.0, known.unfit + 1.0
         wait = min(2.0**unfit, float(self.params.patience)) - 1.0
-        return self._judged(averaged._replace(gain=gain, unfit=unfit, wait=wait), log_evidence, count, places)
+        return self._judged(averaged._replace(gain=gain, unfit=unfit, wait=wait), log_evidence, places)
 
-    def _judged(self, memory: JumpMemory, log_evidence: float, count: int, places: Places) -> Doubt:
+    def _judged(self, memory: JumpMemory, log_evidence: float, places: Places) -> Doubt:
         """Return the doubt after a search; what it finds is remembered unless the particles are given up for it."""
         drop, prior = self.params.drop, self.params.probability / (1.0 - self.params.probability)
         odds = math.log(prior) + memory.gain + places.log_evidence - log_evidence

@@ -147,7 +147,10 @@ class FromReadings:
 
 
 def pose_source(
-    start: UniformStart | FromReadingsStart | SearchStart, *, grid: OccupancyGrid | None = None, models: Models | None = None
+    start: UniformStart | FromReadingsStart | SearchStart,
+    *,
+    grid: OccupancyGrid | None = None,
+    models: Models | None = None,
 ) -> PoseSource:
     """Return where a filter may begin, or begin again, without knowing its pose.
 

@@ -20,8 +20,8 @@ from dynpf.filters.adaptation import (
     Sizing,
 )
 from dynpf.filters.extended import ExtendedKalman, ExtendedKalmanParams
-from dynpf.filters.models import Models
 from dynpf.filters.jump import Jump, JumpParams
+from dynpf.filters.models import Models
 from dynpf.filters.particle import ParticleFilter
 from dynpf.filters.proposal import Auxiliary, LocalLinearization, Optimal, Proposal
 from dynpf.filters.regularization import Regularization

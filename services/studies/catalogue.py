@@ -12,6 +12,7 @@ _MODULES = {
     "colon-cases": "colon",
     "colon-growth": "colon",
     "colon-hypotheses": "colon",
+    "kidnap": "kidnap",
 }
 
 
