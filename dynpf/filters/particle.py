@@ -11,7 +11,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import msgspec
 import numpy as np
 
-from dynpf.filters.adaptation import Doubt, Rescue, Rescuer, Sizing
+from dynpf.filters.adaptation import Doubt, Rescuer, Sizing
 from dynpf.filters.cloud import Cloud, gathered, uniform_cloud, weighted_cloud
 from dynpf.filters.estimate import pose_estimate
 from dynpf.filters.models import Models, Outcome
@@ -24,7 +24,7 @@ from dynpf.params import validated
 from dynpf.rng import Stream
 from dynpf.se2 import Floats
 
-__all__ = ["ParticleFilter", "Report", "Rescue"]
+__all__ = ["ParticleFilter", "Report"]
 
 EstimateT = TypeVar("EstimateT")
 PartT = TypeVar("PartT")

@@ -53,7 +53,13 @@ class KidnapSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """Which logs, by which filters, and how long a trial is."""
 
     # Names of those that come with the project's data, or paths of recordings that dynpf import has made.
-    logs: Annotated[tuple[str, ...], Meta(min_length=1)] = ("intel", "intel-split", "jarvis", "simpath2")
+    logs: Annotated[tuple[str, ...], Meta(min_length=1)] = (
+        "intel",
+        "intel-split",
+        "freiburg-split",
+        "jarvis",
+        "simpath2",
+    )
     cases: Annotated[tuple[Case, ...], Meta(min_length=1)] = ("tracking", "global", "kidnapped")
     n: Annotated[tuple[Count, ...], Meta(min_length=1)] = (5000,)  # particles at the start, and at most
     filters: Annotated[tuple[Literal["jump", "augmented", "sir"], ...], Meta(min_length=1)] = ("jump",)

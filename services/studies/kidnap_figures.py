@@ -61,19 +61,20 @@ def _story(pyplot: Any, name: str, case: str, story: Story, folder: Path) -> Pat
     scans = np.arange(len(moments)) - len(story.before)
     position, heading = np.array([one.errors for one in moments]).T
     for axis, values, label in zip(
-        rows, (position, np.degrees(heading)), ("position, m", "heading, deg"), strict=False
+        rows, (position, np.degrees(heading)), ("position error, m", "heading error, deg"), strict=False
     ):
         axis.semilogy(scans, values, color="grey", linewidth=0.7)
         for status, colour in COLOURS.items():
             chosen = np.array([one.status == status for one in moments])
             axis.semilogy(scans[chosen], values[chosen], ".", color=colour, markersize=4)
-        axis.set_ylabel(f"error of {label}")
+        axis.set_ylabel(label, fontsize=8)
     rows[2].plot(scans, [one.particles for one in moments], color="tab:blue")
     rows[2].set(
         ylabel="particles",
         ylim=(0, None),
         xlabel="scan, counted from the first" + (" after the kidnapping" if story.before else ""),
     )
+    rows[2].set_ylabel("particles", fontsize=8)
     for axis in rows:
         if story.before:
             axis.axvline(-0.5, color="black", linestyle=":")
@@ -92,7 +93,7 @@ def _on_the_map(axis: Any, story: Story, moments: Sequence[Moment]) -> None:
         row, column = np.nonzero(grid.occupied)
         axis.plot(*grid.to_map(column + 0.5, row + 0.5), "s", color="black", markersize=0.6)
     true = np.array([one.true for one in moments]).T
-    axis.plot(true[0], true[1], ".", color="tab:blue", markersize=2, label="reference")
+    axis.plot(true[0], true[1], ".", color="tab:blue", markersize=2, label="reference", zorder=3)
     known = [one for one in moments if one.estimate is not None]
     poses = np.array([one.estimate for one in known]).T
     for status, colour in COLOURS.items():

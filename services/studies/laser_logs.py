@@ -36,14 +36,22 @@ def log_named(name: str) -> LaserLog:
     return read_laser_log(Path(name))
 
 
+def _carmen(name: str, source: str) -> LaserLog:
+    path = DATA / source
+    drawn = drawn_map(lambda: import_carmen(path).records, MAP_M, "map")
+    return imported_log(name, import_carmen(path, attachments=drawn))
+
+
 def _intel() -> LaserLog:
-    source = DATA / INTEL
-    drawn = drawn_map(lambda: import_carmen(source).records, MAP_M, "map")
-    return imported_log("intel", import_carmen(source, attachments=drawn))
+    return _carmen("intel", INTEL)
 
 
 def _intel_split() -> LaserLog:
     return split(log_named("intel"), MAP_M)
+
+
+def _freiburg_split() -> LaserLog:
+    return split(_carmen("freiburg", FREIBURG), MAP_M)
 
 
 def _jarvis() -> LaserLog:
@@ -75,12 +83,14 @@ def _simpath() -> LaserLog:
 
 
 INTEL = "carmen/intel-corrected.log.gz"
+FREIBURG = "carmen/freiburg-101-corrected.log.gz"
 JARVIS = "bags/drl/jarvis_circular_path_fast.bag"
 SIMPATH = "bags/uob_pioneer/simpath2.bag"
 
 NAMED: Mapping[str, tuple[str, Callable[[], LaserLog]]] = {
     "intel": (INTEL, _intel),
     "intel-split": (INTEL, _intel_split),
+    "freiburg-split": (FREIBURG, _freiburg_split),
     "jarvis": (JARVIS, _jarvis),
     "simpath2": (SIMPATH, _simpath),
 }

@@ -31,7 +31,12 @@ def flat(yaw: float = 0.0, origin: tuple[float, float] = (1.0, -2.0)) -> Occupan
     """Two rooms of different furniture, 8 m by 5 m in cells of 5 cm, with a door between; the outside is unknown."""
     cells = np.full((120, 180), 2, dtype=np.uint8)
     cells[10:110, 10:170] = 0
-    for rows, columns in (((10, 110), (10, 12)), ((10, 110), (168, 170)), ((10, 12), (10, 170)), ((108, 110), (10, 170))):
+    for rows, columns in (
+        ((10, 110), (10, 12)),
+        ((10, 110), (168, 170)),
+        ((10, 12), (10, 170)),
+        ((108, 110), (10, 170)),
+    ):
         cells[slice(*rows), slice(*columns)] = 1
     cells[10:70, 90:92] = cells[86:110, 90:92] = 1
     cells[12:30, 12:24] = cells[60:70, 40:66] = cells[80:108, 150:160] = 1
@@ -126,7 +131,11 @@ def carried_off(*, jumps: bool) -> tuple[float, list[float]]:
         before, after = (in_map(grid, *place) for place in places[step - 1 : step + 1])
         dx, dy = after[:2] - before[:2]
         c, s = np.cos(before[2]), np.sin(before[2])
-        move = Displacement(float(c * dx + s * dy), float(c * dy - s * dx), 0.1) if step != 8 else Displacement(0.2, 0.0, 0.1)
+        move = (
+            Displacement(float(c * dx + s * dy), float(c * dy - s * dx), 0.1)
+            if step != 8
+            else Displacement(0.2, 0.0, 0.1)
+        )
         cloud, report = tracking.update(cloud, move, scans[step], Stream.of(2, "test", step))
         told.append(report.doubt.jumped if report.doubt else 0.0)
     return math.dist(report.estimate.mean[:2], in_map(grid, *places[-1])[:2]), told
@@ -144,7 +153,9 @@ class Searched(Search):
     """A search that finds what it is told to, and counts how often it is asked."""
 
     def __init__(self, log_evidence: float, log_likelihood: float) -> None:
-        self.found = Places(np.zeros((3, 1), np.float32), np.ones(1, np.float32), (0.1, 0.1), log_evidence, log_likelihood)
+        self.found = Places(
+            np.zeros((3, 1), np.float32), np.ones(1, np.float32), (0.1, 0.1), log_evidence, log_likelihood
+        )
         self.asked = 0
 
     def places(self, readings: Any) -> Places:  # noqa: ARG002
