@@ -71,15 +71,22 @@ class Jump:
         """See Rescuer; the memory is a JumpMemory, or empty."""
         if tells_nothing(log_evidence, count):
             return Doubt(cloud.memory, 0.0, self.search)
-        if not cloud.memory:
-            places = self.search.places(readings)
-            usual = max(log_evidence, places.log_likelihood - self.params.drop) / count
-            return self._judged(JumpMemory(usual, 1.0), log_evidence, places)
-        known = JumpMemory(*cloud.memory)
-        doubt = self._doubt(known, log_evidence, count, readings)
+        known = JumpMemory(*cloud.memory) if cloud.memory else None
+        doubt = (
+            self._doubt(known, log_evidence, count, readings) if known else self._first(log_evidence, count, readings)
+        )
+        if doubt.share * cloud.weights.size < HALF:
+            doubt = doubt._replace(share=0.0)  # worth no particle
+        if known is None or known.share > HALF:
+            return doubt
         # Those set down at the last update are the last of the particles; they may have grown to be most of the weight.
-        grown = float(np.sum(cloud.weights[cloud.weights.size - round(known.share * cloud.weights.size) :]))
-        return doubt._replace(jumped=max(doubt.jumped, grown if known.share <= HALF else 0.0))
+        grown = np.sum(cloud.weights[cloud.weights.size - round(known.share * cloud.weights.size) :], dtype=np.float64)
+        return doubt._replace(jumped=max(doubt.jumped, float(grown)))
+
+    def _first(self, log_evidence: float, count: int, readings: Sequence[Any]) -> Doubt:
+        places = self.search.places(readings)
+        usual = max(log_evidence, places.log_likelihood - self.params.drop) / count
+        return self._judged(JumpMemory(usual, 1.0), log_evidence, places)
 
     def _doubt(self, known: JumpMemory, log_evidence: float, count: int, readings: Sequence[Any]) -> Doubt:
         least = known.usual * count - self.params.drop
