@@ -28,6 +28,9 @@ class JumpParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
     probability: Rate = 1e-4  # at each update, of the robot having been set down anywhere
     drop: Positive = 6.0  # nats that an update's log-evidence falls below the usual, then the map is searched
+    # Of a reading, natural logarithm: below it nothing is explained, however usual that is. It depends on the measurement
+    # model, so there is none by default.
+    log_likelihood_lost: float | None = None
     alpha: Rate = 0.05  # of the way from the usual log-evidence to the newest, at each update
     patience: Annotated[int, Meta(ge=1)] = 16  # most updates between searches that find nothing
 
@@ -90,6 +93,8 @@ class Jump:
 
     def _doubt(self, known: JumpMemory, log_evidence: float, count: int, readings: Sequence[Any]) -> Doubt:
         least = known.usual * count - self.params.drop
+        if self.params.log_likelihood_lost is not None:
+            least = max(least, self.params.log_likelihood_lost * count)
         averaged = self._averaged(known, max(log_evidence, least) / count)
         if log_evidence >= least:
             return Doubt(averaged, 0.0, self.search)

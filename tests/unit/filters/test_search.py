@@ -200,6 +200,12 @@ def test_searches_in_vain_become_rare_and_are_counted() -> None:
     assert search.asked == 5
 
 
+def test_what_is_never_explained_does_not_become_usual() -> None:
+    doubts = assessed(Jump(JumpParams(log_likelihood_lost=-5.0), Searched(-30.0, -10.0)), [-11.0] * 8, (-11.0, 20.0))
+    assert doubts[-1].unfit == 3
+    assert assessed(Jump(JumpParams(), Searched(-30.0, -10.0)), [-11.0] * 8, (-11.0, 20.0))[-1].unfit == 0
+
+
 def test_particles_that_were_set_down_and_grew_tell_of_a_jump() -> None:
     jump = Jump(JumpParams(), Searched(-20.0, 5.0))
     grown = uniform_cloud(np.zeros((3, 100), np.float32), JumpMemory(5.0, 20.0, share=0.1))
