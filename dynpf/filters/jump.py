@@ -28,8 +28,8 @@ class JumpParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
     probability: Rate = 1e-4  # at each update, of the robot having been set down anywhere
     drop: Positive = 6.0  # nats that an update's log-evidence falls below the usual, then the map is searched
-    # Of a reading, natural logarithm: below it nothing is explained, however usual that is. It depends on the measurement
-    # model, so there is none by default.
+    # Of a reading, natural logarithm: below it nothing is explained, however usual that is. It depends on the
+    # measurement model, so there is none by default.
     log_likelihood_lost: float | None = None
     alpha: Rate = 0.05  # of the way from the usual log-evidence to the newest, at each update
     patience: Annotated[int, Meta(ge=1)] = 16  # most updates between searches that find nothing

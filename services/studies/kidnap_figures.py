@@ -80,6 +80,7 @@ def _story(pyplot: Any, name: str, case: str, story: Story, folder: Path) -> Pat
             axis.axvline(-0.5, color="black", linestyle=":")
         axis.sharex(rows[2])
     figure.suptitle(f"{name}: {TITLES[case]}")
+    figure.legend(*chart.get_legend_handles_labels(), loc="outside lower left", fontsize=8, ncols=3)
     path = folder / f"{name}-{case}.png"
     figure.savefig(path, dpi=90)
     pyplot.close(figure)
@@ -106,4 +107,3 @@ def _on_the_map(axis: Any, story: Story, moments: Sequence[Moment]) -> None:
         axis.annotate("", first[:2], last[:2], arrowprops={"arrowstyle": "->", "linestyle": ":", "color": "black"})
     low, high = true[:2].min(axis=1) - MARGIN_M, true[:2].max(axis=1) + MARGIN_M
     axis.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x, m", ylabel="y, m")
-    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), fontsize=8, ncols=2)
