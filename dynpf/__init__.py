@@ -13,6 +13,7 @@ if TYPE_CHECKING:
         AugmentedParams,
         Kld,
         KldParams,
+        Rescue,
         SensorResetting,
         SensorResettingParams,
     )
@@ -20,11 +21,13 @@ if TYPE_CHECKING:
     from dynpf.filters.estimate import PoseEstimate, mean_and_covariance, modes, pose_estimate, quantiles
     from dynpf.filters.extended import ExtendedKalman, ExtendedKalmanParams
     from dynpf.filters.health import Health, HealthParams, Signs, Status, Verdict
+    from dynpf.filters.jump import Jump, JumpParams
     from dynpf.filters.kalman import Gaussian
-    from dynpf.filters.particle import ParticleFilter, Report, Rescue
+    from dynpf.filters.particle import ParticleFilter, Report
     from dynpf.filters.proposal import Auxiliary, LocalLinearization, Optimal, Prior
     from dynpf.filters.regularization import GaussianKernel
     from dynpf.filters.resampling import Multinomial, Residual, Stratified, Systematic
+    from dynpf.filters.search import Search, SearchStart
     from dynpf.filters.smoothing import fixed_lag, rts
     from dynpf.filters.start import FromReadingsStart, KnownStart, UniformStart, start_poses
     from dynpf.filters.unscented import UnscentedKalman, UnscentedKalmanParams
@@ -83,6 +86,8 @@ __all__ = [
     "GyroOdometryParams",
     "Health",
     "HealthParams",
+    "Jump",
+    "JumpParams",
     "Kld",
     "KldParams",
     "KnownStart",
@@ -120,6 +125,8 @@ __all__ = [
     "Scan",
     "ScanLines",
     "ScanLinesParams",
+    "Search",
+    "SearchStart",
     "SegmentMap",
     "SensorResetting",
     "SensorResettingParams",
@@ -163,6 +170,7 @@ _MODULES: dict[str, tuple[str, ...]] = {
         "AugmentedParams",
         "Kld",
         "KldParams",
+        "Rescue",
         "SensorResetting",
         "SensorResettingParams",
     ),
@@ -170,11 +178,13 @@ _MODULES: dict[str, tuple[str, ...]] = {
     "dynpf.filters.estimate": ("PoseEstimate", "mean_and_covariance", "modes", "pose_estimate", "quantiles"),
     "dynpf.filters.extended": ("ExtendedKalman", "ExtendedKalmanParams"),
     "dynpf.filters.health": ("Health", "HealthParams", "Signs", "Status", "Verdict"),
+    "dynpf.filters.jump": ("Jump", "JumpParams"),
     "dynpf.filters.kalman": ("Gaussian",),
-    "dynpf.filters.particle": ("ParticleFilter", "Report", "Rescue"),
+    "dynpf.filters.particle": ("ParticleFilter", "Report"),
     "dynpf.filters.proposal": ("Auxiliary", "LocalLinearization", "Optimal", "Prior"),
     "dynpf.filters.regularization": ("GaussianKernel",),
     "dynpf.filters.resampling": ("Multinomial", "Residual", "Stratified", "Systematic"),
+    "dynpf.filters.search": ("Search", "SearchStart"),
     "dynpf.filters.smoothing": ("fixed_lag", "rts"),
     "dynpf.filters.start": ("FromReadingsStart", "KnownStart", "UniformStart", "start_poses"),
     "dynpf.filters.unscented": ("UnscentedKalman", "UnscentedKalmanParams"),

@@ -496,7 +496,7 @@ class HealthFigures(Part, frozen=True, kw_only=True):
 class FilterHealth(Part, frozen=True, kw_only=True):
     """How far an estimate can be relied on, and why."""
 
-    status: Literal["tracking", "uncertain", "lost"]
+    status: Literal["tracking", "uncertain", "lost", "kidnapped", "map_does_not_fit"]
     reason: str
     figures: HealthFigures
 

@@ -3,25 +3,32 @@
 import math
 from collections.abc import Sequence
 from statistics import NormalDist
-from typing import Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 
 from dynpf import kernels
+from dynpf.filters.cloud import Cloud
 from dynpf.filters.estimate import turn_bins
 from dynpf.params import validated
 from dynpf.rng import Stream
 from dynpf.se2 import Floats
 
+if TYPE_CHECKING:
+    from dynpf.filters.search import Places
+
 __all__ = [
     "Augmented",
     "AugmentedParams",
+    "Doubt",
     "Kld",
     "KldParams",
     "PoseSource",
     "Recovery",
+    "Rescue",
+    "Rescuer",
     "SensorResetting",
     "SensorResettingParams",
     "Sizing",
@@ -205,3 +212,54 @@ class PoseSource(Protocol):
 
     def draw(self, count: int, readings: Sequence[Any], stream: Stream) -> Floats:
         """Return poses (3, count) float32, given the readings of the moment; there may be none."""
+
+
+class Doubt(NamedTuple):
+    """How far a filter is to doubt its particles: what it remembers, the share to draw anew, and from where.
+
+    ``places`` are those that a search of the map has found, if there was one; ``unfit`` is how many searches in a row
+    have found nowhere that explains the readings as usual. ``jumped`` is how likely it is that the robot has just been
+    set down elsewhere, as far as the rescue can tell.
+    """
+
+    memory: tuple[float, ...]
+    share: float
+    source: PoseSource
+    places: "Places | None" = None
+    unfit: int = 0
+    jumped: float = 0.0
+
+
+class Rescuer(Protocol):
+    """How a lost filter finds back: when to draw particles anew, and from where."""
+
+    def begin(self) -> tuple[float, ...]:
+        """Return the memory of having seen nothing."""
+
+    def doubt(self, cloud: Cloud, log_evidence: float, count: int, readings: Sequence[Any]) -> Doubt:
+        """Return the doubt of a weighted cloud after an update by so many readings, which ``readings`` hold.
+
+        See Recovery.assess; what is remembered is in the cloud's memory.
+        """
+
+
+class Rescue(NamedTuple):
+    """Doubt by the likelihood alone; particles that are drawn anew come from the source."""
+
+    recovery: Recovery
+    source: PoseSource
+
+    def begin(self) -> tuple[float, ...]:
+        """See Rescuer."""
+        return self.recovery.begin()
+
+    def doubt(
+        self,
+        cloud: Cloud,
+        log_evidence: float,
+        count: int,
+        readings: Sequence[Any],  # noqa: ARG002
+    ) -> Doubt:
+        """See Rescuer."""
+        memory, share = self.recovery.assess(cloud.memory, log_evidence, count)
+        return Doubt(memory, share, self.source)

@@ -29,9 +29,11 @@ class Status(StrEnum):
     TRACKING = "tracking"
     UNCERTAIN = "uncertain"
     LOST = "lost"
+    KIDNAPPED = "kidnapped"  # was on its track, and then explained what it saw from elsewhere on the map alone
+    MAP_DOES_NOT_FIT = "map_does_not_fit"  # nowhere on the map explains what is seen
 
 
-_SEVERITY = tuple(Status)
+_SEVERITY = (Status.TRACKING, Status.UNCERTAIN, Status.LOST)
 
 
 class HealthParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -51,6 +53,9 @@ class HealthParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     log_likelihood_lost: float | None = None  # of one reading, natural logarithm
     refused_unsure: Share = 0.5  # lately, of all readings
     refused_lost: Share = 0.9
+    jump_lost: Share = 0.5  # probability that the robot has been set down elsewhere
+    unfit_unsure: Count = 3  # searches of the map in a row that find it nowhere
+    jumps_unfit: Count = 5  # times that it is found elsewhere without being on its track between
     impossible_lost: Count = 5  # updates in a row that no particle explains; one makes unsure
     worse_after: Count = 3  # assessments in a row that say so
     better_after: Count = 10
@@ -66,6 +71,8 @@ class Signs(NamedTuple):
     readings: int  # how many were used: beams, landmarks
     refused: int = 0  # how many were not believed
     modes: tuple[float, ...] | None = None  # masses, the greatest first; None: not looked for
+    jump: float = 0.0  # probability that the robot has just been set down where a search of the map has found it
+    unfit: int = 0  # searches in a row that found no place which explains the readings
 
 
 class HealthMemory(NamedTuple):
@@ -79,6 +86,9 @@ class HealthMemory(NamedTuple):
     updates: int = 0  # that the averages are made of
     refused: float = 0.0  # share, averaged at the fast rate
     impossible: int = 0  # in a row
+    sound: int = 0  # assessments as tracking since the last jump
+    jumps: int = 0  # without having been on the track for long between them
+    kidnapped: bool = False  # and not tracking since
 
 
 class Figures(NamedTuple):
@@ -109,6 +119,10 @@ class Health:
     there are; its short-term average over the long-term one shows a filter that no longer fits (Thrun et al., 2005,
     section 8.3.3). The long-term average is the mean at first, and only rises while the filter is lost, lest being lost
     become normal. The status changes when several assessments in a row agree, sooner for the worse than for the better.
+
+    Where a search of the map finds the robot elsewhere and most particles go there, it is lost at once: kidnapped, if
+    it has been on its track for long enough to tell. A map does not fit on which it is found elsewhere again and again,
+    or nowhere while it is lost by other figures; by itself, being nowhere explained as usual makes unsure.
     """
 
     def __init__(self, params: HealthParams | None = None) -> None:
@@ -121,16 +135,39 @@ class Health:
     def assess(self, memory: HealthMemory, signs: Signs) -> tuple[HealthMemory, Verdict]:
         """Return the memory after an update, and the verdict."""
         memory = self._taken_in(memory, signs)
+        if signs.jump > self.params.jump_lost:
+            memory = self._jumped(memory)
         figures = _figures(memory, signs)
-        findings = list(self._findings(figures))
+        findings = [*self._findings(figures), *self._found_by_search(signs)]
         severity = max((found for found, _ in findings), default=0)
         memory = self._settled(memory, severity)
+        on_track = memory.severity == 0
+        memory = memory._replace(sound=memory.sound + on_track, kidnapped=memory.kidnapped and memory.severity == 2)
         texts = [text for found, text in findings if found == severity] or ["all figures are within their limits"]
         reason = "; ".join(texts)
         if severity != memory.severity:
             needed = self.params.worse_after if severity > memory.severity else self.params.better_after
             reason += f" ({_SEVERITY[severity]} in {memory.run} of {needed} assessments)"
-        return memory, Verdict(_SEVERITY[memory.severity], reason, figures)
+        return memory, Verdict(self._status(memory, signs), reason, figures)
+
+    def _status(self, memory: HealthMemory, signs: Signs) -> Status:
+        if memory.severity < 2:
+            return _SEVERITY[memory.severity]
+        if memory.jumps >= self.params.jumps_unfit or signs.unfit >= self.params.unfit_unsure:
+            return Status.MAP_DOES_NOT_FIT
+        return Status.KIDNAPPED if memory.kidnapped else Status.LOST
+
+    def _jumped(self, memory: HealthMemory) -> HealthMemory:
+        """Return the memory after most particles went elsewhere: lost, at once, and judged by what they see there."""
+        sound = memory.sound >= self.params.better_after
+        memory = memory._replace(jumps=1 if sound else memory.jumps + 1, kidnapped=memory.kidnapped or sound, sound=0)
+        return memory._replace(severity=2, candidate=2, run=0, log_fast=memory.log_slow, impossible=0)
+
+    def _found_by_search(self, signs: Signs) -> Iterator[tuple[int, str]]:
+        if signs.jump > self.params.jump_lost:
+            yield 2, f"found elsewhere on the map, with probability {signs.jump:.3g}"
+        if signs.unfit >= self.params.unfit_unsure:
+            yield 1, f"the last {signs.unfit} searches found no place on the map that explains what is seen as usual"
 
     def _taken_in(self, memory: HealthMemory, signs: Signs) -> HealthMemory:
         """Return the memory with the update's likelihood and refused readings averaged in."""

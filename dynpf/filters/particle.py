@@ -11,7 +11,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import msgspec
 import numpy as np
 
-from dynpf.filters.adaptation import PoseSource, Recovery, Sizing
+from dynpf.filters.adaptation import Doubt, Rescuer, Sizing
 from dynpf.filters.cloud import Cloud, gathered, uniform_cloud, weighted_cloud
 from dynpf.filters.estimate import pose_estimate
 from dynpf.filters.models import Models, Outcome
@@ -24,17 +24,10 @@ from dynpf.params import validated
 from dynpf.rng import Stream
 from dynpf.se2 import Floats
 
-__all__ = ["ParticleFilter", "Report", "Rescue"]
+__all__ = ["ParticleFilter", "Report"]
 
 EstimateT = TypeVar("EstimateT")
 PartT = TypeVar("PartT")
-
-
-class Rescue(NamedTuple):
-    """How a lost filter finds back: when to draw particles anew, and from where."""
-
-    recovery: Recovery
-    source: PoseSource
 
 
 class Report(NamedTuple, Generic[EstimateT]):
@@ -47,6 +40,7 @@ class Report(NamedTuple, Generic[EstimateT]):
     survivors: Indices | None  # whose copies the particles are; None: as they were
     drawn_anew: int  # of the particles, the last ones
     readings: int = 0  # that the log-evidence speaks of, each of a batch by itself
+    doubt: Doubt | None = None  # that a rescue had of the particles, before they were resampled
 
 
 class ParticleFilter(Generic[EstimateT]):
@@ -60,7 +54,7 @@ class ParticleFilter(Generic[EstimateT]):
         proposal: Proposal | None = None,
         resampling: Resampling | None = None,
         sizing: Sizing | None = None,
-        rescue: Rescue | None = None,
+        rescue: Rescuer | None = None,
         regularization: Regularization | None = None,
         estimate: Callable[[Floats, Floats], EstimateT] = pose_estimate,  # type: ignore[assignment]
         threads: int = 1,
@@ -79,7 +73,7 @@ class ParticleFilter(Generic[EstimateT]):
 
     def start(self, poses: Floats, stream: Stream) -> Cloud:
         """Return a cloud of equal weights at the given poses (3, N); raises ValueError when there are none."""
-        memory = () if self.rescue is None else self.rescue.recovery.begin()
+        memory = () if self.rescue is None else self.rescue.begin()
         return uniform_cloud(self.models.motion.particles(poses, stream), memory)
 
     def predict(self, cloud: Cloud, control: Any, stream: Stream) -> Cloud:
@@ -97,16 +91,16 @@ class ParticleFilter(Generic[EstimateT]):
         """
         weighted, proposed, log_evidence = self.weigh(cloud, control, readings, stream)
         estimate = self.estimate(weighted.particles, weighted.weights)
-        resampled, survivors, anew, share = weighted, proposed.ancestors, 0, 0.0
+        resampled, survivors, anew, doubt = weighted, proposed.ancestors, 0, None
         if proposed.log_weights is not None:
             if self.rescue is not None:
-                memory, share = self.rescue.recovery.assess(weighted.memory, log_evidence, proposed.readings)
-                resampled = resampled._replace(memory=memory)
-            if share > 0.0 or self.resampling.due(weighted):
-                resampled, chosen, anew = self.resample(resampled, share, readings, stream)
+                doubt = self.rescue.doubt(weighted, log_evidence, proposed.readings, readings)
+                resampled = resampled._replace(memory=doubt.memory)
+            if (doubt is not None and doubt.share > 0.0) or self.resampling.due(weighted):
+                resampled, chosen, anew = self.resample(resampled, readings, stream, doubt)
                 survivors = chosen if survivors is None else survivors[chosen]
         return resampled, Report(
-            estimate, weighted.n_eff, proposed.outcomes, log_evidence, survivors, anew, proposed.readings
+            estimate, weighted.n_eff, proposed.outcomes, log_evidence, survivors, anew, proposed.readings, doubt
         )
 
     def weigh(
@@ -132,22 +126,24 @@ class ParticleFilter(Generic[EstimateT]):
         return Cloud(particles, weights, log_weights, n_eff, moved, cloud.memory), proposed, log_evidence
 
     def resample(
-        self, cloud: Cloud, share: float, readings: Sequence[Any], stream: Stream
+        self, cloud: Cloud, readings: Sequence[Any], stream: Stream, doubt: Doubt | None = None
     ) -> tuple[Cloud, Indices, int]:
         """Return survivors at equal weights, whose copies they are, and how many particles were drawn anew.
 
-        ``share`` of the particles, those at the end, begin again where the rescue's source puts them.
+        The doubted share of the particles, those at the end, begin again where its source puts them.
         """
         count = cloud.weights.size if self.sizing is None else self.sizing.size(cloud.particles, cloud.weights)
+        if self.sizing is not None and doubt is not None and doubt.places is not None and doubt.share > 0.0:
+            count = max(count, self.sizing.size(doubt.places.poses, doubt.places.weights))
         anew = 0
-        if self.rescue is not None and share > 0.0:
-            anew = min(int(share * count + stream.part("share").uniform()), count)
+        if doubt is not None and doubt.share > 0.0:
+            anew = min(int(doubt.share * count + stream.part("share").uniform()), count)
         chosen = self.resampling.select(cloud.weights, count - anew, stream.part("resampling"))
         particles = gathered(cloud.particles, chosen)
         if self.regularization is not None:
             particles = self.regularization.spread(particles, cloud, stream.part("regularization"))
-        if self.rescue is not None and anew > 0:
-            poses = self.rescue.source.draw(anew, readings, stream.part("anew"))
+        if doubt is not None and anew > 0:
+            poses = doubt.source.draw(anew, readings, stream.part("anew"))
             fresh = self.models.motion.particles(poses, stream.part("fresh"))
             particles = np.concatenate([particles, fresh], axis=1)
         return uniform_cloud(particles, cloud.memory), chosen, anew

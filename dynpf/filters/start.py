@@ -12,6 +12,7 @@ from dynpf.filters.adaptation import PoseSource
 from dynpf.filters.cloud import gathered, normalized_weights
 from dynpf.filters.models import Models
 from dynpf.filters.resampling import systematic
+from dynpf.filters.search import Search, SearchStart
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.params import validated
 from dynpf.rng import Stream
@@ -75,7 +76,7 @@ class FromReadingsStart(
     base: UniformStart = UniformStart()
 
 
-Start = KnownStart | UniformStart | FromReadingsStart
+Start = KnownStart | UniformStart | FromReadingsStart | SearchStart
 
 
 @runtime_checkable
@@ -146,16 +147,23 @@ class FromReadings:
 
 
 def pose_source(
-    start: UniformStart | FromReadingsStart, *, grid: OccupancyGrid | None = None, models: Models | None = None
+    start: UniformStart | FromReadingsStart | SearchStart,
+    *,
+    grid: OccupancyGrid | None = None,
+    models: Models | None = None,
 ) -> PoseSource:
     """Return where a filter may begin, or begin again, without knowing its pose.
 
-    Raises ValueError when there is neither box nor grid, or no models to weigh readings by.
+    Raises ValueError when there is neither box nor grid, or no models to weigh readings by, and as Search does.
     """
     if isinstance(start, UniformStart):
         return Uniform(start, grid)
     if models is None:
         raise ValueError("a start from readings needs the models that weigh them: there are none")
+    if isinstance(start, SearchStart):
+        if grid is None:
+            raise ValueError("a search needs a grid map to go over: there is none")
+        return Search(start, models, grid)
     return FromReadings(start, models, Uniform(start.base, grid))
 
 

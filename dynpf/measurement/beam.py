@@ -38,7 +38,7 @@ class BeamParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     max_beams: Annotated[int, Meta(ge=1)] = 60
     # Exponent of the product: beams of one scan share their errors, so each counts for less than if it stood alone.
     tempering: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
-    # Pose of the sensor on the robot, metres and radians.
+    # Pose of the sensor, metres and radians, seen from where the scan says that it is on the robot.
     sensor_x: float = 0.0
     sensor_y: float = 0.0
     sensor_theta: float = 0.0
@@ -54,13 +54,14 @@ class BeamTable(NamedTuple):
     """The beams of a scan that can be believed, and their log densities by the length of the ray.
 
     ``angles`` (B,) in the robot's frame; ``log_densities`` (B, K) at lengths from 0 to ``range_max`` that are
-    1 / ``per_length`` metres apart. Float32.
+    1 / ``per_length`` metres apart; ``sensor`` (2,) where they start in that frame, in cells. Float32.
     """
 
     angles: Floats
     log_densities: Floats
     per_length: float
     range_max: float
+    sensor: Floats
 
 
 class BeamModel:
@@ -82,7 +83,6 @@ class BeamModel:
         self.grid = grid
         self.caster = RayCaster(grid)
         self._spacing = min(0.5 * grid.resolution, 0.125 * params.sigma_hit)
-        self._sensor = np.array([params.sensor_x, params.sensor_y], dtype=np.float32) / np.float32(grid.resolution)
         self._peaks: tuple[float, tuple[Floats, Floats, Floats]] | None = None
 
     def admit(self, particles: Floats, weights: Floats, reading: Scan) -> BeamTable | None:  # noqa: ARG002
@@ -104,7 +104,7 @@ class BeamModel:
         caster = self.caster
         kernels.beam.sum_over_beams(
             *(x, y, theta, table.angles, table.log_densities, table.per_length),
-            *(caster.tables, caster.size, caster.frame, self._sensor, table.range_max, total),
+            *(caster.tables, caster.size, caster.frame, table.sensor, table.range_max, total),
         )
         if self.params.tempering != 1.0:
             total *= np.float32(self.params.tempering)
@@ -113,14 +113,16 @@ class BeamModel:
     def _table(self, scan: Scan) -> BeamTable:
         params, range_max = self.params, float(scan.range_max)
         if not (math.isfinite(range_max) and range_max > 0.0):
-            return BeamTable(np.empty(0, dtype=np.float32), np.empty((0, 0), dtype=np.float32), 1.0, 1.0)
+            return BeamTable(np.empty(0, np.float32), np.empty((0, 0), np.float32), 1.0, 1.0, np.zeros(2, np.float32))
         angles, ranges, *_ = scan.usable(params.max_beams)
         lengths, hit, short = self._at_their_peaks(range_max)
         rest = np.where(ranges < np.float32(range_max), params.z_rand / range_max, params.z_max).astype(np.float32)
         scales = np.array([params.sigma_hit, params.lambda_short], dtype=np.float32)
         table = np.empty((ranges.size, lengths.size), dtype=np.float32)
         kernels.beam.fill_log_densities(ranges, lengths, hit, short, rest, scales, table)
-        return BeamTable(angles + np.float32(params.sensor_theta), table, (lengths.size - 1) / range_max, range_max)
+        mount = scan.mounted(params.sensor_x, params.sensor_y, params.sensor_theta)
+        sensor = mount[:2] / np.float32(self.grid.resolution)
+        return BeamTable(angles + mount[2], table, (lengths.size - 1) / range_max, range_max, sensor)
 
     def _at_their_peaks(self, range_max: float) -> tuple[Floats, Floats, Floats]:
         """Return the table's lengths (K,), and p_hit at and p_short before each, times their shares."""

@@ -4,6 +4,7 @@ Nothing is cast: the distance of every cell to the nearest wall is known beforeh
 likelihood. Fast and smooth in the pose; blind to walls that stand between robot and end.
 """
 
+import copy
 import math
 from typing import Annotated, Literal, NamedTuple
 
@@ -51,7 +52,7 @@ class LikelihoodFieldParams(
     # Exponent of the product: beams of one scan share their errors, so each counts for less than if it stood alone.
     tempering: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
     beam_skip: BeamSkip | None = None
-    # Pose of the sensor on the robot, metres and radians.
+    # Pose of the sensor, metres and radians, seen from where the scan says that it is on the robot.
     sensor_x: float = 0.0
     sensor_y: float = 0.0
     sensor_theta: float = 0.0
@@ -85,12 +86,18 @@ class LikelihoodField:
         walls = np.pad(grid.occupied, outside)
         self._distances = distance_field(walls, grid.resolution, params.max_distance)
         self._kept: tuple[float, Floats] | None = None
-        self._mount = np.array([params.sensor_x, params.sensor_y, params.sensor_theta], dtype=np.float32)
         # The table has a border of one cell, and float32 best holds numbers that start at its corner.
         column, row = grid.to_cells(0.0, 0.0)
         self._frame = np.array(
             [-grid.origin[2], column + outside + 1.0, row + outside + 1.0, 1.0 / grid.resolution], dtype=np.float32
         )
+
+    def smoothed(self, sigma: float) -> "LikelihoodField":
+        """Return the model for poses whose error moves the ends of beams by ``sigma`` metres, of the same field."""
+        made = copy.copy(self)
+        made.params = msgspec.structs.replace(self.params, sigma_hit=math.hypot(self.params.sigma_hit, sigma))
+        made._kept = None
+        return made
 
     def admit(self, particles: Floats, weights: Floats, reading: Scan) -> BeamEnds | None:
         """Return where the beams that tell something end, at most ``max_beams``; None if there are none."""
@@ -116,9 +123,11 @@ class LikelihoodField:
         return total
 
     def _ends(self, scan: Scan) -> BeamEnds:
-        x, y = np.empty((2, self.params.max_beams), dtype=np.float32)
+        params = self.params
+        mount = scan.mounted(params.sensor_x, params.sensor_y, params.sensor_theta)
+        x, y = np.empty((2, params.max_beams), dtype=np.float32)
         count = kernels.likelihood_field.find_beam_ends(
-            *scan.beams(), float(scan.range_min), float(scan.range_max), self._mount, 1.0 / self.grid.resolution, x, y
+            *scan.beams(), float(scan.range_min), float(scan.range_max), mount, 1.0 / self.grid.resolution, x, y
         )
         return BeamEnds(x[:count], y[:count], scan.range_max)
 

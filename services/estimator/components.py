@@ -14,17 +14,21 @@ from dynpf.filters.adaptation import (
     Kld,
     KldParams,
     Recovery,
+    Rescue,
+    Rescuer,
     SensorResetting,
     SensorResettingParams,
     Sizing,
 )
 from dynpf.filters.extended import ExtendedKalman, ExtendedKalmanParams
+from dynpf.filters.jump import Jump, JumpParams
 from dynpf.filters.models import Models
-from dynpf.filters.particle import ParticleFilter, Rescue
+from dynpf.filters.particle import ParticleFilter
 from dynpf.filters.proposal import Auxiliary, LocalLinearization, Optimal, Proposal
 from dynpf.filters.regularization import Regularization
 from dynpf.filters.resampling import Resampling
-from dynpf.filters.start import pose_source
+from dynpf.filters.search import Search, SearchStart
+from dynpf.filters.start import UniformStart, pose_source
 from dynpf.filters.unscented import UnscentedKalman, UnscentedKalmanParams
 from dynpf.measurement.beam import BeamModel, BeamParams
 from dynpf.measurement.likelihood_field import LikelihoodField, LikelihoodFieldParams
@@ -225,9 +229,9 @@ def _measurement(
     return reading, own
 
 
-def _adaptation(config: LocalizationConfig, classes: Classes) -> tuple[Sizing | None, Recovery | None]:
+def _adaptation(config: LocalizationConfig, classes: Classes) -> tuple[Sizing | None, Recovery | JumpParams | None]:
     sizing: list[Sizing] = []
-    recovery: list[Recovery] = []
+    recovery: list[Recovery | JumpParams] = []
     for place, table in enumerate(config.adaptation):
         match table:
             case KldParams():
@@ -236,6 +240,8 @@ def _adaptation(config: LocalizationConfig, classes: Classes) -> tuple[Sizing | 
                 recovery.append(Augmented(table))
             case SensorResettingParams():
                 recovery.append(SensorResetting(table))
+            case JumpParams():
+                recovery.append(table)
             case UserComponent():
                 own = made(table, f"estimator.adaptation.{place}", (Sizing, Recovery), classes, {})
                 (sizing if hasattr(own, "size") else recovery).append(own)
@@ -246,11 +252,17 @@ def _adaptation(config: LocalizationConfig, classes: Classes) -> tuple[Sizing | 
     return next(iter(sizing), None), next(iter(recovery), None)
 
 
-def _rescue(config: LocalizationConfig, recovery: Recovery, models: Models, maps: Maps) -> Rescue:
+def _rescue(config: LocalizationConfig, recovery: Recovery | JumpParams, models: Models, maps: Maps) -> Rescuer:
+    restart = config.restart or (SearchStart() if isinstance(recovery, JumpParams) else UniformStart())
     try:
-        return Rescue(recovery, pose_source(config.restart, grid=maps.grid, models=models))
+        source = pose_source(restart, grid=maps.grid, models=models)
     except ValueError as error:
         raise ScenarioError(f"estimator.restart: {error}") from error
+    if not isinstance(recovery, JumpParams):
+        return Rescue(recovery, source)
+    if not isinstance(source, Search):
+        raise ScenarioError("estimator.restart: expected the kind 'search', which the adaptation 'jump' needs")
+    return Jump(recovery, source)
 
 
 def _own_or_given(table: Any, key: str, role: type, classes: Classes) -> Any:

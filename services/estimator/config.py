@@ -12,9 +12,11 @@ from dynpf.fields.flow import DescentFlowParams
 from dynpf.filters.adaptation import AugmentedParams, KldParams, SensorResettingParams
 from dynpf.filters.extended import ExtendedKalmanParams
 from dynpf.filters.health import HealthParams
+from dynpf.filters.jump import JumpParams
 from dynpf.filters.proposal import Auxiliary, LocalLinearization, Optimal, Prior
 from dynpf.filters.regularization import GaussianKernel
 from dynpf.filters.resampling import Multinomial, Residual, Stratified, Systematic
+from dynpf.filters.search import SearchStart
 from dynpf.filters.start import FromReadingsStart, KnownStart, UniformStart
 from dynpf.filters.unscented import UnscentedKalmanParams
 from dynpf.measurement.beam import BeamParams
@@ -102,7 +104,7 @@ MeasurementTable = (
 ResamplingTable = Systematic | Stratified | Residual | Multinomial | UserComponent
 ProposalTable = Prior | Optimal | LocalLinearization | Auxiliary | UserComponent
 RegularizationTable = GaussianKernel | UserComponent
-AdaptationTable = KldParams | AugmentedParams | SensorResettingParams | UserComponent
+AdaptationTable = KldParams | AugmentedParams | SensorResettingParams | JumpParams | UserComponent
 
 
 class LocalizationConfig(
@@ -112,9 +114,13 @@ class LocalizationConfig(
 
     filter: FilterTable = SirParams()
     n: Annotated[int, Meta(ge=1, le=1_000_000)] = 1000  # particles
-    start: KnownStart | UniformStart | FromReadingsStart = KnownStart()
+    start: KnownStart | UniformStart | FromReadingsStart | SearchStart = KnownStart()
     # Seconds between an odometry message and the robot moving as it says.
     odometry_delay: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
+    # Way and turn since the last readings were taken in, of which one must be reached before others are. What is seen
+    # twice from one place errs alike, so it would be believed too much.
+    min_travel: NonNegative = 0.0  # m
+    min_turn: NonNegative = 0.0  # rad
     scan_range_min: NonNegative = 0.0  # m; a range below it tells nothing
     scan_range_max: Positive | None = None  # m, which a beam without return reads; absent: the simulated scanner's
     motion: MotionTable = ArcsParams()
@@ -125,7 +131,8 @@ class LocalizationConfig(
     regularization: RegularizationTable | None = None  # absent: survivors are copies of one another
     # How many particles there are (one of these), and when some are drawn anew because the filter is lost (another).
     adaptation: Annotated[tuple[AdaptationTable, ...], Meta(max_length=2)] = ()
-    restart: UniformStart | FromReadingsStart = UniformStart()  # where those begin that are drawn anew
+    # Where those begin that are drawn anew; absent: anywhere, or for a jump where a search finds them.
+    restart: UniformStart | FromReadingsStart | SearchStart | None = None
     health: HealthParams = HealthParams()  # when the estimate counts as uncertain, or as lost
 
     @property

@@ -48,7 +48,7 @@ class HealthWatch:
         self.report = None if state["report"] is None else msgspec.convert(state["report"], FilterHealth)
 
     def _told(self, verdict: Verdict, stamp_ns: int) -> Output:
-        level = LogLevel.WARNING if verdict.status is Status.LOST else LogLevel.INFO
+        level = LogLevel.INFO if verdict.status in {Status.TRACKING, Status.UNCERTAIN} else LogLevel.WARNING
         text = f"the estimate is {verdict.status}: {verdict.reason}"
         return Output("log", Log(timestamp=timestamp(stamp_ns), level=level, message=text, name=self._name))
 

@@ -1,14 +1,16 @@
 """Localization in a known map: odometry moves the belief, readings of any sensors correct it."""
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from msgspec import UNSET
 
+from dynpf.filters.adaptation import PoseSource
 from dynpf.filters.health import Signs
 from dynpf.filters.models import Models, Outcome
-from dynpf.filters.start import FromReadingsStart, KnownStart, pose_source, start_poses
+from dynpf.filters.start import FromReadingsStart, KnownStart, Start, UniformStart, around, pose_source
 from dynpf.measurement.range_bearing import RangeBearingReadings
 from dynpf.measurement.scan import Scan
 from dynpf.motion.model import Displacement, Twist
@@ -111,6 +113,7 @@ class LocalizationEstimator:
         self._localizer = localizer_of(config, motion.model, measurements, maps, classes)
         self._start, self._count = config.start, config.n
         self._grid, self._models = maps.grid, Models(motion.model, measurements)
+        self._source = _source(config.start, maps, self._models)
         self._kinds = {TOPICS[kind]: kind for kind in measurements}
         self._known = maps.landmarks if RangeBearingReadings in measurements else None
         range_max = config.scan_range_max or scan_range_max
@@ -137,6 +140,8 @@ class LocalizationEstimator:
         self._coming: list[_TimedTwist] = []
         self._newest_odometry_ns = -1
         self._odometry_pose: FloatArray | None = None
+        self._least = (config.min_travel, config.min_turn)
+        self._since: tuple[float, float] | None = None  # way and turn; None before the first readings
         self._shown_ns: int | None = None
         self._scene_ns: int | None = None
         self._outcomes = {outcome.value: 0 for outcome in Outcome}
@@ -172,15 +177,18 @@ class LocalizationEstimator:
     def rehearse(self) -> None:
         """See Rehearsing; of a user's measurement models, those take part that give a reading by ``example()``."""
         stream = Stream.of(self._seed, self.name, 0, "rehearsal")
-        start = self._start.base if isinstance(self._start, FromReadingsStart) else self._start
-        poses = start_poses(start, REHEARSED_PARTICLES, stream, grid=self._grid)
+        if isinstance(self._start, KnownStart):
+            poses = around(self._start, REHEARSED_PARTICLES, stream)
+        else:
+            base = self._start.base if isinstance(self._start, FromReadingsStart) else self._start
+            anywhere = base if isinstance(base, UniformStart) else UniformStart()
+            poses = pose_source(anywhere, grid=self._grid).draw(REHEARSED_PARTICLES, (), stream)
         poses[:] = poses[:, :1]  # all in one place: what would be read there is believed
         readings = list(
             example_readings(self._config, self._models.measurements, self._maps, poses[:, 0], **self._scanner)
         )
-        if isinstance(self._start, FromReadingsStart):
-            source = pose_source(self._start, grid=self._grid, models=self._models)
-            source.draw(REHEARSED_PARTICLES, readings, stream)
+        if self._source is not None:
+            self._source.draw(REHEARSED_PARTICLES, readings, stream)
         control = self._control(Twist(0.01, 0.01, 0.1))
         self._localizer.rehearse(poses, control, readings, stream)
 
@@ -199,6 +207,7 @@ class LocalizationEstimator:
             "unknown": list(self._unknown),
             "health": self._health.freeze(),
             **({} if self._odometry_pose is None else {"odometry_pose": self._odometry_pose}),
+            **({} if self._least == (0.0, 0.0) else {"since": self._since}),
         }
 
     def thaw(self, state: State) -> None:
@@ -211,6 +220,8 @@ class LocalizationEstimator:
         self._newest_odometry_ns = state["newest_odometry_ns"]
         pose = state.get("odometry_pose")
         self._odometry_pose = None if pose is None else np.array(pose)
+        since = state.get("since")
+        self._since = None if since is None else (since[0], since[1])
         self._shown_ns = state["shown_ns"]
         self._scene_ns = state["scene_ns"]
         self._outcomes = dict(state["outcomes"])
@@ -219,20 +230,13 @@ class LocalizationEstimator:
 
     def _begin(self, readings: Sequence[Any]) -> None:
         """Begin to believe; a start from readings waits until there are some."""
-        try:
-            if isinstance(self._start, FromReadingsStart) and not readings:
-                pose_source(self._start.base, grid=self._grid)  # tells now what would be missing then
-                return
-            poses = start_poses(
-                self._start,
-                self._count,
-                self._stream("start"),
-                grid=self._grid,
-                models=self._models,
-                readings=readings,
-            )
-        except ValueError as error:
-            raise ScenarioError(f"estimator.start: {error}") from error
+        if isinstance(self._start, KnownStart):
+            poses = around(self._start, self._count, self._stream("start"))
+        elif isinstance(self._start, UniformStart) or readings:
+            assert self._source is not None
+            poses = self._source.draw(self._count, readings, self._stream("start"))
+        else:
+            return
         self._belief = self._localizer.start(poses, self._stream("start"))
 
     def _take_odometry(self, stamp_ns: int, odometry: Odometry) -> None:
@@ -290,13 +294,18 @@ class LocalizationEstimator:
             return
         if self._belief is None:
             self._begin(self._pending)
+            self._since = (0.0, 0.0)
             self._held, self._pending = [], []  # the start is made of these readings, and after the movement before
             return
         if self._health.report is None:
             self._judge(self._localizer.find(self._belief))
+        if not self._worthwhile():
+            self._pending = []
+            return
         control = self._control(self._held.pop()) if self._held else None
         self._predict()
         self._belief, self._found = self._localizer.update(self._belief, control, self._pending, self._stream("update"))
+        self._since = (0.0, 0.0)
         for outcome in self._found.outcomes:
             self._outcomes[outcome.value] += 1
         self._judge(self._found, self._pending)
@@ -315,15 +324,38 @@ class LocalizationEstimator:
             readings=found.readings,
             refused=max(outright, sum(sizes) - found.readings),
             modes=self._localizer.modes(self._belief),
+            jump=found.jump,
+            unfit=found.unfit,
         )
         self._logs += self._health.judge(signs, self._stamp_ns)
 
     def _predict(self) -> None:
         """Let the belief follow the twists held."""
+        if self._since is not None:
+            self._since = self._moved()
         for twist in self._held if self._belief is not None else ():
             self._belief = self._localizer.predict(self._belief, self._control(twist), self._stream("predict"))
             self._found = None
         self._held = []
+
+    def _worthwhile(self) -> bool:
+        """Return whether the robot has moved far enough since the last correction, or there was none."""
+        if self._since is None:
+            return True
+        travel, turn = self._moved()
+        least_travel, least_turn = self._least
+        return travel >= least_travel or turn >= least_turn
+
+    def _moved(self) -> tuple[float, float]:
+        """Return the way (m) and the turn (rad) since the last correction, back and forth added up."""
+        travel, turn = self._since or (0.0, 0.0)
+        for one in self._held:
+            if isinstance(one, Twist):
+                way, angle = one.v * one.duration, one.w * one.duration
+            else:
+                way, angle = math.hypot(one.displacement.dx, one.displacement.dy), one.displacement.turn
+            travel, turn = travel + abs(way), turn + abs(angle)
+        return travel, turn
 
     def _stream(self, purpose: str) -> Stream:
         """Return the next stream of this step."""
@@ -393,3 +425,12 @@ class LocalizationEstimator:
             )
             for landmark in new
         ]
+
+
+def _source(start: Start, maps: Maps, models: Models) -> PoseSource | None:
+    if isinstance(start, KnownStart):
+        return None
+    try:
+        return pose_source(start, grid=maps.grid, models=models)
+    except ValueError as error:
+        raise ScenarioError(f"estimator.start: {error}") from error

@@ -12,7 +12,7 @@ from dynpf.filters.estimate import PoseEstimate, modes, pose_estimate
 from dynpf.filters.extended import ExtendedKalman
 from dynpf.filters.kalman import Gaussian
 from dynpf.filters.models import Outcome
-from dynpf.filters.particle import ParticleFilter
+from dynpf.filters.particle import ParticleFilter, Report
 from dynpf.filters.resampling import systematic
 from dynpf.filters.unscented import UnscentedKalman
 from dynpf.rng import Stream
@@ -37,6 +37,8 @@ class Found(NamedTuple):
     outcomes: Sequence[Outcome] = ()
     log_evidence: float = math.nan
     readings: int = 0
+    jump: float = 0.0  # probability that the robot has been set down elsewhere
+    unfit: int = 0  # searches in a row that found it nowhere
 
 
 class Localizer(Protocol):
@@ -99,7 +101,9 @@ class ParticleLocalizer:
         cloud, report = self.filter.update(belief, control, readings, stream)
         share = report.n_eff / belief.weights.size
         evidence = report.log_evidence if report.readings else math.nan
-        return cloud, Found(report.estimate, report.n_eff, share, report.outcomes, evidence, report.readings)
+        found = Found(report.estimate, report.n_eff, share, report.outcomes, evidence, report.readings)
+        doubt = report.doubt if isinstance(report, Report) else None
+        return cloud, found if doubt is None else found._replace(jump=doubt.jumped, unfit=doubt.unfit)
 
     def find(self, belief: Cloud) -> Found:
         share = belief.n_eff / belief.weights.size
@@ -117,8 +121,10 @@ class ParticleLocalizer:
     def rehearse(self, poses: Floats, control: Any, readings: Sequence[Any], stream: Stream) -> None:
         cloud, _ = _rehearsed(self, poses, control, readings, stream)
         if isinstance(self.filter, ParticleFilter):
-            share = 0.0 if self.filter.rescue is None else 0.5
-            self.filter.resample(cloud, share, readings, stream.part("resample"))
+            rescue, doubt = self.filter.rescue, None
+            if rescue is not None:
+                doubt = rescue.doubt(cloud, 0.0, 1, readings)._replace(share=0.5)
+            self.filter.resample(cloud, readings, stream.part("resample"), doubt)
 
     def freeze(self, belief: Cloud) -> Mapping[str, Any]:
         return belief._asdict()

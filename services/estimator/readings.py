@@ -13,7 +13,15 @@ from dynpf.measurement.range_vector import RangeVector
 from dynpf.measurement.scan import Scan
 from dynpf.measurement.unknown_landmarks import UnlabelledReadings
 from dynpf.se2 import FloatArray
-from protocol.messages import LandmarkReading, LandmarkReadings, LaserScan, LineReadings, Message, PositionFix
+from protocol.messages import (
+    LandmarkReading,
+    LandmarkReadings,
+    LaserScan,
+    LineReadings,
+    Message,
+    PositionFix,
+    heading,
+)
 
 __all__ = ["TOPICS", "reading_of", "size_of"]
 
@@ -47,7 +55,8 @@ def reading_of(message: Message, kind: type, *, range_min: float = 0.0, range_ma
             if kind is RangeVector:
                 return RangeVector(np.where(ranges < range_max, ranges, np.float32(np.inf)))
             angles = np.linspace(message.start_angle, message.end_angle, len(ranges), dtype=np.float32)
-            return Scan(angles, ranges, range_min, range_max)
+            place = message.pose.position
+            return Scan(angles, ranges, range_min, range_max, (place.x, place.y, heading(message.pose.orientation)))
         case LineReadings(readings=readings):
             columns = ([getattr(one, name) for one in readings] for name in ("rho", "alpha", "length"))
             return Lines(*(np.array(column, dtype=np.float32) for column in columns))

@@ -21,6 +21,7 @@ _MODULES = {
     "landmark": "landmark",
     "indoor": "indoor",
     "turtlebot": "turtlebot",
+    "kidnap": "kidnap",
 }
 
 

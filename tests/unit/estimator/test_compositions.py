@@ -76,6 +76,8 @@ COMPOSITIONS: dict[str, dict[str, Any]] = {
     "unscented_kalman": {"filter": "unscented_kalman"},
     "uniform": {"start": {"kind": "uniform", "clearance": 0.2}},
     "from_readings": {"start": "from_readings"},
+    "search": {"start": "search", "measurement": "likelihood_field"},
+    "jump": {"adaptation": "jump", "measurement": "likelihood_field"},
 }
 
 

@@ -316,3 +316,21 @@ def test_the_last_pose_of_odometry_is_part_of_the_state() -> None:
     step = Step(9, 9, pose.stamp_ns, (pose,))
     assert first.step(step) == second.step(step)
     assert "odometry_pose" not in node().freeze()
+
+
+@pytest.mark.parametrize(
+    ("least", "used"),
+    [
+        ({}, 8),
+        # Two seconds are a metre and a radian: every fourth of the readings, which come twice a second.
+        ({"min_travel": 0.99, "min_turn": 9.0}, 2),
+        ({"min_travel": 9.0, "min_turn": 0.99}, 2),
+    ],
+)
+def test_readings_are_taken_in_only_after_enough_movement(least: dict[str, float], used: int) -> None:
+    whole, thawed = node(**least), node(**least)
+    for step in drive():
+        whole.step(step)
+        thawed.thaw(decode_state(encode_state(whole.freeze())))
+        assert encode_state(thawed.freeze()) == encode_state(whole.freeze())
+    assert whole.freeze()["outcomes"]["used"] == used

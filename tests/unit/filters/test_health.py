@@ -146,3 +146,26 @@ def test_the_memory_can_be_kept_as_plain_numbers() -> None:
 def test_parameters_out_of_range_are_refused() -> None:
     with pytest.raises(ValueError, match=r"HealthParams.alpha_fast = 2.0"):
         Health(HealthParams(alpha_fast=2.0))
+
+
+def test_a_robot_found_elsewhere_is_kidnapped_if_it_was_on_its_track_and_else_lost() -> None:
+    judge = HealthParams()
+    memory, verdict = judged([signs()] * judge.better_after)
+    memory, verdict = judged([signs(-5.0, jump=0.9)], memory)
+    assert verdict.status is Status.KIDNAPPED
+    assert "found elsewhere" in verdict.reason
+    assert judged([signs()] * (judge.better_after - 1), memory)[1].status is Status.KIDNAPPED
+    assert judged([signs()] * judge.better_after, memory)[1].status is Status.TRACKING
+    assert judged([signs(), signs(-5.0, jump=0.9)])[1].status is Status.LOST
+    assert judged([signs()] * judge.better_after + [signs(jump=0.4)])[1].status is Status.TRACKING
+
+
+def test_a_map_does_not_fit_where_the_robot_is_found_again_and_again_or_nowhere() -> None:
+    jumps = HealthParams().jumps_unfit
+    assert judged([signs(-5.0, jump=0.9)] * jumps)[1].status is Status.MAP_DOES_NOT_FIT
+    assert judged([signs(-5.0, jump=0.9)] * (jumps - 1))[1].status is Status.LOST
+    # Nowhere explained as usual makes unsure by itself, and tells why another figure means lost.
+    fine, nowhere = [signs()] * 30, signs(unfit=3)
+    assert judged([*fine, *[nowhere] * 3])[1].status is Status.UNCERTAIN
+    assert judged([*fine, *[nowhere._replace(log_evidence=-9.0 * BEAMS)] * 30])[1].status is Status.MAP_DOES_NOT_FIT
+    assert judged([*fine, *[signs(-9.0)] * 30])[1].status is Status.LOST

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from dynpf.filters import kalman
-from dynpf.filters.adaptation import Augmented, AugmentedParams, Kld, KldParams
+from dynpf.filters.adaptation import Augmented, AugmentedParams, Kld, KldParams, Rescue
 from dynpf.filters.cloud import uniform_cloud
 from dynpf.filters.estimate import mean_and_covariance
 from dynpf.filters.extended import ExtendedKalman
 from dynpf.filters.models import Outcome
-from dynpf.filters.particle import ParticleFilter, Rescue
+from dynpf.filters.particle import ParticleFilter
 from dynpf.filters.proposal import Auxiliary, LocalLinearization, Optimal, Prior
 from dynpf.filters.regularization import GaussianKernel
 from dynpf.filters.resampling import Multinomial, Residual, Stratified, Systematic

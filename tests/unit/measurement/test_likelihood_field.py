@@ -107,6 +107,24 @@ def test_the_sensor_need_not_sit_at_the_robots_centre():
     np.testing.assert_allclose(mounted, central, rtol=1e-4)
 
 
+def test_a_scan_that_tells_where_it_was_taken_is_taken_there_and_the_model_adds_to_it():
+    field = LikelihoodField(LikelihoodFieldParams(sensor_x=0.3, sensor_y=-0.2, sensor_theta=0.5), room())
+    seen = scan([0.1, -1.0], [2.0, 1.0])._replace(mount=(0.1, 0.4, -0.7))
+    c, s = np.cos(-0.7), np.sin(-0.7)
+    whole = LikelihoodFieldParams(sensor_x=0.1 + 0.3 * c + 0.2 * s, sensor_y=0.4 + 0.3 * s - 0.2 * c, sensor_theta=-0.2)
+    expected = LikelihoodField(whole, room()).log_likelihood(pose(0.5, 3.0, 1.1), seen._replace(mount=(0.0, 0.0, 0.0)))
+    np.testing.assert_allclose(field.log_likelihood(pose(0.5, 3.0, 1.1), seen), expected, rtol=1e-4)
+
+
+def test_smoothing_widens_the_noise_by_the_pose_s_own():
+    field, seen = LikelihoodField(LikelihoodFieldParams(sigma_hit=0.3), room()), scan([0.1], [1.7])
+    wide = LikelihoodField(LikelihoodFieldParams(sigma_hit=0.5), room()).log_likelihood(pose(0.5, 3.0, 1.1), seen)
+    before = field.log_likelihood(pose(0.5, 3.0, 1.1), seen)
+    np.testing.assert_array_equal(field.smoothed(0.4).log_likelihood(pose(0.5, 3.0, 1.1), seen), wide)
+    np.testing.assert_array_equal(field.log_likelihood(pose(0.5, 3.0, 1.1), seen), before)
+    assert not np.array_equal(before, wide)
+
+
 def test_what_tells_nothing_changes_nothing():
     field = LikelihoodField(LikelihoodFieldParams(), room())
     particles = np.concatenate([pose(0.5, 3.0, 0.1), pose(500.0, -3e6, 0.2)], axis=1)
