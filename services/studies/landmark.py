@@ -210,6 +210,10 @@ def _measures(task: Task, log: LandmarkLog, run: Run) -> dict[str, float | bool]
         "position_rmse_m": scored.position_rmse_m,
         "heading_rmse_rad": scored.heading_rmse_rad,
     }
+    # Swapped markers turn the reference's heading and shift its position, too: what is there where they are not?
+    errors = pose_errors(run.estimate, log.truth, heading_valid=log.heading_valid)
+    squares = np.sum(errors.errors[:2, errors.heading_valid] ** 2, axis=0)
+    measures["position_rmse_sound_m"] = math.sqrt(squares.mean()) if squares.size else math.nan
     found = _found(log, run)
     if task.experiment in ("unknown", "spread", "withheld"):
         place = np.flatnonzero(found)

@@ -57,7 +57,7 @@ def _trajectory(pyplot: Any, log: LandmarkLog, run: Run, path: Path) -> Path:
         xlim=(low[0] - 1.5, high[0] + 1.5),
         ylim=(low[1] - 1.5, high[1] + 1.5),
     )
-    axis.legend(loc="upper right")
+    figure.legend(loc="outside lower center", ncols=4)
     return _saved(pyplot, figure, path)
 
 

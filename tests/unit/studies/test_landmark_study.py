@@ -66,6 +66,7 @@ def test_a_run_of_the_study_is_the_scenario_s_run(tmp_path: Path) -> None:
     # Few particles, of which mean and covariance are the start, have other means with other random numbers.
     start = ["--set", "estimator.start.sigma_position=1e-6", "--set", "estimator.start.sigma_heading=1e-6"]
     calibration = ["--set", "estimator.calibration={}", "--set", "estimator.calibration.turn_scale_sigma=1e-6"]
+    calibration += ["--set", 'estimator.proposal={kind="prior"}']  # that of the scenario is one of particles
     assert main(["run", *words, "--set", kalman, *start, *calibration, "-o", str(run)]) == 0
     recording = read_recording(run)
     by_stamp = {one.stamp_ns: decode(one.topic, one.payload) for one in recording.messages("estimator/state")}
