@@ -86,7 +86,7 @@ def _way(pyplot: Any, place: World, epochs: Sequence[Epoch], shown: Shown, path:
     axis.plot(*shown.track.poses[:2], "-", color="tab:blue", label=f"estimate ({shown.name})")
     axis.plot(*truth[:2, 0], "ko", label="start")
     axis.set(title=f"{place.name}: the way", xlabel="x in m", ylabel="y in m")
-    axis.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=4)
+    figure.legend(fontsize=8, loc="outside lower center", ncols=4)
     return _saved(pyplot, figure, path)
 
 
@@ -101,7 +101,7 @@ def _particles(pyplot: Any, place: World, epochs: Sequence[Epoch], shown: Shown,
         axis.plot(x, y, "o", color="tab:red", markersize=9, fillstyle="none", label="robot")
         axis.plot([x, x + 0.6 * np.cos(theta)], [y, y + 0.6 * np.sin(theta)], "-", color="tab:red")
         axis.set(title=f"after update {time + 1}")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), fontsize=8, loc="lower right", ncols=2)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), fontsize=8, loc="outside lower center", ncols=2)
     figure.supxlabel("x in m")
     figure.supylabel("y in m")
     figure.suptitle(f"{place.name}: particles over time ({shown.name})")
@@ -143,6 +143,6 @@ def _truth(epochs: Sequence[Epoch]) -> Any:
 
 
 def _saved(pyplot: Any, figure: Any, path: Path) -> Path:
-    figure.savefig(path, dpi=80)
+    figure.savefig(path, dpi=80, bbox_inches="tight")
     pyplot.close(figure)
     return path
