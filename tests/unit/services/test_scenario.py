@@ -26,7 +26,7 @@ from tests.unit.services.small_log import FACTS
 Raw = dict[str, Any]
 TOML = 'title = "A room"\n\n[simulator]\nkind = "room"\n\n[[landmarks]]\nid = 1\nx = 0.0\ny = 1.0\n'
 KEYS = (
-    "title, seed, clock, tick_s, max_ticks, needs_log, log_digest, state_digest_ticks, files, user_code, task, "
+    "title, seed, clock, rate, tick_s, max_ticks, needs_log, log_digest, state_digest_ticks, files, user_code, task, "
     "map, landmarks, colon, maps, simulator, vision, sensors, estimator, controller, faults"
 )
 
