@@ -102,8 +102,10 @@ def _particles(pyplot: Any, place: World, epochs: Sequence[Epoch], shown: Shown,
         axis.plot([x, x + 0.6 * np.cos(theta)], [y, y + 0.6 * np.sin(theta)], "-", color="tab:red")
         axis.set(title=f"after update {time + 1}")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), fontsize=8, loc="outside lower center", ncols=2)
-    figure.supxlabel("x in m")
-    figure.supylabel("y in m")
+    for axis in axes[-1]:
+        axis.set_xlabel("x in m")
+    for axis in axes[:, 0]:
+        axis.set_ylabel("y in m")
     figure.suptitle(f"{place.name}: particles over time ({shown.name})")
     return _saved(pyplot, figure, path)
 
