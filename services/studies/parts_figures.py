@@ -21,8 +21,8 @@ _MEASURES = (
 )
 _NOISES = ("low", "medium", "high")
 # Dark to light, so that they can be told apart without colours, too.
-_COLOURS = ("#222222", "#b2182b", "#2166ac", "#e08214", "#1b7837", "#762a83")
-_MARKS = "osD^vP"
+_COLOURS = ("#222222", "#b2182b", "#2166ac", "#e08214", "#1b7837", "#762a83", "#5aae9b")
+_MARKS = "osD^vPX"
 
 
 def draw_measures(rows: list[Row], runs: dict[str, list[Record]], folder: Path) -> list[Path]:
@@ -118,7 +118,9 @@ def _success(pyplot: Any, rows: list[Row], path: Path) -> Path:
         axis.set(title=f"{noise} noise", xlabel="packing density comp", ylim=(-3, 103))
         axis.grid(alpha=0.3)
     axes[0][0].set_ylabel("completed without collision (%)")
-    figure.legend(*axes[0][0].get_legend_handles_labels(), fontsize=8, ncols=4, loc="outside upper center")
+    figure.legend(
+        *axes[0][0].get_legend_handles_labels(), fontsize=8, ncols=1 + len(noises), loc="outside upper center"
+    )
     return _saved(pyplot, figure, path)
 
 

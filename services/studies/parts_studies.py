@@ -27,8 +27,8 @@ from services.studies.parts import (
     PartsRun,
     Record,
     layout_task,
+    measured,
     record_parts,
-    run_parts,
 )
 from services.studies.parts_figures import draw_bounds, draw_measures, draw_times
 from services.studies.rows import Row, Sample, summarized
@@ -80,6 +80,7 @@ class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     noises: tuple[Noise, ...] = ("none", "low", "medium", "high")
     n: tuple[Annotated[int, Meta(ge=0)], ...] = (0, 49, 100, 225)  # 0: no filter
     filters: tuple[FilterName, ...] = ("optimal",)
+    ticks: Count = 4000  # after which a run is given up; one that is completed takes 500 to 1400
 
 
 class BoundsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -130,7 +131,7 @@ def _run_start(start: _Start) -> list[Sample]:
     settings: TaskSettings = start.settings
     task = layout_task(start.layout)
     seed = run_seed(start.seed, start.layout, start.trial)
-    perfect = run_parts(task, seed)
+    perfect = measured(record_parts(task, seed, Conditions(max_ticks=settings.ticks)))
     samples = []
     for noise in settings.noises:
         for n, name in [(0, None)] if noise == "none" else _filters(settings):
@@ -138,7 +139,8 @@ def _run_start(start: _Start) -> list[Sample]:
             if noise != "none":
                 # The number of particles is nothing to a Kalman filter, nor the filter's name to raw measurements.
                 particles = 0 if name is None else n or 1
-                run = run_parts(task, seed, variance=NOISE[noise], particles=particles, robot_filter=name or "optimal")
+                conditions = Conditions(NOISE[noise], particles, name or "optimal", max_ticks=settings.ticks)
+                run = measured(record_parts(task, seed, conditions))
             factors = {**start.factors, "noise": noise, "n": n, "filter": name or "none"}
             samples.append(Sample(factors, _measures(run, perfect)))
     return samples
