@@ -46,7 +46,8 @@ def annealed(
     """Weigh a cloud by a likelihood, layer by layer, each layer with ``count`` particles.
 
     ``likelihood`` takes particles (D, N) and their ancestors (N,), and returns log-likelihoods (N,) and what else it
-    found. At the twelfth layer what is still left of it is let go: it would take an outlier for the truth.
+    found. Half of the survivors are drawn for what ``reserve`` makes of that, probabilities (N,), and weigh the less: so an
+    explanation that is not likely yet keeps particles of its own. At the twelfth layer what is still left of it is let go: it would take an outlier for the truth.
     """
     particles, log_weights = cloud.particles, cloud.log_weights
     ancestors = np.arange(particles.shape[1], dtype=np.int32)
@@ -68,7 +69,7 @@ def annealed(
 
 
 def _reserved(weights: Floats, probabilities: Floats) -> Floats:
-    """Return the odds (N,) of survival of which ``_RESERVED`` is for what has these probabilities (N,), however small."""
+    """Return odds (N,) of survival, of which ``_RESERVED`` is for what has these probabilities (N,), however small."""
     of_interest = weights * probabilities
     total = max(float(np.sum(of_interest, dtype=np.float64)), 1e-30)
     odds: Floats = np.float32(1.0 - _RESERVED) * weights + np.float32(_RESERVED / total) * of_interest

@@ -252,7 +252,8 @@ def follow_walls(blame, stopped_at, noise, places, shares, following, weights, d
     """Update displacements (N, J), their covariance (J, J) and chances (J,), in place, by where beams were stopped.
 
     A Kalman update a particle and beam, as FastSLAM's of a landmark (Montemerlo et al., 2002), its ``noise`` (B, N)
-    divided by the blame (B, N). Covariance and chances are shared: they follow the mean over the particles, by ``weights`` (N,).
+    divided by the blame (B, N). Covariance and chances are shared: they follow the mean over the particles, by
+    ``weights`` (N,).
     """
     beams, count = blame.shape
     nodes = covariance.shape[0]

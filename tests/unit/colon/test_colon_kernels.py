@@ -76,7 +76,9 @@ def changed(rng: np.random.Generator, held: Walls, sigma: float, roughness: floa
     read, expected = ranges(rng), rng.uniform(0.0, 30.0, (BEAMS, COUNT)).astype(np.float32)
     out = [np.empty(COUNT, dtype=np.float32), *(np.empty((BEAMS, COUNT), dtype=np.float32) for _ in range(5))]
     out += [np.empty((BEAMS, COUNT), dtype=np.int32), np.empty((BEAMS, COUNT), dtype=np.float32)]
-    kernels.colon.changed(*poses, angles, read, expected, *held, sigma, 5.0 * sigma, roughness, sensed, 0.05, 30.0, *out)
+    kernels.colon.changed(
+        *poses, angles, read, expected, *held, sigma, 5.0 * sigma, roughness, sensed, 0.05, 30.0, *out
+    )
     map_tables, (displacement, ancestors), rest = held[:4], held[4:6], held[6:]
     own = displacement[ancestors]
     told = textbook.changed(
@@ -147,9 +149,7 @@ def test_bulges_are_weighed_as_the_textbook_says(seed: int) -> None:
     held = [np.log(rng.dirichlet(np.ones(5), COUNT)), rng.normal(40, 10, (COUNT, 4)), rng.uniform(20, 200, (COUNT, 4))]
     log_shapes, heights, variances = (a.astype(np.float32) for a in held)
     told = textbook.bulged(*beams, following, shapes, 0.05, 500.0, generic, log_shapes, heights, variances)
-    kernels.colon.bulged(
-        *beams, following, shapes, near, 0.05, 500.0, generic, out, log_shapes, heights, variances
-    )
+    kernels.colon.bulged(*beams, following, shapes, near, 0.05, 500.0, generic, out, log_shapes, heights, variances)
     for ours, theirs in zip((out, log_shapes, heights, variances), told, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=2e-3, atol=5e-3)
 
@@ -158,7 +158,11 @@ def test_two_beams_into_one_bulge_are_as_likely_as_their_joint_gaussian() -> Non
     """One place, no outliers: the two distances are a Gaussian vector with the height in common."""
     stopped_at, noise = np.array([[36.0], [20.0]], np.float32), np.array([[9.0], [4.0]], np.float32)
     facings, still = np.array([[1.0], [0.5]], np.float32), np.full((2, 1), 1e-3, dtype=np.float32)
-    places, shares, following = np.array([[0], [1]], np.int32), np.zeros((2, 1), np.float32), np.arange(2, dtype=np.int32)
+    places, shares, following = (
+        np.array([[0], [1]], np.int32),
+        np.zeros((2, 1), np.float32),
+        np.arange(2, dtype=np.int32),
+    )
     shapes, near = np.array([[1.0, 0.6]], np.float32), np.zeros((2, 1), dtype=np.int32)
     log_shapes = np.array([[0.0, -60.0]], dtype=np.float32)
     heights, variances = np.full((1, 1), 40.0, np.float32), np.full((1, 1), 225.0, np.float32)
