@@ -1,10 +1,10 @@
 """Localization in a map that may change: which map holds is part of what is estimated.
 
 A particle is a pose with what it implies about the map: probabilities over the listed maps and "none of these", and
-there a Gaussian over how far the walls of a reference map have moved, or over the height of a bulge at each place. All of that is updated in closed form, so that
-only poses are sampled (Rao-Blackwellization; Murphy and Russell, 2001), as FastSLAM does for landmarks (Montemerlo et
-al., 2002). What the walls have in common with all particles, the covariance and whether a part has moved at all, is
-kept once.
+there a Gaussian over how far the walls of a reference map have moved, or over the height of a bulge at each place. All
+of that is updated in closed form, so that only poses are sampled (Rao-Blackwellization; Murphy and Russell, 2001), as
+FastSLAM does for landmarks (Montemerlo et al., 2002). What the walls have in common with all particles, the covariance
+and whether a part has moved at all, is kept once.
 """
 
 from collections.abc import Mapping
