@@ -46,14 +46,17 @@ def annealed(
     """Weigh a cloud by a likelihood, layer by layer, each layer with ``count`` particles.
 
     ``likelihood`` takes particles (D, N) and their ancestors (N,), and returns log-likelihoods (N,) and what else it
-    found. At the twelfth layer what is still left of it is let go: it would take an outlier for the truth.
+    found. Half of the survivors are drawn for what ``reserve`` makes of that, probabilities (N,), and weigh the less:
+    so an explanation that is not likely yet keeps particles of its own. At the twelfth layer what is still left of the
+    likelihood is let go: it would take an outlier for the truth.
     """
     particles, log_weights = cloud.particles, cloud.log_weights
     ancestors = np.arange(particles.shape[1], dtype=np.int32)
-    left = 1.0
+    # Weights that make up for a reserve are uneven to begin with.
+    left, kept = 1.0, 0.5 if reserve is None else 0.25
     for layer in range(1, _MOST_LAYERS + 1):
         log_likelihood, evidence = likelihood(particles, ancestors)
-        share = bearable_share(log_weights, log_likelihood, left)
+        share = bearable_share(log_weights, log_likelihood, left, kept)
         weighted, _ = weighted_cloud(particles, log_weights + np.float32(share) * log_likelihood)
         left -= share
         if left <= 0.0 or layer == _MOST_LAYERS:
@@ -68,7 +71,7 @@ def annealed(
 
 
 def _reserved(weights: Floats, probabilities: Floats) -> Floats:
-    """Return the odds (N,) of survival of which ``_RESERVED`` is for what has these probabilities (N,), however small."""
+    """Return odds (N,) of survival, of which ``_RESERVED`` is for what has these probabilities (N,), however small."""
     of_interest = weights * probabilities
     total = max(float(np.sum(of_interest, dtype=np.float64)), 1e-30)
     odds: Floats = np.float32(1.0 - _RESERVED) * weights + np.float32(_RESERVED / total) * of_interest
@@ -91,7 +94,7 @@ def _inflated(particles: Floats, weighted: Cloud) -> Floats:
     return inflated
 
 
-def bearable_share(log_weights: Floats, log_likelihood: Floats, left: float, kept: float = 0.5) -> float:
+def bearable_share(log_weights: Floats, log_likelihood: Floats, left: float, kept: float) -> float:
     """Return the largest share, up to ``left``, of log-likelihoods (N,) that leaves N_eff at ``kept`` of N."""
     weights = np.empty_like(log_weights)
 

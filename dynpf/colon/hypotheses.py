@@ -1,13 +1,12 @@
 """Localization in a map that may change: which map holds is part of what is estimated.
 
 A particle is a pose with what it implies about the map: probabilities over the listed maps and "none of these", and
-there a Gaussian over how far the walls of a reference map have moved. All of that is updated in closed form, so that
-only poses are sampled (Rao-Blackwellization; Murphy and Russell, 2001), as FastSLAM does for landmarks (Montemerlo et
-al., 2002). What the walls have in common with all particles, the covariance and whether a part has moved at all, is
-kept once.
+there a Gaussian over how far the walls of a reference map have moved, or over the height of a bulge at each place. All
+of that is updated in closed form, so that only poses are sampled (Rao-Blackwellization; Murphy and Russell, 2001), as
+FastSLAM does for landmarks (Montemerlo et al., 2002). What the walls have in common with all particles, the covariance
+and whether a part has moved at all, is kept once.
 """
 
-import math
 from collections.abc import Mapping
 from typing import Annotated, NamedTuple
 
@@ -90,7 +89,9 @@ class Belief(NamedTuple):
     ``maps`` (K + 1, N): probabilities of the listed maps and of UNLISTED; ``since`` (K + 1, N): the expected number of
     the reading at which each began to hold. If UNLISTED holds: ``displacement`` (N, J) of the nodes of the
     ``reference`` map's wall, their covariance (J, J), and ``chances`` (J,), the probabilities that they have moved at
-    all. ``reading``: how many have been taken. ``settled``: the pose is known.
+    all; or it is a bulge: ``log_shapes`` (N, S + 1), log-probabilities of bulges at each of S places and, last, of no
+    bulge, with ``heights`` and ``height_variances`` (N, S). ``reading``: how many have been taken. ``settled``: the
+    pose is known.
     """
 
     cloud: Cloud

@@ -208,6 +208,7 @@ def bulged(
     nothing = outliers / range_max
     beams, count = places.shape
     bulges = heights.shape[1]
+    parts = np.empty(bulges + 1, dtype=np.float32)
     for i in range(count):
         base = _ZERO
         for beam in range(beams):
@@ -228,7 +229,7 @@ def bulged(
                 error = stopped_at[beam, i] - reach * heights[i, s]
                 stopped = moved * (_ONE - outliers) * facings[beam, i] * normal_density(error, spread)
                 likelihood = stopped + (_ONE - moved) * as_before + moved * nothing
-                log_shapes[i, s] += log(likelihood) - log(as_before)
+                log_shapes[i, s] += log(likelihood / as_before)
                 blame = stopped / max(likelihood, _TINY)
                 if blame > _LEAST_BLAME:
                     gain = reach * variances[i, s] / (reach * reach * variances[i, s] + noise[beam, i] / blame)
@@ -238,9 +239,11 @@ def bulged(
         most = log_shapes[i, 0]
         for s in range(bulges + 1):
             most = max(most, log_shapes[i, s])
+        for s in range(bulges + 1):  # apart from the sum: so it vectorizes
+            parts[s] = exp(log_shapes[i, s] - most)
         total = _ZERO
         for s in range(bulges + 1):
-            total += exp(log_shapes[i, s] - most)
+            total += parts[s]
         evidence = most + log(total)
         for s in range(bulges + 1):
             log_shapes[i, s] -= evidence
@@ -252,7 +255,8 @@ def follow_walls(blame, stopped_at, noise, places, shares, following, weights, d
     """Update displacements (N, J), their covariance (J, J) and chances (J,), in place, by where beams were stopped.
 
     A Kalman update a particle and beam, as FastSLAM's of a landmark (Montemerlo et al., 2002), its ``noise`` (B, N)
-    divided by the blame (B, N). Covariance and chances are shared: they follow the mean over the particles, by ``weights`` (N,).
+    divided by the blame (B, N). Covariance and chances are shared: they follow the mean over the particles, by
+    ``weights`` (N,).
     """
     beams, count = blame.shape
     nodes = covariance.shape[0]

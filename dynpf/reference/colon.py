@@ -100,7 +100,7 @@ def bulged(  # noqa: PLR0917 - likewise
     heights: Floats,
     variances: Floats,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return log-likelihoods (N,), and log-probabilities of shapes (N, S + 1), heights and variances (N, S) after it."""
+    """Return log-likelihoods (N,); log-probabilities of shapes (N, S + 1), heights and variances (N, S) afterwards."""
     after, mean, variance = (np.array(a, dtype=np.float64) for a in (log_shapes, heights, variances))
     base = np.log(still).sum(axis=0)
     for b, i in np.argwhere(places >= 0):

@@ -9,10 +9,12 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from dynpf.colon import CASES, UNLISTED, Run
+from dynpf.colon import CASES, ROUTE, UNLISTED, Run
 from dynpf.colon.outline import Family
+from dynpf.colon.world import Route
 from dynpf.metrics.colon import capsule_errors, first_visible, map_errors
 from dynpf.metrics.quantiles import chi_square_quantile
+from dynpf.motion.capsule import CapsuleMotion
 from dynpf.se2 import wrap_angle
 from services.errors import UsageError
 from services.studies.colon_figures import draw
@@ -62,10 +64,26 @@ class _Common(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     families: tuple[Family, ...] = tuple(Family)
     tubes: Count = 10  # of a family, in turn
     maps: tuple[str, ...] = ()  # bitmaps of a, b and, if given, c, in place of the families
+    # Through bitmaps, a route of one's own: the pose at the start (px, rad), motions (px, rad), and how many of them
+    # come before the change: half of them, if not given.
+    start: tuple[float, float, float] = ROUTE.start
+    route: tuple[tuple[float, float], ...] = ()
+    change: int | None = None
 
     def __post_init__(self) -> None:
         if self.maps and len(self.maps) not in {2, 3}:
             raise ValueError(f"maps of {len(self.maps)} files; expected two, a and b, or three with c")
+        if not self.maps and self.route_through() != ROUTE:
+            raise ValueError(
+                "start, route and change go with maps: the families of tubes are made around COLON's route"
+            )
+        if not 0 <= self.route_through().change < len(self.route_through().motions):
+            raise ValueError(f"change = {self.change}: expected fewer motions than the route has, and not below 0")
+
+    def route_through(self) -> Route:
+        motions = tuple(CapsuleMotion(*motion) for motion in self.route) or ROUTE.motions
+        half = len(motions) // 2 if self.route else ROUTE.change
+        return Route(self.start, motions, half if self.change is None else self.change)
 
 
 class CasesSettings(_Common, frozen=True, kw_only=True):
@@ -105,7 +123,7 @@ def change_of(case: int) -> Change:
 def places(settings: _Common, trials: int, seed: int) -> Iterator[tuple[Place, tuple[int, ...]]]:
     """Yield each place and the numbers of its trials; tubes of a family take turns."""
     if settings.maps:
-        yield Place(None, 0, settings.maps), tuple(range(trials))
+        yield Place(None, 0, settings.maps, settings.route_through()), tuple(range(trials))
         return
     for family in settings.families:
         for number in range(min(settings.tubes, trials)):
@@ -119,7 +137,7 @@ def _cases(settings: _Common) -> tuple[int, ...]:
 # What a trial measures.
 
 
-def _run_task(task: Task) -> list[Sample]:
+def _run_task(task: Task, calibration: bool = False) -> list[Sample]:
     samples = []
     for number in task.numbers:
         seed = task.trial.seed * 100_003 + number
@@ -137,7 +155,7 @@ def _run_task(task: Task) -> list[Sample]:
                 true = float(happened.maps[-1].removeprefix("end "))
                 measures["error_radius_percent"] = 100.0 * abs(track.radius - true) / true
             samples.append(Sample(factors, measures))
-            if track.maps and trial.filter == "hypotheses":
+            if calibration:
                 samples += _calibration(task, name, happened, track, measures)
     return samples
 
@@ -356,7 +374,7 @@ STUDIES = {
         100,
         HypothesesSettings,
         _hypothesis_tasks,
-        _run_task,
+        partial(_run_task, calibration=True),
         _hypothesis_rows,
         (*_FACTORS, ("noise", "", "noise"), _START, *_ERRORS, *_MAPS, *_CALIBRATION),
         _figures,

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from dynpf.colon import CASES, ROUTE, UNLISTED, Run
+from dynpf.colon import CASES, UNLISTED, Run
 from services.errors import UsageError
-from services.studies.colon_worlds import Change, Place, Track, Trial, follow, grid, run
+from services.studies.colon_worlds import Change, Filter, Noise, Place, Track, Trial, follow, grid, run
 from services.studies.rows import Row
 
 __all__ = ["draw"]
@@ -29,14 +29,21 @@ def draw(place: Place, seed: int, rows: list[Row], folder: Path) -> list[Path]:
 
     written = [_errors(pyplot, rows, folder / "errors.png")]
     cases = [case for case in CASES if place.family is not None or CASES[case].true in "abc"[: len(place.files)]]
-    trials = {}
-    for case in cases:
-        change = Change("a", (CASES[case].true,), CASES[case].told)
-        trial = Trial(place, change, "none", "hypotheses", 100, True, seed)
-        trials[case] = run(trial), follow(trial, run(trial))[0]
-    written.append(_posteriors(pyplot, trials, folder / "maps-over-time.png"))
-    written.append(_clouds(pyplot, place, trials, folder / "cloud-over-time.png"))
+    trials = {case: _followed(place, case, "none", "hypotheses", seed) for case in cases}
+    written.append(_posteriors(pyplot, place, trials, folder / "maps-over-time.png"))
+    filters: dict[str, Filter] = {"the seed's filter": "seed", "hypotheses": "hypotheses"}
+    noisy = {
+        title: {case: _followed(place, case, "3px_5pct", name, seed) for case in cases}
+        for title, name in filters.items()
+    }
+    written.append(_clouds(pyplot, place, noisy, folder / "cloud-over-time.png"))
     return written
+
+
+def _followed(place: Place, case: int, noise: Noise, name: Filter, seed: int) -> tuple[Run, Track]:
+    trial = Trial(place, Change("a", (CASES[case].true,), CASES[case].told), noise, name, 100, True, seed)
+    happened = run(trial)
+    return happened, follow(trial, happened)[0]
 
 
 def _errors(pyplot: Any, rows: list[Row], path: Path) -> Path:
@@ -59,13 +66,13 @@ def _errors(pyplot: Any, rows: list[Row], path: Path) -> Path:
     return _saved(pyplot, figure, path)
 
 
-def _posteriors(pyplot: Any, trials: dict[int, tuple[Run, Track]], path: Path) -> Path:
+def _posteriors(pyplot: Any, place: Place, trials: dict[int, tuple[Run, Track]], path: Path) -> Path:
     """The posterior over maps against the reading, a panel a case."""
     figure, axes = pyplot.subplots(len(trials), 1, figsize=(7, 1.7 * len(trials)), sharex=True, layout="constrained")
     for axis, (case, (happened, track)) in zip(np.atleast_1d(axes), trials.items(), strict=True):
         for name in (*"ab", UNLISTED):
             axis.plot([maps[name] for maps in track.maps], marker=".", label=name)
-        axis.axvline(ROUTE.change + 0.5, color="grey", linestyle=":")
+        axis.axvline(place.route.change + 0.5, color="grey", linestyle=":")
         axis.set(title=f"case {case}: from then on the true map is {happened.maps[-1]}", ylim=(-0.05, 1.05))
         axis.set_ylabel("probability")
     np.atleast_1d(axes)[0].legend()
@@ -73,18 +80,30 @@ def _posteriors(pyplot: Any, trials: dict[int, tuple[Run, Track]], path: Path) -
     return _saved(pyplot, figure, path)
 
 
-def _clouds(pyplot: Any, place: Place, trials: dict[int, tuple[Run, Track]], path: Path) -> Path:
-    """The tube, the route and the particles at every reading, a panel a case."""
-    figure, axes = pyplot.subplots(len(trials), 1, figsize=(9, 3.2 * len(trials)), layout="constrained")
-    for axis, (case, (happened, track)) in zip(np.atleast_1d(axes), trials.items(), strict=True):
-        axis.contour(grid(place, "a").occupied, levels=[0.5], colors="grey", linewidths=0.8)
-        axis.contour(grid(place, happened.maps[-1]).occupied, levels=[0.5], colors="black", linewidths=0.8)
-        for particles in track.clouds:
-            axis.plot(particles[0], particles[1], ".", color="tab:blue", markersize=2, alpha=0.4)
-        axis.plot(*happened.poses[:2], "k+", label="true")
-        axis.plot(*track.poses[:2], "r.", markersize=4, label="estimate")
-        axis.set(title=f"case {case}", aspect="equal", xlim=(40, 960), ylim=(230, 620))
-    np.atleast_1d(axes)[0].legend()
+def _clouds(pyplot: Any, place: Place, trials: dict[str, dict[int, tuple[Run, Track]]], path: Path) -> Path:
+    """The tube near the end of the route and the particles at every reading: a row a case, a column a filter."""
+    cases = list(next(iter(trials.values())))
+    figure, grid_of_axes = pyplot.subplots(
+        len(cases), len(trials), figsize=(10, 3.4 * len(cases)), sharex=True, sharey=True, layout="constrained"
+    )
+    axes = np.reshape(grid_of_axes, (len(cases), len(trials)))
+    x, y = place.route.poses()[:2, place.route.change :]
+    for column, (title, followed) in enumerate(trials.items()):
+        for axis, (case, (happened, track)) in zip(axes[:, column], followed.items(), strict=True):
+            axis.contour(grid(place, "a").occupied, levels=[0.5], colors="grey", linewidths=0.8, linestyles="dashed")
+            axis.contour(grid(place, happened.maps[-1]).occupied, levels=[0.5], colors="black", linewidths=1.0)
+            for number, particles in enumerate(track.clouds):
+                label = "particles" if number == 0 else None
+                axis.plot(particles[0], particles[1], ".", color="tab:blue", markersize=3, alpha=0.5, label=label)
+            axis.plot(*track.poses[:2], "o", color="tab:red", markersize=5, markerfacecolor="none", label="estimate")
+            axis.plot(*happened.poses[:2], "k+", markersize=5, label="true")
+            axis.set(title=f"case {case}, {title}", aspect="equal")
+            axis.set(xlim=(x.min() - 60, x.max() + 140), ylim=(y.min() - 140, y.max() + 140))
+    axes[0, 0].legend(loc="upper left")
+    for axis in axes[-1]:
+        axis.set_xlabel("x in px")
+    for axis in axes[:, 0]:
+        axis.set_ylabel("y in px")
     return _saved(pyplot, figure, path)
 
 

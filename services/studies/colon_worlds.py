@@ -21,7 +21,7 @@ from dynpf.colon import (
 )
 from dynpf.colon.maps import drawn_map, tube_map
 from dynpf.colon.outline import UNIT, Family
-from dynpf.colon.world import timeline
+from dynpf.colon.world import Route, timeline
 from dynpf.filters.start import Uniform, UniformStart
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.maps.raycast import RayCaster
@@ -57,11 +57,12 @@ _MEMBERS = tuple(float(radius) for radius in range(90, 166, 5))
 
 
 class Place(NamedTuple):
-    """Where trials take place: a tube of a family, or the bitmaps of a user for maps a, b and c."""
+    """Where trials take place: a tube of a family, or the bitmaps of a user for maps a, b and c; and by what route."""
 
     family: Family | None
     seed: int
     files: tuple[str, ...] = ()
+    route: Route = ROUTE
 
     @property
     def name(self) -> str:
@@ -75,9 +76,8 @@ class Change(NamedTuple):
     true: tuple[str, ...]
     told: str
 
-    @property
-    def true_maps(self) -> MapTimeline[str]:
-        return timeline(self.before, *self.true)
+    def true_maps(self, route: Route) -> MapTimeline[str]:
+        return timeline(self.before, *self.true, route=route)
 
 
 class Track(NamedTuple):
@@ -99,13 +99,13 @@ def grid(place: Place, name: str) -> OccupancyGrid:
     Raises UsageError for a user's file that is no map.
     """
     if place.family is None:
-        return _drawn(place.files["abc".index(name)])
-    return tube_map(place.family, place.seed, name, ROUTE.poses())
+        return _drawn(place.files["abc".index(name)], place.route)
+    return tube_map(place.family, place.seed, name, place.route.poses())
 
 
-def _drawn(file: str) -> OccupancyGrid:
+def _drawn(file: str, route: Route) -> OccupancyGrid:
     try:
-        return drawn_map(Path(file).read_bytes(), file, ROUTE.poses())
+        return drawn_map(Path(file).read_bytes(), file, route.poses())
     except OSError as error:
         raise UsageError(f"{file}: {error.strerror}") from error
     except ValueError as error:
@@ -131,9 +131,9 @@ class Trial(NamedTuple):
 
 def run(trial: Trial) -> Run:
     """Return what happens in a trial."""
-    true = trial.change.true_maps
+    true = trial.change.true_maps(trial.place.route)
     casters = {name: caster(trial.place, name) for _, name in true.entries}
-    return simulate(casters, true, NOISES[trial.noise].capsule, trial.seed)
+    return simulate(casters, true, NOISES[trial.noise].capsule, trial.seed, trial.place.route)
 
 
 def follow(trial: Trial, happened: Run) -> tuple[Track, ...]:
@@ -144,12 +144,12 @@ def follow(trial: Trial, happened: Run) -> tuple[Track, ...]:
         return (_follow_radius(trial, happened),)
     hypotheses = _hypotheses(trial.place, trial.noise, trial.n, trial.filter == "scheduled")
     start = _stream(trial.seed, 0, "start")
-    belief = hypotheses.start(_known(trial.n)) if trial.known else hypotheses.anywhere(start)
+    belief = hypotheses.start(_known(trial)) if trial.known else hypotheses.anywhere(start)
     change = trial.change
     told = change.told if trial.filter in {"scheduled", "told"} and change.told != change.before else None
     found, clouds = [], []
     for step, ranges in enumerate(happened.ranges.T):
-        said = told if step == ROUTE.change + 1 else None
+        said = told if step == trial.place.route.change + 1 else None
         motion = happened.motions[step - 1] if step else None
         belief, finding = hypotheses.update(belief, motion, ranges, _stream(trial.seed, step, "update"), said)
         found.append(finding)
@@ -171,18 +171,22 @@ def _hypotheses(place: Place, noise: Noise, n: int, scheduled: bool) -> Hypothes
 
 def _follow_seed(trial: Trial, happened: Run) -> tuple[Track, Track]:
     change = trial.change
-    classic, told = _classic(trial.place, change.before, change.told), timeline(change.before, change.told)
+    classic, told = (
+        _classic(trial.place, change.before, change.told),
+        timeline(change.before, change.told, route=trial.place.route),
+    )
     anywhere, start = Uniform(UniformStart(), grid(trial.place, change.before)), _stream(trial.seed, 0, "start")
-    poses = _known(trial.n) if trial.known else anywhere.draw(trial.n, (), start)
+    poses = _known(trial) if trial.known else anywhere.draw(trial.n, (), start)
     cloud = classic.start(poses, _stream(trial.seed, 0, "cloud"))
-    found = []
+    found, clouds = [], []
     for step, ranges in enumerate(happened.ranges.T):
         motion = happened.motions[step - 1] if step else None
         cloud, finding = classic.update(cloud, motion, ranges, _stream(trial.seed, step, "update"), told.at(step))
         found.append(finding)
+        clouds.append(cloud.particles)
     mean = np.stack([finding.pose for finding in found], axis=1)
     program = np.stack([finding.program_pose for finding in found], axis=1)
-    return Track(mean), Track(program)
+    return Track(mean, clouds=clouds), Track(program, clouds=clouds)
 
 
 @lru_cache(maxsize=8)
@@ -192,7 +196,7 @@ def _classic(place: Place, *names: str) -> Classic:
 
 def _follow_radius(trial: Trial, happened: Run) -> Track:
     family = _family(trial.place, trial.noise, trial.n)
-    cloud, poses = family.start(_known(trial.n), RADII["M_1"]), []
+    cloud, poses = family.start(_known(trial), RADII["M_1"]), []
     for step, ranges in enumerate(happened.ranges.T):
         motion = happened.motions[step - 1] if step else None
         cloud, finding = family.update(cloud, motion, ranges, _stream(trial.seed, step, "update"))
@@ -207,8 +211,8 @@ def _family(place: Place, noise: Noise, n: int) -> EndRadius:
     return EndRadius(params, {radius: grid(place, f"end {radius}") for radius in _MEMBERS})
 
 
-def _known(n: int) -> FloatArray:
-    return np.repeat(np.array(ROUTE.start)[:, None], n, axis=1)
+def _known(trial: Trial) -> FloatArray:
+    return np.repeat(np.array(trial.place.route.start)[:, None], trial.n, axis=1)
 
 
 def _stream(seed: int, step: int, purpose: str) -> Stream:

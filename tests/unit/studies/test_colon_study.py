@@ -49,8 +49,13 @@ def test_the_other_studies_say_what_they_measured(
 ) -> None:
     rows = rows_of(capsys, name, "--trials", "1", *FEW[2:], *(word for each in settings for word in ("--set", each)))
     kinds = {(row["case"], row["filter"], row["n"], row["start"], row["noise"]) for row in rows}
-    assert len(kinds) == {"colon-particles": 4 + 4 + 1, "colon-growth": 4 * 3, "colon-hypotheses": 7 + 5}[name]
-    assert all(np.isfinite(row["error_theta_rad_mean"]) for row in rows)
+    assert len(kinds) == {"colon-particles": 4 + 4 + 1, "colon-growth": 4 * 3, "colon-hypotheses": 7 + 5 + 3}[name]
+    assert all(np.isfinite(row["error_theta_rad_mean"]) for row in rows if row["case"] != "all")
+    said = [row for row in rows if "said" in row and row["noise"] == "all" and row["tube"] == "all"]
+    assert sum(row["trials"] for row in said) == (7 * 16 if name == "colon-hypotheses" else 0)
+    for row in said:
+        low, high = (float(number) for number in row["said"].removesuffix(" %").replace("up to", "0 to").split(" to "))
+        assert low <= row["said_percent_mean"] <= high
     if name == "colon-growth":
         assert max(row["error_radius_percent_mean"] for row in rows if row["filter"] == "end_radius") < 2.0
 
@@ -134,3 +139,22 @@ def test_a_drawing_that_is_not_closed_is_told(capsys: pytest.CaptureFixture[str]
     maps = [drawing(tmp_path / "open.png", closed=False)] * 2
     assert main(["study", "colon-cases", "--jobs", "1", "--trials", "1", "--set", f"maps={maps}"]) == 2
     assert f"{maps[0]}: the tube around the route is not closed" in capsys.readouterr().err
+
+
+def test_a_route_of_ones_own_through_maps_of_another_size(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """A straight tube on a small sheet, half as wide as COLON's, with a dent outwards in b."""
+    files = []
+    y, x = np.mgrid[:150, :420]
+    waves = 38.0 + 5.0 * np.sin(x / 17.0)
+    for name, size in (("a", 0.0), ("b", 30.0)):
+        reach = np.where(y > 70, waves + size * np.exp(-0.5 * ((x - 290.0) / 25.0) ** 2), waves)
+        free = (np.abs(y - 70) < reach) & (x > 15) & (x < 400)
+        files.append(str(tmp_path / f"{name}.png"))
+        Image.fromarray(np.where(free, 255, 0).astype(np.uint8)[::-1]).save(files[-1])
+    route = ["start=[60.0,70.0,0.0]", f"route={[[25.0, 0.0]] * 9}", "change=5", f"maps={files}"]
+    words = [word for setting in (*route, "filters=['seed','hypotheses']") for word in ("--set", setting)]
+    rows = rows_of(capsys, "colon-cases", "--trials", "2", "--jobs", "1", *words)
+    ours = [row for row in rows if row["filter"] == "hypotheses" and row["tube"] == "own"]
+    assert [row["case"] for row in ours] == ["1", "2", "3", "4"]
+    assert max(row["error_position_px_mean"] for row in ours) < 3.0
+    assert ours[1]["missed_percent"] == 0.0
