@@ -479,14 +479,7 @@ def _contradictions(scenario: Scenario) -> Iterator[str]:
         yield "simulator: a run that plays a log (needs_log) has no simulator"
     if isinstance(scenario.sensors, LogSensorsConfig) != scenario.needs_log:
         yield "sensors.kind: 'log' and needs_log = true go together"
-    first: dict[tuple[str, str], int] = {}
-    for place, fault in enumerate(scenario.faults):
-        if first.setdefault((fault.topic, fault.to), place) != place:
-            yield f"faults.{place}: {fault.topic} to {fault.to} stands in faults.{first[fault.topic, fault.to]} already"
-        if fault.topic not in TOPICS:
-            yield f"faults.{place}.topic: unknown topic {fault.topic!r}{_nearest(fault.topic, list(TOPICS))}"
-        if fault.to not in nodes:
-            yield f"faults.{place}.to: {fault.to!r} is not a node of this run{_nearest(fault.to, nodes)}"
+    yield from _faulty_faults(scenario)
     if isinstance(scenario.simulator, WorkspaceConfig) and scenario.task is None:
         yield "task: missing; the workspace simulator needs the parts and their goals"
     if scenario.maps and scenario.colon is None:
@@ -495,6 +488,17 @@ def _contradictions(scenario: Scenario) -> Iterator[str]:
         for key, name in scenario.estimator.user_classes:
             if not re.fullmatch(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*", name):
                 yield f"{key}: {name!r}; expected package.module:Name"
+
+
+def _faulty_faults(scenario: Scenario) -> Iterator[str]:
+    first: dict[tuple[str, str], int] = {}
+    for place, fault in enumerate(scenario.faults):
+        if first.setdefault((fault.topic, fault.to), place) != place:
+            yield f"faults.{place}: {fault.topic} to {fault.to} stands in faults.{first[fault.topic, fault.to]} already"
+        if fault.topic not in TOPICS:
+            yield f"faults.{place}.topic: unknown topic {fault.topic!r}{_nearest(fault.topic, list(TOPICS))}"
+        if fault.to not in scenario.nodes:
+            yield f"faults.{place}.to: {fault.to!r} is not a node of this run{_nearest(fault.to, scenario.nodes)}"
 
 
 def override_resolved(resolved: str, overrides: Sequence[str], where: str) -> Scenario:
