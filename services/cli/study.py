@@ -6,12 +6,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from services.studies.catalogue import NAMES
+
 __all__ = ["add_parser"]
 
 
 def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
     parser = commands.add_parser("study", help="an experiment of the source documents: many trials, and what they show")
-    parser.add_argument("name", metavar="NAME", help="such as colon-cases; any other name lists them")
+    parser.add_argument("name", metavar="NAME", help=f"one of {', '.join(NAMES)}")
     parser.add_argument("--trials", type=int, metavar="N", help="trials of each setting (default: the study's own)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of everything random (default: 1)")
     parser.add_argument(
