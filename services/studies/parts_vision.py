@@ -28,7 +28,7 @@ from services.simulator.camera import CameraParams, DrawnDisc, board_discs, enco
 from services.simulator.config import WorkspaceConfig
 from services.simulator.workspace import draw_starts
 from services.studies.disc_scenes import KINDS, draw_scene, score
-from services.studies.parts import LAYOUTS, NOISE, RADII, layout_task
+from services.studies.parts import LAYOUTS, RADII, layout_task
 from services.studies.rows import Row, Sample, summarized
 from services.studies.study import Study
 from services.vision.config import VisionConfig
@@ -151,13 +151,7 @@ def _scenario(part: _Run) -> Scenario:
     parts = ", ".join(
         f"{{ radius = {radius}, goal = [{x}, {y}] }}" for radius, (x, y) in zip(RADII[3], LAYOUTS[layout], strict=True)
     )
-    variance = NOISE[part.noise]
-    overrides = (
-        f"task.parts=[{parts}]",
-        f"vision.position_noise_m={math.sqrt(variance)}",
-        f"estimator.measurement_variance={max(variance, 1e-7)}",  # of the camera alone: 0.3 mm, squared
-        f"estimator.n={part.n}",
-    )
+    overrides = (f"task.parts=[{parts}]", f"task.noise={part.noise}", f"estimator.n={part.n}")
     seed = int(generator(part.seed, f"{layout} vision", part.trial).integers(2**31))
     return load_scenario(SCENARIO, overrides=overrides, seed=seed)
 
