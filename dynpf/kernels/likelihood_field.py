@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from dynpf.kernels.compiler import kernel
+from dynpf.kernels.compiler import device, kernel
 from dynpf.kernels.elementary import sincos
 from dynpf.kernels.philox import BLOCK
 
 __all__ = ["find_beam_ends", "sum_over_beams"]
 
 _f = np.float32
+_TOGETHER = 4  # beams whose cells are looked up in one pass
 _ZERO, _FAR, _IMPOSSIBLE = _f(0.0), _f(1e30), _f(-np.inf)
 
 
@@ -45,7 +46,8 @@ def sum_over_beams(x, y, theta, ends_x, ends_y, table, frame, out):
     column and row in cells, and cells a metre. The table has a border of one cell, where everything outside ends.
     A pose that is not finite gets -inf.
 
-    Cells are found for one beam and a block of particles at a time, in a loop of their own, and then looked up.
+    Cells are found for some beams and a block of particles, in a loop that becomes a vector's, and then looked up: the
+    sum waits in a register for as many beams. It is taken in the beams' order, so their number changes no bit.
     """
     rows, columns = table.shape
     cells = table.reshape(-1)
@@ -54,7 +56,9 @@ def sum_over_beams(x, y, theta, ends_x, ends_y, table, frame, out):
     row = np.empty(BLOCK, dtype=np.float32)
     cosine = np.empty(BLOCK, dtype=np.float32)
     sine = np.empty(BLOCK, dtype=np.float32)
-    cell = np.empty(BLOCK, dtype=np.int32)
+    cell = np.empty((_TOGETHER, BLOCK), dtype=np.uint32)
+    first, second, third, fourth = cell[0], cell[1], cell[2], cell[3]
+    together = ends_x.size - ends_x.size % _TOGETHER
     total = np.empty(BLOCK, dtype=np.float32)
     frame_sine, frame_cosine = sincos(frame[0])
     scale = frame[3]
@@ -74,15 +78,28 @@ def sum_over_beams(x, y, theta, ends_x, ends_y, table, frame, out):
             row[i] = row[i] if somewhere else _ZERO
             sine[i] = sine[i] if somewhere else _ZERO
             cosine[i] = cosine[i] if somewhere else _ZERO
-        for beam in range(ends_x.size):
+        for beam in range(0, together, _TOGETHER):
+            for lane in range(_TOGETHER):
+                along, across = ends_x[beam + lane], ends_y[beam + lane]
+                _find_cells(column, row, cosine, sine, along, across, last_column, last_row, width, size, cell[lane])
+            for i in range(size):
+                total[i] = (((total[i] + cells[first[i]]) + cells[second[i]]) + cells[third[i]]) + cells[fourth[i]]
+        for beam in range(together, ends_x.size):
             along, across = ends_x[beam], ends_y[beam]
+            _find_cells(column, row, cosine, sine, along, across, last_column, last_row, width, size, first)
             for i in range(size):
-                c = column[i] + cosine[i] * along - sine[i] * across
-                r = row[i] + sine[i] * along + cosine[i] * across
-                c = min(max(c, _ZERO), last_column)
-                r = min(max(r, _ZERO), last_row)
-                cell[i] = np.int32(r) * width + np.int32(c)
-            for i in range(size):
-                total[i] += cells[cell[i]]
+                total[i] += cells[first[i]]
         for i in range(size):
             result[i] = total[i]
+
+
+@device
+def _find_cells(column, row, cosine, sine, along, across, last_column, last_row, width, size, cell):
+    """Write to ``cell`` (N,) the number of the cell where a beam ends, for ``size`` particles."""
+    for i in range(size):
+        c = column[i] + cosine[i] * along - sine[i] * across
+        r = row[i] + sine[i] * along + cosine[i] * across
+        c = min(max(c, _ZERO), last_column)
+        r = min(max(r, _ZERO), last_row)
+        # Without a sign: an index that might be negative, from the end, costs a comparison at each look.
+        cell[i] = np.uint32(np.int32(r) * width + np.int32(c))

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
+from dynpf.fields.flow import DescentFlow
 from dynpf.filters.adaptation import (
     Augmented,
     AugmentedParams,
@@ -37,13 +38,14 @@ from dynpf.measurement.unknown_landmarks import UnknownLandmarks, UnknownLandmar
 from dynpf.motion.arcs import Arcs, ArcsParams
 from dynpf.motion.calibration import CalibratedArcs
 from dynpf.motion.capsule import CapsuleMotion, CapsuleStep, CapsuleStepParams
+from dynpf.motion.gradient_flow import GradientFlow
 from dynpf.motion.linear import LinearGaussian, LinearGaussianParams
 from dynpf.motion.model import Displacement, GaussianMotion, MotionModel, Twist
 from dynpf.motion.odometry import OdometryMotion, OdometryParams
 from dynpf.motion.velocity import Velocity, VelocityParams
 from dynpf.se2 import arc_chord, arc_displacement
 from services.errors import ScenarioError
-from services.estimator.config import LocalizationConfig, SirParams, UserComponent
+from services.estimator.config import GradientFlowTable, LocalizationConfig, SirParams, UserComponent
 from services.estimator.localizers import CloudFilter, GaussianLocalizer, Localizer, ParticleLocalizer
 from services.estimator.readings import TOPICS
 from services.estimator.user_components import Classes, made, required_methods
@@ -85,6 +87,8 @@ def motion_of(config: LocalizationConfig, maps: Maps, classes: Classes) -> Motio
             return Motion(CapsuleStep(table), _turn_and_way)
         case LinearGaussianParams():
             return _linear(table)
+        case GradientFlowTable():
+            return Motion(GradientFlow(table, DescentFlow(table.field)), lambda moved: moved.duration)
         case UserComponent():
             model = made(table, "estimator.motion", (MotionModel,), classes, maps._asdict())
             control = getattr(type(model), "control", Twist)

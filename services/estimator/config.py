@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
+from dynpf.fields.flow import DescentFlowParams
 from dynpf.filters.adaptation import AugmentedParams, KldParams, SensorResettingParams
 from dynpf.filters.extended import ExtendedKalmanParams
 from dynpf.filters.health import HealthParams
@@ -24,6 +25,7 @@ from dynpf.measurement.unknown_landmarks import UnknownLandmarksParams
 from dynpf.motion.arcs import ArcsParams
 from dynpf.motion.calibration import CalibrationParams
 from dynpf.motion.capsule import CapsuleStepParams
+from dynpf.motion.gradient_flow import GradientFlowParams
 from dynpf.motion.linear import LinearGaussianParams
 from dynpf.motion.odometry import OdometryParams
 from dynpf.motion.velocity import VelocityParams
@@ -51,8 +53,22 @@ class SirParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     threads: Annotated[int, Meta(ge=1, le=64)] = 1  # that share the work on many particles; the results are the same
 
 
+class GradientFlowTable(GradientFlowParams, frozen=True, kw_only=True, tag="gradient_flow"):
+    """A robot that descends a potential to its goal (PARTS); of its odometry, only the times count."""
+
+    field: DescentFlowParams
+
+
 FilterTable = SirParams | ExtendedKalmanParams | UnscentedKalmanParams | UserComponent
-MotionTable = ArcsParams | VelocityParams | OdometryParams | CapsuleStepParams | LinearGaussianParams | UserComponent
+MotionTable = (
+    ArcsParams
+    | VelocityParams
+    | OdometryParams
+    | CapsuleStepParams
+    | LinearGaussianParams
+    | GradientFlowTable
+    | UserComponent
+)
 MeasurementTable = (
     RangeBearingParams
     | UnknownLandmarksParams

@@ -38,6 +38,14 @@ COMPOSITIONS: dict[str, dict[str, Any]] = {
             "input": [[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]],
         }
     },
+    "gradient_flow": {
+        "motion": {
+            "kind": "gradient_flow",
+            "variance": 1e-4,
+            "turn_variance": 1e-3,
+            "field": {"goal": [0.5, 0.8], "speed": 0.3, "discs": [[0.0, 0.2, 0.1]]},
+        }
+    },
     "range_bearing": {"measurement": "range_bearing"},
     "unknown_landmarks": {"measurement": "unknown_landmarks"},
     "likelihood_field": {"measurement": "likelihood_field"},
