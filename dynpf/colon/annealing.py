@@ -46,7 +46,7 @@ def annealed(
     """Weigh a cloud by a likelihood, layer by layer, each layer with ``count`` particles.
 
     ``likelihood`` takes particles (D, N) and their ancestors (N,), and returns log-likelihoods (N,) and what else it
-    found. A third of the survivors are drawn for what ``reserve`` makes of that, probabilities (N,), and weigh the less:
+    found. A third of the survivors is drawn for what ``reserve`` makes of it, probabilities (N,), and weighs the less:
     so an explanation that is not likely yet keeps particles of its own. At the twelfth layer what is still left of the
     likelihood is let go: it would take an outlier for the truth.
     """
