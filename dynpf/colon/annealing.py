@@ -10,7 +10,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from dynpf import kernels
-from dynpf.filters.cloud import Cloud, gathered, weighted_cloud
+from dynpf.filters.cloud import Cloud, effective_sample_size, gathered, weighted_cloud
 from dynpf.filters.regularization import GaussianKernel
 from dynpf.filters.resampling import Indices, systematic
 from dynpf.rng import Stream
@@ -20,7 +20,7 @@ __all__ = ["Annealed", "annealed", "bearable_share"]
 
 _MOST_LAYERS = 12
 _KERNEL = GaussianKernel(shrink=True, scale=0.5)
-_RESERVED = 0.5
+_RESERVED = 1.0 / 3.0
 
 EvidenceT = TypeVar("EvidenceT")
 
@@ -46,14 +46,14 @@ def annealed(
     """Weigh a cloud by a likelihood, layer by layer, each layer with ``count`` particles.
 
     ``likelihood`` takes particles (D, N) and their ancestors (N,), and returns log-likelihoods (N,) and what else it
-    found. Half of the survivors are drawn for what ``reserve`` makes of that, probabilities (N,), and weigh the less:
+    found. A third of the survivors is drawn for what ``reserve`` makes of it, probabilities (N,), and weighs the less:
     so an explanation that is not likely yet keeps particles of its own. At the twelfth layer what is still left of the
     likelihood is let go: it would take an outlier for the truth.
     """
     particles, log_weights = cloud.particles, cloud.log_weights
     ancestors = np.arange(particles.shape[1], dtype=np.int32)
     # Weights that make up for a reserve are uneven to begin with.
-    left, kept = 1.0, 0.5 if reserve is None else 0.25
+    left, kept = 1.0, 0.5 if reserve is None else 0.4
     for layer in range(1, _MOST_LAYERS + 1):
         log_likelihood, evidence = likelihood(particles, ancestors)
         share = bearable_share(log_weights, log_likelihood, left, kept)
@@ -64,9 +64,13 @@ def annealed(
         draws = stream.part(f"layer {layer}")
         odds = weighted.weights if reserve is None else _reserved(weighted.weights, reserve(evidence))
         chosen = systematic(odds, draws.part("resampling").uniform(), count)
-        particles = _inflated(_KERNEL.spread(gathered(particles, chosen), weighted, draws.part("kernel")), weighted)
         ancestors = ancestors[chosen]
         log_weights = (np.log(weighted.weights[chosen] / odds[chosen]) - math.log(count)).astype(np.float32)
+        drawn = effective_sample_size(np.exp(log_weights))
+        worth = max(1.0 / (1.0 / weighted.n_eff + 1.0 / drawn), 2.0)
+        particles = _inflated(
+            _KERNEL.spread(gathered(particles, chosen), weighted, draws.part("kernel")), weighted, worth
+        )
     return Annealed(weighted, ancestors, evidence, layer)
 
 
@@ -78,10 +82,10 @@ def _reserved(weights: Floats, probabilities: Floats) -> Floats:
     return odds / np.sum(odds, dtype=np.float64).astype(np.float32)
 
 
-def _inflated(particles: Floats, weighted: Cloud) -> Floats:
+def _inflated(particles: Floats, weighted: Cloud, worth: float) -> Floats:
     """Return particles (D, N) farther from the mean of the cloud that they were drawn from, by what so few leave out.
 
-    The mean of n_eff draws is off by 1 / n_eff of their variance, and the variance about that mean is as much too
+    The mean of ``worth`` draws is off by 1 / worth of their variance, and the variance about that mean is as much too
     small. What a layer forgets the next ones do not know of: without, the cloud would shrink to less than its error, as
     ensembles of Kalman filters do (Bocquet, 2011: an ensemble of n is worth a variance larger by 1 + 1 / n).
     """
@@ -89,8 +93,7 @@ def _inflated(particles: Floats, weighted: Cloud) -> Floats:
     mean[2] = circular_mean(weighted.particles[2], weighted.weights)
     deviation = particles - mean[:, None]
     deviation[2] = wrap_angle(deviation[2])
-    n_eff = max(float(weighted.n_eff), 2.0)
-    inflated: Floats = (mean[:, None] + math.sqrt((n_eff + 1.0) / (n_eff - 1.0)) * deviation).astype(particles.dtype)
+    inflated: Floats = (mean[:, None] + math.sqrt((worth + 1.0) / (worth - 1.0)) * deviation).astype(particles.dtype)
     return inflated
 
 

@@ -414,7 +414,7 @@ class Hypotheses:
     def _finding(self, belief: Belief) -> Finding:
         best = dominant_mode(belief.cloud)
         joint = belief.cloud.weights.astype(np.float64) * belief.maps
-        posterior = joint.sum(axis=1) / joint.sum()
+        posterior = joint.sum(axis=1) / joint.sum(axis=1).sum()
         likeliest = int(posterior.argmax())
         changed_at = float(np.sum(joint[likeliest] * belief.since[likeliest]) / joint[likeliest].sum())
         unlisted = (joint[-1] + 1e-30) / np.sum(joint[-1] + 1e-30)
