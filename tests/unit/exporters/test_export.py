@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from evo.tools import file_interface
 
 from protocol.codec import encode
 from protocol.envelope import Envelope
@@ -138,7 +139,6 @@ def test_missing_packages_are_named_with_what_to_install(
 
 
 def test_evo_reads_a_trajectory(log: Path, tmp_path: Path) -> None:
-    file_interface = pytest.importorskip("evo.tools.file_interface", reason="the package evo is not installed")
     output = tmp_path / "truth.tum"
     assert main(["export", str(log), "--format", "tum", "-o", str(output)]) == 0
     trajectory = file_interface.read_tum_trajectory_file(str(output))
