@@ -51,9 +51,11 @@ class RearrangementControllerConfig(
     max_sigma: Positive = 0.01  # a sigma counts for no more than this in a margin
     clearance_rate: Share = 0.3  # share of a clearance beyond its margin that a tick may use up
 
-    grip_gap: NonNegative = 0.04  # gap to the target below which the jaws close, plus ...
-    grip_sigmas: NonNegative = 3.0  # ... this many sigmas of robot and part together
-    grip_angle: Positive = 0.15  # how far aside it may then be
+    # The jaws close when the gap to the target exceeds neither the reach nor so many sigmas of robot and part together
+    # by more than the slack: later, the robot might touch it; earlier, they pull it farther than need be.
+    grip_sigmas: NonNegative = 3.0
+    grip_slack: NonNegative = 0.003
+    grip_angle: Positive = 0.05  # how far aside it may then be
     placed: NonNegative = 0.003  # distance from the goal at which a part is put down, plus ...
     placed_sigmas: NonNegative = 0.75
     reopened: NonNegative = 0.012  # distance at which a part is no longer home, plus ...

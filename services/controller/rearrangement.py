@@ -223,7 +223,8 @@ class RearrangementController:
         most = self._config.max_turn_rate * self._tick_s
         turn = np.array([0.0, 0.0, min(max(aside, -most), most)])
         config = self._config
-        near = config.grip_gap + config.grip_sigmas * float(scene.sigmas_between(config.max_sigma)[subtask.part])
+        doubt = config.grip_sigmas * float(scene.sigmas_between(config.max_sigma)[subtask.part])
+        near = config.grip_slack + max(self._layout.reach, doubt)
         blur = config.blur_sigmas * scene.bearing_sigma(subtask.part, config.max_sigma)
         close = self._gap(scene, subtask) <= near and abs(aside) <= config.grip_angle + blur
         return self._follow(motion._replace(step=motion.step + turn), grip=close)

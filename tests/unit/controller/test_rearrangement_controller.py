@@ -84,7 +84,7 @@ def test_closes_the_gripper_only_close_and_aligned():
     bench = Bench()
     target = bench.decide().target
     x, y = AWAY[target]
-    for gap, aside, expected in ((0.10, 0.0, False), (0.02, 0.5, False), (0.02, 0.0, True)):
+    for gap, aside, expected in ((0.10, 0.0, False), (0.03, 0.0, False), (0.012, 0.5, False), (0.012, 0.0, True)):
         robot = (x - 0.1 - RADII[target] - gap, y)
         command = bench.decide(robot=robot, theta=aside)
         assert (command.mode, command.grip) == ("mate", expected)
