@@ -129,10 +129,10 @@ class FromReadings:
     """Poses in proportion to the likelihood of the readings of the moment, chosen among many candidates.
 
     Candidates come from the first reading whose model can tell where it may have been taken (``poses``), else from the
-    base; a box of the base bounds both. A systematic comb through their likelihoods leaves the poses: likely ones several times, so that a filter
-    must move or spread them. Candidates that a reading has proposed are weighed by it once more, which draws them
-    closer to it than its noise would. Where no reading tells anything, or no candidate explains them, the candidates
-    are chosen evenly.
+    base; a box of the base bounds both. A systematic comb through their likelihoods leaves the poses: likely ones
+    several times, so that a filter must move or spread them. Candidates that a reading has proposed are weighed by it
+    once more, which draws them closer to it than its noise would. Where no reading tells anything, or no candidate
+    explains them, the candidates are chosen evenly.
     """
 
     def __init__(self, params: FromReadingsStart, models: Models, base: Uniform) -> None:
