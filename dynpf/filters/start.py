@@ -7,6 +7,7 @@ from typing import Annotated, Any, Protocol, runtime_checkable
 import msgspec
 import numpy as np
 from msgspec import Meta
+from numpy.typing import NDArray
 
 from dynpf.filters.adaptation import PoseSource
 from dynpf.filters.cloud import gathered, normalized_weights
@@ -104,6 +105,15 @@ class Uniform:
             poses[2] = self.params.theta
         return poses
 
+    def within(self, poses: Floats) -> NDArray[np.bool_]:
+        """Return which of the poses (3, N) lie in the box, (N,); without a box all of them."""
+        box = self.params.box
+        if box is None:
+            return np.ones(poses.shape[1], dtype=np.bool_)
+        x, y = poses[:2]
+        inside: NDArray[np.bool_] = (box.x_min <= x) & (x <= box.x_max) & (box.y_min <= y) & (y <= box.y_max)
+        return inside
+
     def _anywhere(self, count: int, stream: Stream) -> Floats:
         box = self.params.box
         if box is not None:
@@ -119,13 +129,13 @@ class FromReadings:
     """Poses in proportion to the likelihood of the readings of the moment, chosen among many candidates.
 
     Candidates come from the first reading whose model can tell where it may have been taken (``poses``), else from the
-    base. A systematic comb through their likelihoods leaves the poses: likely ones several times, so that a filter
-    must move or spread them. Candidates that a reading has proposed are weighed by it once more, which draws them
-    closer to it than its noise would. Where no reading tells anything, or no candidate explains them, the candidates
-    are chosen evenly.
+    base; a box of the base bounds both. A systematic comb through their likelihoods leaves the poses: likely ones
+    several times, so that a filter must move or spread them. Candidates that a reading has proposed are weighed by it
+    once more, which draws them closer to it than its noise would. Where no reading tells anything, or no candidate
+    explains them, the candidates are chosen evenly.
     """
 
-    def __init__(self, params: FromReadingsStart, models: Models, base: PoseSource) -> None:
+    def __init__(self, params: FromReadingsStart, models: Models, base: Uniform) -> None:
         self.params = validated(params)
         self.models = models
         self.base = base
@@ -142,7 +152,8 @@ class FromReadings:
             if isinstance(model, SamplesPoses):
                 candidates = model.poses(reading, total, stream.part("poses"))
                 break
-        weights, _ = normalized_weights(self.models.log_likelihood(candidates, evidence))
+        likelihood = self.models.log_likelihood(candidates, evidence)
+        weights, _ = normalized_weights(np.where(self.base.within(candidates), likelihood, np.float32(-np.inf)))
         return gathered(candidates, systematic(weights, stream.part("comb").uniform(), count))
 
 

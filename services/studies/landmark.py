@@ -66,7 +66,7 @@ FILTERS: Mapping[str, tuple[str, ...]] = {
 MODELS: Mapping[str, tuple[tuple[str, ...], Change | None]] = {
     "as in the scenario": ((), None),
     "no calibration": (("estimator.calibration={turn_scale_sigma=0.0,turn_scale_walk=0.0}",), None),
-    "turn scale alone": (("estimator.calibration={}",), None),
+    "turn scale alone": (("estimator.calibration={turn_scale_sigma=0.15}",), None),
     "and range scale": (("estimator.calibration.range_scale_sigma=0.03",), None),
     "and odometry lag": (("estimator.calibration.lag_sigma=0.1",), None),
     "no gate": (("estimator.measurement.0.gate=1e9", "estimator.measurement.0.outlier_fraction=0.0"), None),

@@ -115,6 +115,8 @@ def test_poses_from_readings_lie_where_the_readings_are_likely(model: Position) 
     assert poses.shape == (3, 4000)
     assert poses.dtype == np.float32
     assert poses[0].mean() == pytest.approx(1.0, abs=0.05)
+    assert poses[1].min() >= BOX.y_min  # what a reading proposes is bounded, too; half of the ring is below
+    assert poses[1].max() <= BOX.y_max
     # From the box the spread is the reading's; the ring of unit variance is narrowed by it: 1 / (1 + 4).
     expected = 0.5 if type(model) is Position else math.sqrt(0.2)
     assert poses[0].std() == pytest.approx(expected, rel=0.05)
