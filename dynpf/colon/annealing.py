@@ -51,8 +51,8 @@ def annealed(
 
     ``likelihood`` takes particles (D, N) and their ancestors (N,), and returns log-likelihoods (N,) and what else it
     found. Up to a third of the survivors is drawn for what ``reserve`` makes of it, probabilities (N,), and weighs the
-    less: so an explanation that is not likely yet keeps particles of its own. At the twelfth layer what is still left of the
-    likelihood is let go: it would take an outlier for the truth.
+    less: so an explanation that is not likely yet keeps particles of its own. At the twelfth layer what is still left
+    of the likelihood is let go: it would take an outlier for the truth.
     """
     particles, log_weights = cloud.particles, cloud.log_weights
     ancestors = np.arange(particles.shape[1], dtype=np.int32)
