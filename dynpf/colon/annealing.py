@@ -19,8 +19,12 @@ from dynpf.se2 import Floats, circular_mean, wrap_angle
 __all__ = ["Annealed", "annealed", "bearable_share"]
 
 _MOST_LAYERS = 12
-_KERNEL = GaussianKernel(shrink=True, scale=0.5)
-_RESERVED = 1.0 / 3.0
+_KEPT = 0.5
+_KERNEL = GaussianKernel(shrink=True)
+# Of the survivors for what has a reserve: ten times its probability, up to a third.
+_RESERVED, _MOST_RESERVED = 10.0, 1.0 / 3.0
+# Measured: with 1 and half as wide a kernel 75 % of poses lie in their 90 % region at n = 100, with these 85 to 95 %.
+_UNCERTAIN = 1.5
 
 EvidenceT = TypeVar("EvidenceT")
 
@@ -46,17 +50,16 @@ def annealed(
     """Weigh a cloud by a likelihood, layer by layer, each layer with ``count`` particles.
 
     ``likelihood`` takes particles (D, N) and their ancestors (N,), and returns log-likelihoods (N,) and what else it
-    found. A third of the survivors is drawn for what ``reserve`` makes of it, probabilities (N,), and weighs the less:
-    so an explanation that is not likely yet keeps particles of its own. At the twelfth layer what is still left of the
-    likelihood is let go: it would take an outlier for the truth.
+    found. Up to a third of the survivors is drawn for what ``reserve`` makes of it, probabilities (N,), and weighs the
+    less: so an explanation that is not likely yet keeps particles of its own. At the twelfth layer what is still left
+    of the likelihood is let go: it would take an outlier for the truth.
     """
     particles, log_weights = cloud.particles, cloud.log_weights
     ancestors = np.arange(particles.shape[1], dtype=np.int32)
-    # Weights that make up for a reserve are uneven to begin with.
-    left, kept = 1.0, 0.5 if reserve is None else 0.4
+    left = 1.0
     for layer in range(1, _MOST_LAYERS + 1):
         log_likelihood, evidence = likelihood(particles, ancestors)
-        share = bearable_share(log_weights, log_likelihood, left, kept)
+        share = bearable_share(log_weights, log_likelihood, left, _KEPT)
         weighted, _ = weighted_cloud(particles, log_weights + np.float32(share) * log_likelihood)
         left -= share
         if left <= 0.0 or layer == _MOST_LAYERS:
@@ -67,7 +70,7 @@ def annealed(
         ancestors = ancestors[chosen]
         log_weights = (np.log(weighted.weights[chosen] / odds[chosen]) - math.log(count)).astype(np.float32)
         drawn = effective_sample_size(np.exp(log_weights))
-        worth = max(1.0 / (1.0 / weighted.n_eff + 1.0 / drawn), 2.0)
+        worth = max(1.0 / (1.0 / weighted.n_eff + 1.0 / drawn), 2.0 * _UNCERTAIN)
         particles = _inflated(
             _KERNEL.spread(gathered(particles, chosen), weighted, draws.part("kernel")), weighted, worth
         )
@@ -75,10 +78,11 @@ def annealed(
 
 
 def _reserved(weights: Floats, probabilities: Floats) -> Floats:
-    """Return odds (N,) of survival, of which ``_RESERVED`` is for what has these probabilities (N,), however small."""
+    """Return odds (N,) of survival, of which more than its share is for what has these probabilities (N,)."""
     of_interest = weights * probabilities
     total = max(float(np.sum(of_interest, dtype=np.float64)), 1e-30)
-    odds: Floats = np.float32(1.0 - _RESERVED) * weights + np.float32(_RESERVED / total) * of_interest
+    reserved = min(_RESERVED * total, _MOST_RESERVED)
+    odds: Floats = np.float32(1.0 - reserved) * weights + np.float32(reserved / total) * of_interest
     return odds / np.sum(odds, dtype=np.float64).astype(np.float32)
 
 
@@ -93,7 +97,9 @@ def _inflated(particles: Floats, weighted: Cloud, worth: float) -> Floats:
     mean[2] = circular_mean(weighted.particles[2], weighted.weights)
     deviation = particles - mean[:, None]
     deviation[2] = wrap_angle(deviation[2])
-    inflated: Floats = (mean[:, None] + math.sqrt((worth + 1.0) / (worth - 1.0)) * deviation).astype(particles.dtype)
+    inflated: Floats = (mean[:, None] + math.sqrt((worth + _UNCERTAIN) / (worth - _UNCERTAIN)) * deviation).astype(
+        particles.dtype
+    )
     return inflated
 
 

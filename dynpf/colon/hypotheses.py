@@ -66,7 +66,7 @@ class HypothesesParams(
     sigma_map: Positive = 1.0  # of a range, in a map that is right: particles are no denser
     sigma_range: NonNegative = 0.0  # of the sensor's noise
     outliers: OutlierShare = 0.002  # share of ranges that mean nothing
-    change: Share = 0.03  # probability that a map gives way to another within a step
+    change: Share = 0.015  # probability that a map gives way to another within a step
     told: Share = 0.5  # the same when the filter has been told so
     deviation: Positive = 25.0  # of a wall that has moved to where nobody knows
     length: Positive = 35.0  # along the wall over which displacements are alike

@@ -20,7 +20,8 @@ _WIDE_SHARE = _f(0.07)
 _NOWHERE = _i(-1)
 _SLANT = _i(3)  # px over which the wall's slope is taken
 # Where a bulge reaches out by less than the first share of its height it is not there, by more than the second it is.
-_LEAST_REACH, _FULL_REACH = _f(0.05), _f(0.25)
+_LEAST_REACH, _OVER_FULL_REACH = _f(0.05), _f(4.0)
+_FAR = _f(1e6)  # steep: beyond the least reach at once
 _TINY, _LEAST_BLAME = _f(1e-30), _f(1e-3)
 
 
@@ -209,6 +210,13 @@ def bulged(
     beams, count = places.shape
     bulges = heights.shape[1]
     parts = np.empty(bulges + 1, dtype=np.float32)
+    width = near.shape[1]
+    reaches, height, variance, told = (
+        np.empty(width, dtype=np.float32),
+        np.empty(width, dtype=np.float32),
+        np.empty(width, dtype=np.float32),
+        np.empty(width, dtype=np.float32),
+    )
     for i in range(count):
         base = _ZERO
         for beam in range(beams):
@@ -218,23 +226,30 @@ def bulged(
             if j < _i(0):
                 continue
             k, f = following[j], shares[beam, i]
-            as_before = still[beam, i]
-            for w in range(near.shape[1]):
+            for w in range(width):
                 s = near[j, w]
-                reach = (_ONE - f) * shapes[s, j] + f * shapes[s, k]
-                if reach < _LEAST_REACH:
-                    continue
-                moved = min(reach / _FULL_REACH, _ONE)
-                spread = np.sqrt(reach * reach * variances[i, s] + noise[beam, i])
-                error = stopped_at[beam, i] - reach * heights[i, s]
-                stopped = moved * (_ONE - outliers) * facings[beam, i] * normal_density(error, spread)
+                reaches[w] = (_ONE - f) * shapes[s, j] + f * shapes[s, k]
+                height[w], variance[w] = heights[i, s], variances[i, s]
+            as_before, noisy, stopped_here = still[beam, i], noise[beam, i], stopped_at[beam, i]
+            facing = (_ONE - outliers) * facings[beam, i]
+            for w in range(width):  # apart from what is looked up: so it vectorizes
+                reach = reaches[w]
+                moved = min(max(reach - _LEAST_REACH, _ZERO) * _FAR, reach * _OVER_FULL_REACH)
+                moved = min(moved, _ONE)
+                explained = reach * reach * variance[w]
+                error = stopped_here - reach * height[w]
+                stopped = moved * facing * normal_density(error, np.sqrt(explained + noisy))
                 likelihood = stopped + (_ONE - moved) * as_before + moved * nothing
-                log_shapes[i, s] += log(likelihood / as_before)
+                told[w] = log((likelihood + _TINY) / (as_before + _TINY))
                 blame = stopped / max(likelihood, _TINY)
-                if blame > _LEAST_BLAME:
-                    gain = reach * variances[i, s] / (reach * reach * variances[i, s] + noise[beam, i] / blame)
-                    heights[i, s] += gain * error
-                    variances[i, s] *= _ONE - gain * reach
+                blame = blame if blame > _LEAST_BLAME else _ZERO
+                gain = blame * reach * variance[w] / (blame * explained + noisy)
+                height[w] += gain * error
+                variance[w] *= _ONE - gain * reach
+            for w in range(width):
+                s = near[j, w]
+                log_shapes[i, s] += told[w]
+                heights[i, s], variances[i, s] = height[w], variance[w]
         log_shapes[i, bulges] += generic[i] - base
         most = log_shapes[i, 0]
         for s in range(bulges + 1):

@@ -115,8 +115,7 @@ def bulged(  # noqa: PLR0917 - likewise
         after[i, :-1] += np.where(there, np.log(likelihood / still[b, i]), 0.0)
         blame = stopped / likelihood
         learnt = there & (blame > LEAST_BLAME)
-        with np.errstate(divide="ignore"):
-            gain = np.where(learnt, reach * variance[i] / (reach**2 * variance[i] + noise[b, i] / blame), 0.0)
+        gain = np.where(learnt, blame, 0.0) * reach * variance[i] / (blame * reach**2 * variance[i] + noise[b, i])
         mean[i] += gain * error
         variance[i] *= 1.0 - gain * reach
     after[:, -1] += generic - base
