@@ -10,6 +10,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from dynpf import kernels
+from dynpf.colon import exact
 from dynpf.filters.cloud import Cloud, effective_sample_size, gathered, weighted_cloud
 from dynpf.filters.regularization import GaussianKernel
 from dynpf.filters.resampling import Indices, systematic
@@ -68,8 +69,8 @@ def annealed(
         odds = weighted.weights if reserve is None else _reserved(weighted.weights, reserve(evidence))
         chosen = systematic(odds, draws.part("resampling").uniform(), count)
         ancestors = ancestors[chosen]
-        log_weights = (np.log(weighted.weights[chosen] / odds[chosen]) - math.log(count)).astype(np.float32)
-        drawn = effective_sample_size(np.exp(log_weights))
+        log_weights = exact.log(weighted.weights[chosen] / odds[chosen] / count)
+        drawn = effective_sample_size(exact.exp(log_weights))
         worth = max(1.0 / (1.0 / weighted.n_eff + 1.0 / drawn), 2.0 * _UNCERTAIN)
         particles = _inflated(
             _KERNEL.spread(gathered(particles, chosen), weighted, draws.part("kernel")), weighted, worth

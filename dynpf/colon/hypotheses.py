@@ -15,6 +15,7 @@ import numpy as np
 from msgspec import Meta
 
 from dynpf import kernels
+from dynpf.colon import exact
 from dynpf.colon.annealing import annealed, bearable_share
 from dynpf.colon.beams import ANGLES, Noise, checked_ranges, dominant_mode, expected_ranges, listed_log_likelihood
 from dynpf.colon.wall import Wall
@@ -241,12 +242,12 @@ class Hypotheses:
         params = self.params
         unknown, height, variance = self._unbulged(belief.reference, 1)
         unknown[0, :-1] = self._begun(belief)
-        old, new = (1 - fresh)[:, None] * np.exp(belief.log_shapes), fresh[:, None] * np.exp(unknown)
+        old, new = (1 - fresh)[:, None] * exact.exp(belief.log_shapes), fresh[:, None] * exact.exp(unknown)
         shapes = old + new + np.float32(1e-30)
         kept = (old / shapes)[:, :-1]
         off = belief.heights - height
         return belief._replace(
-            log_shapes=np.log(shapes),
+            log_shapes=exact.log(shapes),
             heights=height + kept * off,
             height_variances=kept * belief.height_variances
             + (1 - kept) * (variance + kept * off**2)
@@ -272,14 +273,14 @@ class Hypotheses:
         height, width = grid.cells.shape
         nodes = wall.node[row.astype(int).clip(0, height - 1), column.astype(int).clip(0, width - 1)]
         shares = wall.shapes[:, nodes].sum(axis=1) + np.float32(1e-3)
-        begun: Floats = np.log(params.bulge * shares / shares.sum() + 1e-30).astype(np.float32)
+        begun: Floats = exact.log(params.bulge * shares / shares.sum() + 1e-30)
         return begun
 
     def _unbulged(self, reference: int, count: int) -> tuple[Floats, Floats, Floats]:
         """Return log-probabilities of shapes, heights and their variances where nothing is known of bulges."""
         params, bulges = self.params, len(self.walls[reference].shapes)
         shapes = np.append(np.full(bulges, params.bulge / bulges), 1.0 - params.bulge)
-        log_shapes = np.log(shapes + 1e-30).astype(np.float32)
+        log_shapes = exact.log(shapes + 1e-30)
         return (
             np.repeat(log_shapes[None], count, axis=0),
             np.full((count, bulges), params.bulge_height, dtype=np.float32),
@@ -288,14 +289,13 @@ class Hypotheses:
 
     def _follow(self, belief: Belief, read: Floats, stream: Stream) -> tuple[Belief, Finding]:
         """Update a belief of which the pose is known."""
-        with np.errstate(divide="ignore"):
-            log_maps = np.log(belief.maps)
+        log_maps = exact.log(belief.maps)
 
         def likelihood(particles: Floats, ancestors: Indices) -> tuple[Floats, tuple[Floats, _Evidence]]:
             evidence = self._evidence(particles, belief, ancestors, read)
             joint = log_maps[:, ancestors] + evidence.log_likelihood
             total = np.logaddexp.reduce(joint, axis=0)
-            return total, (np.exp(joint - total), evidence)
+            return total, (exact.exp(joint - total), evidence)
 
         found = annealed(belief.cloud, likelihood, self.params.n, stream, reserve=lambda found: found[0][-1])
         maps, evidence = found.evidence
@@ -373,7 +373,7 @@ class Hypotheses:
             evidence.places,
             evidence.shares,
             self.walls[belief.reference].following,
-            cloud.weights * maps[-1] * np.exp(evidence.log_shapes[:, -1]) + np.float32(1e-30),
+            cloud.weights * maps[-1] * exact.exp(evidence.log_shapes[:, -1]) + np.float32(1e-30),
             displacement,
             covariance,
             chances,
@@ -418,7 +418,7 @@ class Hypotheses:
         likeliest = int(posterior.argmax())
         changed_at = float(np.sum(joint[likeliest] * belief.since[likeliest]) / joint[likeliest].sum())
         unlisted = (joint[-1] + 1e-30) / np.sum(joint[-1] + 1e-30)
-        shapes = unlisted[:, None] * np.exp(belief.log_shapes)
+        shapes = unlisted[:, None] * exact.exp(belief.log_shapes)
         anything = np.where(belief.chances > 0.5, np.einsum("n,nj->j", shapes[:, -1], belief.displacement), 0.0)
         heights = np.sum(shapes[:, :-1] * belief.heights, axis=0)
         displacement = anything + np.einsum("s,sj->j", heights, self.walls[belief.reference].shapes)
