@@ -55,7 +55,9 @@ def circular_mean(angles: Floats, weights: Floats) -> float:
 
     Where the vectors cancel there is no mean direction; rounding then decides what comes back.
     """
-    return float(np.arctan2(np.sum(weights * np.sin(angles)), np.sum(weights * np.cos(angles))))
+    # In float64 whatever the angles are in: NumPy's float32 sines differ from processor to processor.
+    sine, cosine = np.sin(angles, dtype=np.float64), np.cos(angles, dtype=np.float64)
+    return float(np.arctan2(np.sum(weights * sine), np.sum(weights * cosine)))
 
 
 def arc_chord(length: ArrayLike, turn: ArrayLike) -> Any:
