@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.maps.occupancy import OccupancyGrid
-from dynpf.rng import generator
+from dynpf.rng import Draws, generator
 from dynpf.se2 import FloatArray
 
 __all__ = ["HEIGHT", "UNIT", "WIDTH", "Bulge", "Family", "RoundEnd", "Tube", "tube"]
@@ -144,10 +144,10 @@ def _folds(along: FloatArray, period: float, start: float, depth: float) -> Floa
     return folds
 
 
-def _waves(along: FloatArray, random: np.random.Generator) -> FloatArray:
+def _waves(along: FloatArray, random: Draws) -> FloatArray:
     """Return waves of random lengths and phases, at most 18 px."""
     lengths, phases = random.uniform(45.0, 220.0, 5), random.uniform(0.0, 2.0 * np.pi, 5)
-    shares = random.dirichlet(np.ones(5))
+    shares = random.shares(5)
     waves: FloatArray = 18.0 * np.sum(
         shares[:, None] * np.sin(2.0 * np.pi * along / lengths[:, None] + phases[:, None]), axis=0
     )

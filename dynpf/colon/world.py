@@ -12,7 +12,7 @@ from dynpf.maps.raycast import RayCaster
 from dynpf.maps.timeline import MapTimeline
 from dynpf.motion.capsule import CapsuleMotion
 from dynpf.params import validated
-from dynpf.rng import generator
+from dynpf.rng import Draws, generator
 from dynpf.se2 import FloatArray
 
 __all__ = [
@@ -154,9 +154,7 @@ def steered(pose: FloatArray, goal: FloatArray) -> CapsuleMotion:
     return CapsuleMotion(float(np.hypot(*way)), turn)
 
 
-def blown(
-    pose: FloatArray, motion: CapsuleMotion, capsule: Capsule, grid: OccupancyGrid, random: np.random.Generator
-) -> FloatArray:
+def blown(pose: FloatArray, motion: CapsuleMotion, capsule: Capsule, grid: OccupancyGrid, random: Draws) -> FloatArray:
     """Return the pose (3,) after a motion with the capsule's noise, where a map leaves room for it."""
     sigmas = np.array([capsule.sigma, capsule.sigma, capsule.sigma_theta])
     aimed = moved(pose, motion)
@@ -173,7 +171,7 @@ def _is_free(grid: OccupancyGrid, pose: FloatArray) -> bool:
     return 0 <= row < height and 0 <= column < width and bool(grid.free[row, column])
 
 
-def read_ranges(caster: RayCaster, pose: FloatArray, capsule: Capsule, random: np.random.Generator) -> FloatArray:
+def read_ranges(caster: RayCaster, pose: FloatArray, capsule: Capsule, random: Draws) -> FloatArray:
     """Return the ranges (B,) that the capsule reads at a pose (3,) in a map."""
     angles = pose[2] + np.array(BEAMS)
     exact = caster.ranges(np.full(angles.size, pose[0]), np.full(angles.size, pose[1]), angles, RANGE_MAX)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.maps.occupancy import FREE, OCCUPIED, OccupancyGrid
-from dynpf.rng import generator
+from dynpf.rng import Draws, generator
 
 __all__ = ["floor_plan"]
 
@@ -32,14 +32,14 @@ def floor_plan() -> OccupancyGrid:
     return OccupancyGrid(cells, RESOLUTION_M)
 
 
-def _rooms(first: int, last: int, rng: np.random.Generator) -> list[tuple[int, int]]:
+def _rooms(first: int, last: int, rng: Draws) -> list[tuple[int, int]]:
     walls = [first]
     while last - walls[-1] > 130:
         walls.append(walls[-1] + int(rng.integers(60, min(131, last - walls[-1] - 60))))
     return list(zip(walls, [*walls[1:], last], strict=True))
 
 
-def _room(room: Cells, corridor: str, rng: np.random.Generator) -> None:
+def _room(room: Cells, corridor: str, rng: Draws) -> None:
     """Draw walls, a door to the corridor, and furniture into a room's cells."""
     height, width = room.shape
     room[:WALL] = room[-WALL:] = room[:, :WALL] = room[:, -WALL:] = OCCUPIED
@@ -53,6 +53,6 @@ def _room(room: Cells, corridor: str, rng: np.random.Generator) -> None:
     _put(inside, (24, 9), rng)  # cabinet
 
 
-def _put(inside: Cells, size: tuple[int, int], rng: np.random.Generator) -> None:
+def _put(inside: Cells, size: tuple[int, int], rng: Draws) -> None:
     row, column = (int(rng.integers(0, space - part)) for space, part in zip(inside.shape, size, strict=True))
     inside[row : row + size[0], column : column + size[1]] = OCCUPIED

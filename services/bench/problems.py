@@ -117,7 +117,7 @@ class ScanProblem:
         seen = plain.Rays(grid).scans(self.truth.T.astype(np.float32), self.angles, RANGE_MAX_M)
         noisy = seen + SIGMA_HIT_M * rng.standard_normal(seen.shape)
         passed = rng.random(seen.shape) < PASSERS_BY
-        noisy[passed] *= rng.random(np.count_nonzero(passed))
+        noisy[passed] *= rng.random(int(np.count_nonzero(passed)))
         self.ranges: Float32s = np.clip(noisy, RANGE_MIN_M, RANGE_MAX_M).astype(np.float32)
         self.ranges[seen >= RANGE_MAX_M] = RANGE_MAX_M
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.measurement.ray import ray_discs, ray_segments
+from dynpf.rng import Draws
 from protocol import frames
 from protocol.messages import (
     Detection,
@@ -56,7 +57,7 @@ Rays = Callable[[Floats, Floats], Floats]
 """Distances (B,) from an origin (2,) along angles (B,) of the map frame to the nearest wall, infinite without one."""
 
 
-def read_odometry(sensor: OdometrySensor, robot: RobotState, rng: np.random.Generator) -> Odometry:
+def read_odometry(sensor: OdometrySensor, robot: RobotState, rng: Draws) -> Odometry:
     noise_v, noise_w = rng.standard_normal(2).tolist()
     return Odometry(
         v=robot.v + sensor.v_bias + math.hypot(sensor.v_std, sensor.v_std_per_unit * robot.v) * noise_v,
@@ -66,12 +67,12 @@ def read_odometry(sensor: OdometrySensor, robot: RobotState, rng: np.random.Gene
     )
 
 
-def read_gyro(sensor: GyroSensor, robot: RobotState, rng: np.random.Generator) -> float:
+def read_gyro(sensor: GyroSensor, robot: RobotState, rng: Draws) -> float:
     return robot.w + sensor.w_bias + sensor.w_std * float(rng.standard_normal())
 
 
 def read_gripper(
-    sensor: GripperSensor, robot: RobotState, parts: PartsState, task: RearrangementTask, rng: np.random.Generator
+    sensor: GripperSensor, robot: RobotState, parts: PartsState, task: RearrangementTask, rng: Draws
 ) -> Gripper:
     """The switch is closed while a part is held, or while one is no farther from the robot's rim than the gripper."""
     within = task.robot_radius + task.reach + sensor.tolerance
@@ -81,7 +82,7 @@ def read_gripper(
 
 
 def read_landmarks(
-    sensor: LandmarkSensor, robot: RobotState, landmarks: tuple[Landmark, ...], rng: np.random.Generator
+    sensor: LandmarkSensor, robot: RobotState, landmarks: tuple[Landmark, ...], rng: Draws
 ) -> LandmarkReadings:
     """Every landmark takes its own draws, so that one that comes into view changes no other's reading."""
     noise = rng.standard_normal((len(landmarks), 2)).tolist()
@@ -113,7 +114,7 @@ def read_scan(
     walls: Rays,
     *,
     stamp_ns: int,
-    rng: np.random.Generator,
+    rng: Draws,
 ) -> LaserScan:
     """A beam that meets nothing within range_max reads range_max, without noise; one that meets too near a thing, 0."""
     half = sensor.field_of_view / 2
@@ -142,7 +143,7 @@ def read_scan(
     )
 
 
-def read_lines(sensor: LineSensor, robot: RobotState, walls: Floats, rng: np.random.Generator) -> LineReadings:
+def read_lines(sensor: LineSensor, robot: RobotState, walls: Floats, rng: Draws) -> LineReadings:
     """``walls`` is (S, 4). Every wall takes its own draws; of one that something hides in part each part is a line."""
     noise = rng.standard_normal((len(walls), 2)) * (sensor.rho_std, sensor.alpha_std)
     half = sensor.field_of_view / 2
@@ -171,13 +172,13 @@ def read_lines(sensor: LineSensor, robot: RobotState, walls: Floats, rng: np.ran
     return LineReadings(readings=tuple(readings[:256]))
 
 
-def read_position(sensor: PositionSensor, robot: RobotState, rng: np.random.Generator) -> PositionFix:
+def read_position(sensor: PositionSensor, robot: RobotState, rng: Draws) -> PositionFix:
     noise_x, noise_y = (sensor.std * rng.standard_normal(2)).tolist()
     return PositionFix(x=robot.x + noise_x, y=robot.y + noise_y)
 
 
 def read_overhead(
-    sensor: OverheadSensor, robot: RobotState, parts: PartsState, task: RearrangementTask, rng: np.random.Generator
+    sensor: OverheadSensor, robot: RobotState, parts: PartsState, task: RearrangementTask, rng: Draws
 ) -> Detections:
     """Return noisy discs in random order, as a tracker without identities would; hidden parts are not among them."""
     true = [(robot.x, robot.y, task.robot_radius, sensor.robot_grey)]
@@ -205,10 +206,10 @@ def _clutter(
     sensor: OverheadSensor,
     true: list[tuple[float, float, float, float]],
     task: RearrangementTask,
-    rng: np.random.Generator,
+    rng: Draws,
 ) -> list[Detection]:
     """Return false discs anywhere in the workspace, of the sizes and greys that are there."""
-    count = min(int(rng.poisson(sensor.clutter_rate)), 256 - len(true))
+    count = min(rng.poisson(sensor.clutter_rate), 256 - len(true))
     x = rng.uniform(-task.width / 2, task.width / 2, count).tolist()
     y = rng.uniform(-task.height / 2, task.height / 2, count).tolist()
     like = rng.integers(0, len(true), count).tolist()

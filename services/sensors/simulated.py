@@ -9,7 +9,7 @@ from dynpf.filters.kalman import Gaussian
 from dynpf.maps.raycast import RayCaster
 from dynpf.measurement.ray import ray_segments
 from dynpf.motion.gyro import GyroOdometry
-from dynpf.rng import generator
+from dynpf.rng import Draws, generator
 from protocol.messages import Message, Obstacles, Odometry, PartsState, RobotState
 from services.errors import ScenarioError
 from services.maps import NO_MAPS, Maps
@@ -109,7 +109,7 @@ class SimulatedSensors:
             return []
         outputs: list[Output] = []
 
-        def publish(name: str, every: int, read: Callable[[np.random.Generator], Message]) -> None:
+        def publish(name: str, every: int, read: Callable[[Draws], Message]) -> None:
             if self._states % every == 0:
                 outputs.append(Output(f"sensors/{name}", read(generator(self.seed, self.name, step.number, name))))
 
@@ -133,7 +133,7 @@ class SimulatedSensors:
             publish("gripper", gripper.every, lambda rng: read_gripper(gripper, robot, parts, task, rng))
         return outputs
 
-    def _odometry(self, sensor: OdometrySensor, robot: RobotState, rng: np.random.Generator) -> Odometry:
+    def _odometry(self, sensor: OdometrySensor, robot: RobotState, rng: Draws) -> Odometry:
         """Return what the wheels say, its turning rate corrected by the gyro if there is one."""
         wheels = read_odometry(sensor, robot, rng)
         if self._gyro is None or self._turning is None or sensor.gyro is None:

@@ -16,7 +16,8 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from dynpf import rng
+from dynpf.portable import erf
+from dynpf.rng import Stream, generator
 from dynpf.vision.board import Board
 from dynpf.vision.projection import PlaneProjection
 
@@ -151,7 +152,7 @@ class Camera:
         return frame
 
     def _with_noise(self, frame: Frame, seed: int, tick: int) -> Frame:
-        draw = rng.generator(seed, "simulator", tick, "camera noise").integers(0, _TILE_MARGIN_PX, size=3)
+        draw = generator(seed, "simulator", tick, "camera noise").integers(0, _TILE_MARGIN_PX, size=3)
         shift_y, shift_x, swap = int(draw[0]), int(draw[1]), bool(draw[2] % 2)
         rows = slice(shift_y, shift_y + self.params.height_px)
         columns = slice(shift_x, shift_x + self.params.width_px)
@@ -232,8 +233,9 @@ def _light(params: CameraParams) -> NDArray[np.float32]:
 
 def _noise_tiles(params: CameraParams) -> tuple[Frame, Frame]:
     """What sensor noise adds and what it takes away, larger than the frame; the same for every seed."""
-    shape = (params.height_px + _TILE_MARGIN_PX, params.width_px + _TILE_MARGIN_PX, 3)
-    draws = rng.generator(0, "simulator", 0, "camera noise tile").standard_normal(shape, dtype=np.float32)
+    rows, columns = params.height_px + _TILE_MARGIN_PX, params.width_px + _TILE_MARGIN_PX
+    draws = Stream.of(0, "simulator", 0, "camera noise tile").normals(3, rows * columns).reshape(3, rows, columns)
+    draws = np.moveaxis(draws, 0, -1)
     noise = np.rint(draws * np.float32(params.noise_std))
     return np.maximum(noise, 0).astype(np.uint8), np.maximum(-noise, 0).astype(np.uint8)
 
@@ -242,4 +244,4 @@ def _edge_profile(blur_sigma_px: float) -> NDArray[np.float32]:
     """Coverage against the distance outside a straight border: a step seen through the blur and a pixel's width."""
     sigma = math.sqrt(blur_sigma_px**2 + 1 / 12)
     distance = np.arange(round(2 * _EDGE_REACH_PX * _EDGE_STEPS) + 1) / _EDGE_STEPS - _EDGE_REACH_PX
-    return np.array([0.5 * math.erfc(d / (sigma * math.sqrt(2))) for d in distance], dtype=np.float32)
+    return np.array([0.5 * (1.0 - erf(d / (sigma * math.sqrt(2.0)))) for d in distance], dtype=np.float32)

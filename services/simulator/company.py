@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynpf.maps.occupancy import OccupancyGrid
-from dynpf.rng import generator
+from dynpf.rng import Draws, generator
 from dynpf.se2 import FloatArray
 from services.errors import ScenarioError
 from services.node import State
@@ -84,13 +84,13 @@ class People:
         gap = math.dist(there, robot)
         return gap < self.params.radius + 2 * ROOM_FOR_ROBOT_M and gap < math.dist(here, robot)
 
-    def _anywhere(self, rng: np.random.Generator, robot: Point) -> FloatArray:
+    def _anywhere(self, rng: Draws, robot: Point) -> FloatArray:
         for place in self._drawn(rng, 1000):
             if self._clearance(*place) >= self.params.radius and math.dist(place, robot) >= 1.0:
                 return place
         raise ScenarioError("simulator.people: no room for them in the map")
 
-    def _goal(self, rng: np.random.Generator, here: FloatArray) -> FloatArray:
+    def _goal(self, rng: Draws, here: FloatArray) -> FloatArray:
         """Return a goal to which the way is free of walls, or the place itself."""
         for goal in self._drawn(rng, DRAWS):
             steps = max(1, math.ceil(math.dist(here, goal) / STEP_M))
@@ -99,7 +99,7 @@ class People:
                 return goal
         return here.copy()
 
-    def _drawn(self, rng: np.random.Generator, count: int) -> list[FloatArray]:
+    def _drawn(self, rng: Draws, count: int) -> list[FloatArray]:
         """Return those of so many places (2,) in the map's box that are free."""
         rows, columns = self._grid.cells.shape
         column, row = rng.uniform((0.0, 0.0), (columns, rows), (count, 2)).T

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynpf.fields.clearance import disc_clearances
 from dynpf.fields.layout import Layout
-from dynpf.rng import generator
+from dynpf.rng import Draws, generator
 from protocol import frames
 from protocol.messages import Command, CompressedImage, PartsState, PartState, RobotState, timestamp
 from services.node import Output, Result, State, Step
@@ -177,9 +177,7 @@ class WorkspaceSimulator:
         return tuple(sorted({hiding.part for hiding in self._config.hidings if 0 <= tick - hiding.tick < hiding.ticks}))
 
 
-def draw_starts(
-    task: RearrangementTask, config: WorkspaceConfig, random: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
+def draw_starts(task: RearrangementTask, config: WorkspaceConfig, random: Draws) -> tuple[FloatArray, FloatArray]:
     """Return start positions of the robot, (2,), and the parts, (p, 2): those given, the others drawn.
 
     Positions are uniform over the workspace, subject to the gaps asked for. Raises ValueError when no free place is

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dynpf.rng import generator
+from dynpf.rng import Draws, generator
 from dynpf.vision import Disc
 
 __all__ = ["KINDS", "Scene", "Score", "draw_scene", "score"]
@@ -77,7 +77,7 @@ def score(scene: Scene, found: tuple[Disc, ...]) -> Score:
     return Score(hit, centre, radius, invented)
 
 
-def _greys(kind: str, random: np.random.Generator) -> tuple[float, NDArray[np.float64]]:
+def _greys(kind: str, random: Draws) -> tuple[float, NDArray[np.float64]]:
     """The ground's grey level, and those that discs may have."""
     if kind == "light on dark":
         ground = float(random.uniform(25.0, 80.0))
@@ -89,7 +89,7 @@ def _greys(kind: str, random: np.random.Generator) -> tuple[float, NDArray[np.fl
     return ground, ground - random.uniform(60.0, 150.0, 4)
 
 
-def _places(random: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _places(random: Draws) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Discs that do not overlap: a third in the open, a third beside another and a third across the border."""
     height, width = _SHAPE
     discs: list[tuple[float, float, float]] = []
@@ -117,7 +117,7 @@ def _places(random: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[n
     return np.array(discs), np.array(touching)
 
 
-def _across_the_border(radius: float, random: np.random.Generator) -> tuple[float, float, float]:
+def _across_the_border(radius: float, random: Draws) -> tuple[float, float, float]:
     height, width = _SHAPE
     along, beyond = random.uniform(0.0, 1.0), random.uniform(-0.3, 0.9) * radius
     return [
@@ -134,7 +134,7 @@ def _share_of_rim_seen(disc: tuple[float, float, float]) -> float:
     return float(((x > 0) & (y > 0) & (x < _SHAPE[1] - 1) & (y < _SHAPE[0] - 1)).mean())
 
 
-def _other_shapes(discs: NDArray[np.float64], random: np.random.Generator) -> list[NDArray[np.float64]]:
+def _other_shapes(discs: NDArray[np.float64], random: Draws) -> list[NDArray[np.float64]]:
     """Corners of rectangles that keep away from the discs."""
     shapes = []
     for _ in range(3):
@@ -153,7 +153,7 @@ def _painted(
     discs: NDArray[np.float64],
     levels: NDArray[np.float64],
     shapes: list[NDArray[np.float64]],
-    random: np.random.Generator,
+    random: Draws,
     *,
     photograph: bool,
 ) -> NDArray[np.float64]:
@@ -190,7 +190,7 @@ def _window(
     return canvas[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1], x[None, :], y[:, None]
 
 
-def _light(random: np.random.Generator) -> NDArray[np.float64]:
+def _light(random: Draws) -> NDArray[np.float64]:
     """Relative illumination (H, W): falls off towards the corners and slopes, to as little as a half."""
     y, x = np.mgrid[-1 : 1 : _SHAPE[0] * 1j, -1 : 1 : _SHAPE[1] * 1j]
     slope: Any = random.uniform(-0.15, 0.15, 2)

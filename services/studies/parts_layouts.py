@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from dynpf.rng import generator
+from dynpf.rng import Draws, generator
 from protocol.messages import Estimate
 from services.controller.rearrangement import RearrangementController
 from services.errors import UsageError
@@ -47,7 +47,7 @@ def case_task(case: Case, seed: int) -> RearrangementTask:
     return CASES[case](generator(seed, "layouts", 0, case))
 
 
-def _random(random: np.random.Generator, count: int) -> RearrangementTask:
+def _random(random: Draws, count: int) -> RearrangementTask:
     """Goals anywhere, with gaps of at least ``GAP``; starts as the simulator draws them."""
     radii = np.array(RADII[count])
     while True:
@@ -57,7 +57,7 @@ def _random(random: np.random.Generator, count: int) -> RearrangementTask:
             return _task(radii, goals)
 
 
-def _swap(random: np.random.Generator) -> RearrangementTask:
+def _swap(random: Draws) -> RearrangementTask:
     """Two parts in each other's goals, 4 to 34 cm apart."""
     radii = random.permutation(RADII[6])[:2]
     apart = radii.sum() + random.uniform(GAP, 0.34)
@@ -65,14 +65,14 @@ def _swap(random: np.random.Generator) -> RearrangementTask:
     return _task(radii, goals, goals[::-1])
 
 
-def _cycle(random: np.random.Generator) -> RearrangementTask:
+def _cycle(random: Draws) -> RearrangementTask:
     """Three parts, each in the next one's goal."""
     radii = random.permutation(RADII[6])[:3]
     goals = _around(random.uniform(-0.3, 0.3, 2), random.uniform(0.17, 0.3), 3, random)
     return _task(radii, goals, np.roll(goals, 1, axis=0))
 
 
-def _ring(random: np.random.Generator, *, inside: bool) -> RearrangementTask:
+def _ring(random: Draws, *, inside: bool) -> RearrangementTask:
     """Five parts that are home, a ring that the robot cannot pass; one more that belongs into it, or out of it."""
     radii = np.array([RADII[6][0], *random.permutation(RADII[6][1:])])
     centre, radius = random.uniform(-0.4, 0.4, 2), random.uniform(0.24, 0.28)
@@ -84,7 +84,7 @@ def _ring(random: np.random.Generator, *, inside: bool) -> RearrangementTask:
     return _task(radii, np.vstack([goal, ring]), np.vstack([start, ring]))
 
 
-CASES: dict[Case, Callable[[np.random.Generator], RearrangementTask]] = {
+CASES: dict[Case, Callable[[Draws], RearrangementTask]] = {
     "random-3": lambda random: _random(random, 3),
     "random-6": lambda random: _random(random, 6),
     "swap": _swap,
@@ -94,7 +94,7 @@ CASES: dict[Case, Callable[[np.random.Generator], RearrangementTask]] = {
 }
 
 
-def _around(centre: FloatArray, radius: float, count: int, random: np.random.Generator) -> FloatArray:
+def _around(centre: FloatArray, radius: float, count: int, random: Draws) -> FloatArray:
     """Return points (count, 2) evenly on a circle."""
     angles = random.uniform(0.0, math.tau) + np.linspace(0.0, math.tau, count, endpoint=False)
     points: FloatArray = centre + radius * np.column_stack([np.cos(angles), np.sin(angles)])

@@ -1,0 +1,67 @@
+"""Arithmetic with the same bits on every machine: what nodes use where NumPy or the C library choose by processor.
+
+``sin``, ``exp`` and the like come from polynomials of our own, matrices of up to some fifteen rows are multiplied and
+solved in a fixed order. Everything is float64; an argument of another type is converted first. What NumPy does with
+additions, multiplications, divisions, square roots, comparisons and sums is the same everywhere and needs no
+replacement (docs/machines.md says what is, and why).
+"""
+
+from dynpf.portable.functions import (
+    acos,
+    asin,
+    atan2,
+    cos,
+    dist,
+    erf,
+    exp,
+    hypot,
+    log,
+    log1p,
+    logaddexp,
+    logsumexp,
+    power,
+    sin,
+    sinc,
+    sincos,
+    tan,
+)
+from dynpf.portable.linear import (
+    SingularMatrixError,
+    dot,
+    eigh,
+    inverse,
+    log_determinant,
+    norm,
+    product,
+    singular_values,
+    solve,
+)
+
+__all__ = [
+    "SingularMatrixError",
+    "acos",
+    "asin",
+    "atan2",
+    "cos",
+    "dist",
+    "dot",
+    "eigh",
+    "erf",
+    "exp",
+    "hypot",
+    "inverse",
+    "log",
+    "log1p",
+    "log_determinant",
+    "logaddexp",
+    "logsumexp",
+    "norm",
+    "power",
+    "product",
+    "sin",
+    "sinc",
+    "sincos",
+    "singular_values",
+    "solve",
+    "tan",
+]
