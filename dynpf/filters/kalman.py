@@ -163,9 +163,7 @@ def as_belief(mean: FloatArray, covariance: FloatArray, angles: tuple[int, ...])
 
 def not_finite(belief: Gaussian) -> ValueError:
     """Return the error that a belief which is not finite is told by."""
-    return ValueError(
-        f"the belief is not finite: mean {belief.mean.tolist()}, covariance {belief.covariance.tolist()}"
-    )
+    return ValueError(f"the belief is not finite: mean {belief.mean.tolist()}, covariance {belief.covariance.tolist()}")
 
 
 def admitted(model: MeasurementModel[Any], belief: Gaussian, reading: Any) -> Any:
@@ -187,11 +185,12 @@ def judged(vector: FloatArray, covariance: FloatArray, gate: float | None) -> In
     told = kernels.gaussian.mahalanobis(
         shaped("an innovation covariance", covariance, rows, rows), shaped("an innovation", vector, rows)
     )
-    return weighed(vector, covariance, *told, gate)
+    return weighed(vector, covariance, told, gate)
 
 
-def weighed(vector: FloatArray, covariance: FloatArray, nis: float, regular: bool, gate: float | None) -> Innovation:
-    """Return the innovation of a distance that a kernel has computed; raises as ``judged`` does."""
+def weighed(vector: FloatArray, covariance: FloatArray, told: tuple[float, bool], gate: float | None) -> Innovation:
+    """Return the innovation of which a kernel has told what ``mahalanobis`` does; raises as ``judged`` does."""
+    nis, regular = told
     if not regular:
         raise _singular(covariance)
     return Innovation(vector, covariance, nis, nis == nis if gate is None else nis <= gate)

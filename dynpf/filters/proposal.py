@@ -178,14 +178,10 @@ def _guide(
         rows, log_peak = len(noise), -0.5 * log_determinant(2.0 * math.pi * noise)
         slopes = shaped("a Jacobian", gaussian.jacobian(expected, reading), rows, size, count)
         innovation = shaped("an innovation", gaussian.innovation(expected, reading), rows, count)
-        kernels.proposal.add_reading(
-            root, slopes, innovation, inverse(noise), log_peak, precision, pull, log_density
-        )
+        kernels.proposal.add_reading(root, slopes, innovation, inverse(noise), log_peak, precision, pull, log_density)
     standard = stream.part("motion").normals(size, count)
     drawn, (gain, log_root_determinant, log_ratio) = np.empty((size, count)), np.empty((3, count))
-    kernels.proposal.draw(
-        expected, root, precision, pull, standard, drawn, gain, log_root_determinant, log_ratio
-    )
+    kernels.proposal.draw(expected, root, precision, pull, standard, drawn, gain, log_root_determinant, log_ratio)
     return _Guided(
         np.ascontiguousarray(drawn, dtype=cloud.particles.dtype),
         evidence,

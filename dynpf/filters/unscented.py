@@ -105,7 +105,7 @@ class UnscentedKalman(Generic[ControlT]):
         vector, covariance = np.empty(rows), np.empty((rows, rows))
         settings, found = (spread, self._curvature, noise), (differences, shift, vector, covariance)
         told = kernels.gaussian.unscented_expect(innovations, angular, *settings, *found)
-        innovation = kalman.weighed(vector, covariance, *told, gate)
+        innovation = kalman.weighed(vector, covariance, told, gate)
         if not innovation.used:
             return belief, innovation
         after = Gaussian(np.empty(belief.mean.shape), np.empty(belief.covariance.shape))

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from dynpf.portable import sincos
+
 __all__ = ["ray_discs", "ray_segments"]
 
 Floats = NDArray[np.float64]
@@ -17,7 +19,7 @@ def ray_segments(origin: Floats, angles: Floats, segments: Floats) -> Floats:
     A segment is x1, y1, x2, y2; metres and radians. A ray that meets nothing gives infinity. A segment seen end-on
     counts with its nearer end, or with zero where the origin lies on it.
     """
-    direction = np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, None, :]  # (B, 1, 2)
+    direction = _directions(angles)  # (B, 1, 2)
     start = segments[None, :, :2] - origin  # (1, S, 2)
     along = segments[None, :, 2:] - segments[None, :, :2]
     denominator = _cross(direction, along)  # (B, S)
@@ -44,7 +46,7 @@ def ray_discs(origin: Floats, angles: Floats, discs: Floats) -> Floats:
     A disc is x, y, radius; metres and radians. A ray that meets nothing gives infinity, one that starts inside a disc
     gives zero.
     """
-    direction = np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, None, :]
+    direction = _directions(angles)
     centre = discs[None, :, :2] - origin
     radius = discs[None, :, 2]
     along = np.sum(centre * direction, axis=2)
@@ -53,6 +55,12 @@ def ray_discs(origin: Floats, angles: Floats, discs: Floats) -> Floats:
     ranges = np.where((half_chord_squared >= 0.0) & (along >= 0.0), entry, np.inf)
     inside = np.sum(centre**2, axis=2) <= radius**2
     return _nearest(np.where(inside, 0.0, ranges))
+
+
+def _directions(angles: Floats) -> Floats:
+    """Return unit vectors (B, 1, 2)."""
+    sine, cosine = sincos(angles)
+    return np.stack([cosine, sine], axis=1)[:, None, :]
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
