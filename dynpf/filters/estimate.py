@@ -54,7 +54,7 @@ def pose_estimate(particles: Floats, weights: Floats) -> PoseEstimate:
             particles[0], particles[1], particles[2], np.asarray(weights, dtype=np.float32), mean, covariance
         )
     else:
-        mean, covariance = _pose_moments(particles[:3].astype(np.float64, copy=False), weights)
+        mean, covariance = _pose_moments(np.ascontiguousarray(particles[:3], dtype=np.float64), weights)
         finite = np.isfinite(mean).all() and np.isfinite(covariance).all()
     return PoseEstimate(mean, covariance) if finite else pose_estimate(*_finite(particles, weights))
 

@@ -1,5 +1,6 @@
 """Gaussian beliefs: the linear Kalman filter, and what the extended and the unscented one share with it."""
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -193,7 +194,7 @@ def weighed(vector: FloatArray, covariance: FloatArray, told: tuple[float, bool]
     nis, regular = told
     if not regular:
         raise _singular(covariance)
-    return Innovation(vector, covariance, nis, nis == nis if gate is None else nis <= gate)
+    return Innovation(vector, covariance, nis, not math.isnan(nis) if gate is None else nis <= gate)
 
 
 def symmetric_offsets(covariance: FloatArray, spread: float) -> FloatArray:

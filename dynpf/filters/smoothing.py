@@ -73,7 +73,7 @@ def _rts_step(
 
 
 def _pseudo_inverse(covariance: FloatArray) -> FloatArray:
-    """Return the inverse of a covariance (D, D) in the directions where it is more than rounding, zero in the others."""
+    """Return the inverse of a covariance (D, D), zero in the directions where that is nothing but rounding."""
     variances, directions = eigh(covariance)
     known = np.abs(variances) > len(variances) * np.finfo(np.float64).eps * np.max(np.abs(variances))
     inverses = np.where(known, 1.0, 0.0) / np.where(known, variances, 1.0)

@@ -244,7 +244,7 @@ def offsets(covariance, spread, out):
 
 @kernel
 def sigma_points(mean, covariance, spread, offsets, points):
-    """Fill ``offsets`` (D, 2 D) as the function of that name, and ``points`` (D, 2 D + 1): the mean, and those off it."""
+    """Fill ``offsets`` (D, 2 D) as the kernel of that name, and ``points`` (D, 2 D + 1): the mean, and those off it."""
     if not _offsets(covariance, spread, offsets):
         return False
     for i in range(mean.size):
