@@ -20,6 +20,7 @@ _HALF_PI_1, _HALF_PI_2, _HALF_PI_3 = _f(1.5703125), _f(4.837512969970703125e-4),
 _S1, _S2, _S3 = _f(-1.6666654611e-1), _f(8.3321608736e-3), _f(-1.9515295891e-4)
 _C1, _C2, _C3 = _f(4.166664568298827e-2), _f(-1.388731625493765e-3), _f(2.443315711809948e-5)
 _ZERO, _HALF, _ONE, _TWO = _f(0.0), _f(0.5), _f(1.0), _f(2.0)
+_MOST = _f(2.0**30)
 
 _LOG2_E = _f(1.44269504088896341)
 _LN2_HIGH, _LN2_LOW = _f(0.693359375), _f(-2.12194440e-4)
@@ -46,7 +47,8 @@ def sincos(angle):
     """Return sine and cosine of an angle in radians, |angle| < 8000: beyond, any numbers; NaN of infinity and NaN."""
     turns = np.rint(angle * _TWO_OVER_PI)
     rest = ((angle - turns * _HALF_PI_1) - turns * _HALF_PI_2) - turns * _HALF_PI_3
-    quadrant = np.int32(turns)
+    # What is beyond a whole number of 32 bits, or none, each machine would make another one of.
+    quadrant = np.int32(min(_MOST, max(-_MOST, turns)))
     square = rest * rest
     sine = rest + rest * square * (_S1 + square * (_S2 + square * _S3))
     cosine = (_ONE - _HALF * square) + square * square * (_C1 + square * (_C2 + square * _C3))
