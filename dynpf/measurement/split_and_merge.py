@@ -80,7 +80,7 @@ def _split(points: FloatArray, first: int, last: int, params: SplitAndMergeParam
     length = hypot(*along.tolist())
     from_start = points[:, first:last] - start[:, None]
     beside = np.abs(along[0] * from_start[1] - along[1] * from_start[0])
-    off = beside / length if length > 0.0 else hypot(*from_start)
+    off: FloatArray = beside / length if length > 0.0 else hypot(*from_start)
     worst = int(np.argmax(off))
     if off[worst] <= params.split:
         yield first, last
