@@ -24,6 +24,7 @@ from dynpf.portable.functions import (
     sinc,
     sincos,
     tan,
+    whole,
 )
 from dynpf.portable.linear import (
     SingularMatrixError,
@@ -64,4 +65,5 @@ __all__ = [
     "singular_values",
     "solve",
     "tan",
+    "whole",
 ]
