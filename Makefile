@@ -27,14 +27,16 @@ check: .venv/.dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m checks.pure_code
+	$(BIN)/python -m checks.portable_code
 	$(BIN)/python -m pip check
 
 format: .venv/.dev
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-# The references of topics and scenarios, and the picture of two runs in the README.
+# The references of topics and scenarios, the README's figures, and its picture of two runs.
 docs: .venv/.dev
+	$(BIN)/python -m docs.readme
 	$(BIN)/python -m docs.reference
 	$(BIN)/python -m docs.figures
 
