@@ -1,3 +1,4 @@
+import math
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,16 @@ def test_arrays_keep_type_shape_and_bytes(dtype: str, shape: tuple[int, ...]) ->
 def test_numbers_that_compare_unequal_to_themselves_come_back() -> None:
     array = np.array([np.nan, -0.0, np.inf, 5e-324])
     assert decode_state(encode_state({"a": array}))["a"].tobytes() == array.tobytes()
+
+
+@pytest.mark.parametrize("dtype", ["<f4", "<f8", ">f8"])
+def test_one_nan_stands_for_all(dtype: str) -> None:
+    array = np.array([np.nan, -np.nan, 1.0], dtype=dtype)
+    usual = np.array([np.nan, np.nan, 1.0], dtype=dtype)
+    assert array.tobytes() != usual.tobytes()
+    assert encode_state({"a": [array]}) == encode_state({"a": [usual]})
+    assert encode_state({"a": (-math.nan, array[1])}) == encode_state({"a": [math.nan, usual[1]]})
+    assert array.tobytes() != usual.tobytes(), "the node's own array is left alone"
 
 
 def test_the_layout_in_memory_does_not_count() -> None:
