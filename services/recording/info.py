@@ -1,5 +1,6 @@
 """Says what is in a recording, for scripts and for people."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import msgspec
@@ -7,8 +8,10 @@ import msgspec
 from protocol.journal import JOURNAL_PREFIX
 from services.recording.digest import content_digest
 from services.recording.reader import Recording
+from services.recording.scenario import recorded_code
+from services.user_code import UserClass
 
-__all__ = ["describe", "text"]
+__all__ = ["code_in_words", "describe", "described_code", "text"]
 
 
 def describe(recording: Recording) -> dict[str, Any]:
@@ -39,6 +42,7 @@ def describe(recording: Recording) -> dict[str, Any]:
         "topics": dict(sorted(topics.items())),
         "nodes": {node: len(recording.boots(node)) for node in sorted({source.node for source in recording.sources})},
         "attachments": {item.name: len(item.data) for item in recording.attachments},
+        "code": described_code(recorded_code(recording)),
         "schema_version": recording.header.schema_version,
         "dynpf_version": provenance.dynpf_version,
         "code_digest": provenance.code_digest,
@@ -61,6 +65,7 @@ def text(summary: dict[str, Any]) -> str:
         f"  {', '.join(f'{name} {version}' for name, version in summary['packages'].items())}",
         *(f"  {name}: {value}" for name, value in summary["platform"].items()),
         *(f"  attachment {name}: {size} bytes" for name, size in summary["attachments"].items()),
+        *(f"  {line}" for line in code_in_words(summary["code"])),
     ]
     width = max((len(topic) for topic in summary["topics"]), default=0)
     lines += [
@@ -68,6 +73,20 @@ def text(summary: dict[str, Any]) -> str:
         for topic, row in summary["topics"].items()
     ]
     return "\n".join(lines)
+
+
+def described_code(named: Iterable[UserClass]) -> list[dict[str, str]]:
+    """Return what a replay would import and run, as ``info`` and ``doctor`` print it with --json."""
+    return [{"key": one.key, "module": one.module, "class": one.name} for one in named]
+
+
+def code_in_words(code: Iterable[dict[str, str]]) -> list[str]:
+    """Return what a replay would import and run as lines for a person."""
+    return [
+        f"code: {one['key']} names the class {one['class']} of the module {one['module']}, "
+        f"which replay runs only with --allow-code {one['module']}"
+        for one in code
+    ]
 
 
 def _title(recording: Recording) -> str:
