@@ -27,6 +27,7 @@ check: .venv/.dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m checks.pure_code
+	$(BIN)/python -m checks.data_code
 	$(BIN)/python -m pip check
 
 format: .venv/.dev

@@ -1,6 +1,5 @@
 """A user's own components: made from the tables that name them, and held to what their part in the filter asks for."""
 
-import inspect
 from collections.abc import Mapping
 from typing import Any
 
@@ -56,7 +55,7 @@ def _check_role(kind: type, what: str, roles: tuple[type, ...]) -> None:
 
 
 def _has_method(kind: type, name: str) -> bool:
-    found = inspect.getattr_static(kind, name, None)
+    found = next((vars(base)[name] for base in kind.__mro__ if name in vars(base)), None)
     return callable(found) or isinstance(found, classmethod)
 
 
