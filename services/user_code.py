@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from services.errors import ScenarioError
 
-__all__ = ["CLASS_NAME", "MODULE_NAME", "UserClass", "check_allowed", "find_class", "source_digests"]
+__all__ = ["CLASS_NAME", "MODULE_NAME", "UserClass", "check_allowed", "find_class", "is_standard", "source_digests"]
 
 MODULE_NAME = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*")
 CLASS_NAME = re.compile(rf"{MODULE_NAME.pattern}:[^\W\d]\w*")
@@ -48,7 +48,7 @@ def check_allowed(named: Iterable[UserClass], modules: Container[str], where: st
     """
     problems = []
     for one in named:
-        if _is_standard(one.module):
+        if is_standard(one.module):
             problems.append(f"{where}: {_standard(one)}")
         elif one.module not in modules:
             problems.append(
@@ -61,7 +61,7 @@ def check_allowed(named: Iterable[UserClass], modules: Container[str], where: st
 
 def find_class(one: UserClass) -> type:
     """Import a class; raises ScenarioError with the key that names it and what is missing."""
-    if _is_standard(one.module):
+    if is_standard(one.module):
         raise _standard(one)
     try:
         module = importlib.import_module(one.module)
@@ -86,7 +86,7 @@ def source_digests(named: Iterable[UserClass]) -> dict[str, str]:
 
 def _source_digest(one: UserClass) -> str:
     """Return the SHA-256 over the module's file, or over all Python files of the outermost package that it lies in."""
-    if _is_standard(one.module):
+    if is_standard(one.module):
         raise _standard(one)
     try:
         spec = importlib.util.find_spec(one.module)
@@ -113,7 +113,8 @@ def _source_digest(one: UserClass) -> str:
     return digest.hexdigest()
 
 
-def _is_standard(module: str) -> bool:
+def is_standard(module: str) -> bool:
+    """Return whether a module is Python's own, or the running program: none of these holds a component."""
     return module.partition(".")[0] in {*sys.stdlib_module_names, "__main__"}
 
 

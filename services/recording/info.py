@@ -9,7 +9,7 @@ from protocol.journal import JOURNAL_PREFIX
 from services.recording.digest import content_digest
 from services.recording.reader import Recording
 from services.recording.scenario import recorded_code
-from services.user_code import UserClass
+from services.user_code import UserClass, is_standard
 
 __all__ = ["code_in_words", "describe", "described_code", "text"]
 
@@ -82,11 +82,12 @@ def described_code(named: Iterable[UserClass]) -> list[dict[str, str]]:
 
 def code_in_words(code: Iterable[dict[str, str]]) -> list[str]:
     """Return what a replay would import and run as lines for a person."""
-    return [
-        f"code: {one['key']} names the class {one['class']} of the module {one['module']}, "
-        f"which replay runs only with --allow-code {one['module']}"
-        for one in code
-    ]
+    lines = []
+    for one in code:
+        module = one["module"]
+        allowed = "replay refuses" if is_standard(module) else f"replay runs only with --allow-code {module}"
+        lines.append(f"code: {one['key']} names the class {one['class']} of the module {module}, which {allowed}")
+    return lines
 
 
 def _title(recording: Recording) -> str:

@@ -35,7 +35,8 @@ def recorded_scenario(recording: Recording, overrides: Sequence[str] = (), allow
     module that is not there.
     """
     where, text = str(recording.path), recording.header.scenario
-    recorded, scenario = override_resolved(text, (), where), override_resolved(text, overrides, where)
+    recorded = override_resolved(text, (), where)
+    scenario = override_resolved(text, overrides, where) if overrides else recorded
     wished = {*scenario.paths} - {*recorded.paths}
     contents = {one.name.removeprefix(FOLDER): one.data for one in recording.attachments if is_file(one)}
 
