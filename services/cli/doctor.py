@@ -15,8 +15,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def run(args: argparse.Namespace) -> int:
     import msgspec
 
+    from services.recording.code import code_in_words, described_code
     from services.recording.doctor import Severity, diagnose
-    from services.recording.info import code_in_words, described_code
 
     findings, named = diagnose(args.recording)
     code = described_code(named)

@@ -12,9 +12,9 @@ from protocol.codec import decode
 from protocol.errors import BadMessageError
 from protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
 from protocol.topics import NODES, TOPICS
+from services.recording.code import recorded_code
 from services.recording.errors import RecordingError
 from services.recording.reader import Recording, Source, load
-from services.recording.scenario import recorded_code
 from services.user_code import UserClass
 
 __all__ = ["Diagnosis", "Finding", "Severity", "diagnose", "examine"]

@@ -1,17 +1,15 @@
 """Says what is in a recording, for scripts and for people."""
 
-from collections.abc import Iterable
 from typing import Any
 
 import msgspec
 
 from protocol.journal import JOURNAL_PREFIX
+from services.recording.code import code_in_words, described_code, recorded_code
 from services.recording.digest import content_digest
 from services.recording.reader import Recording
-from services.recording.scenario import recorded_code
-from services.user_code import UserClass, is_standard
 
-__all__ = ["code_in_words", "describe", "described_code", "text"]
+__all__ = ["describe", "text"]
 
 
 def describe(recording: Recording) -> dict[str, Any]:
@@ -73,21 +71,6 @@ def text(summary: dict[str, Any]) -> str:
         for topic, row in summary["topics"].items()
     ]
     return "\n".join(lines)
-
-
-def described_code(named: Iterable[UserClass]) -> list[dict[str, str]]:
-    """Return what a replay would import and run, as ``info`` and ``doctor`` print it with --json."""
-    return [{"key": one.key, "module": one.module, "class": one.name} for one in named]
-
-
-def code_in_words(code: Iterable[dict[str, str]]) -> list[str]:
-    """Return what a replay would import and run as lines for a person."""
-    lines = []
-    for one in code:
-        module = one["module"]
-        allowed = "replay refuses" if is_standard(module) else f"replay runs only with --allow-code {module}"
-        lines.append(f"code: {one['key']} names the class {one['class']} of the module {module}, which {allowed}")
-    return lines
 
 
 def _title(recording: Recording) -> str:

@@ -6,13 +6,11 @@ from pathlib import Path
 
 import msgspec
 
-from services.errors import ScenarioError
 from services.recording.header import Attachment
 from services.recording.reader import Recording
 from services.scenario import File, Scenario, override_resolved, with_files, with_user_code
-from services.user_code import UserClass
 
-__all__ = ["FOLDER", "attached", "attachments_of", "is_file", "recorded_code", "recorded_scenario"]
+__all__ = ["FOLDER", "attached", "attachments_of", "is_file", "recorded_scenario"]
 
 FOLDER = "files/"
 """Where the attachments are that a scenario names; those of a played log are beside it."""
@@ -48,14 +46,6 @@ def recorded_scenario(recording: Recording, overrides: Sequence[str] = (), allow
     files = {name: File(sha256="", data=data) for name, data in contents.items()}
     scenario = with_user_code(msgspec.structs.replace(scenario, files=files), where, allow_code)
     return with_files(scenario, where, read)
-
-
-def recorded_code(recording: Recording) -> tuple[UserClass, ...]:
-    """Return the classes that a replay would import and run, if it were allowed to; none of them is looked for."""
-    try:
-        return override_resolved(recording.header.scenario, (), str(recording.path)).user_classes
-    except ScenarioError:
-        return ()  # of such a scenario nothing can be run
 
 
 def attached(name: str, data: bytes) -> Attachment:

@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from services import user_code
 from services.errors import ScenarioError
 from services.nodes import user_classes
+from services.recording.code import recorded_code
 from services.recording.header import Attachment
 from services.recording.reader import Recording
-from services.recording.scenario import FOLDER, recorded_code, recorded_scenario
+from services.recording.scenario import FOLDER, recorded_scenario
 from services.scenario import load_scenario, resolved_json
 from tests.unit.recording.recorded_runs import HEADER
 
@@ -117,7 +118,7 @@ def test_nothing_is_imported_or_opened_whatever_stands_in_it(
             assert str(error).startswith("run.mcap: ") or "--set" in str(error)
             return
         assert not scenario.user_code
-        assert scenario.user_classes == named
+        assert {one.text for one in scenario.user_classes} == {one.text for one in named}
         if named:
             with pytest.raises(ScenarioError):
                 user_classes(scenario)
