@@ -28,6 +28,7 @@ check: .venv/.dev
 	$(BIN)/lint-imports
 	$(BIN)/python -m checks.pure_code
 	$(BIN)/python -m checks.portable_code
+	$(BIN)/python -m checks.data_code
 	$(BIN)/python -m pip check
 
 format: .venv/.dev

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["PURE", "bindings", "dotted", "findings"]
+__all__ = ["PURE", "bindings", "dotted", "findings", "within"]
 
 PURE = (
     "dynpf",
@@ -163,14 +163,14 @@ def dotted(node: ast.expr) -> tuple[str, ...]:
 
 
 def _objection(name: str) -> str | None:
-    if not any(_within(name, module) for module in MODULES):
+    if not any(within(name, module) for module in MODULES):
         return "is not among the modules of pure code"
-    if any(_within(name, allowed) for allowed in ALLOWED):
+    if any(within(name, allowed) for allowed in ALLOWED):
         return None
-    return next((why for start, why in FORBIDDEN.items() if _within(name, start)), None)
+    return next((why for start, why in FORBIDDEN.items() if within(name, start)), None)
 
 
-def _within(name: str, module: str) -> bool:
+def within(name: str, module: str) -> bool:
     return name == module or name.startswith(f"{module}.")
 
 
