@@ -12,8 +12,6 @@ __all__ = ["directions"]
 
 @lru_cache(maxsize=16)
 def directions(count: int) -> NDArray[np.float64]:
-    """Return so many unit vectors (count, 2), evenly about the circle from (1, 0) on; read-only."""
+    """Return so many unit vectors (count, 2), evenly about the circle from (1, 0) on; not to be changed."""
     sines, cosines = sincos(np.arange(count) * (2 * np.pi / count))
-    found = np.stack([cosines, sines], axis=1)
-    found.flags.writeable = False
-    return found
+    return np.stack([cosines, sines], axis=1)
