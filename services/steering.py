@@ -6,6 +6,8 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from dynpf.portable import atan2, cos
+
 __all__ = ["Route", "steer"]
 
 Positive = Annotated[float, Meta(gt=0.0)]
@@ -32,6 +34,6 @@ def steer(route: Route, pose: tuple[float, float, float], waypoint: tuple[float,
     The robot turns on the spot when the waypoint is abeam or behind, so it never circles around one.
     """
     x, y, theta = pose
-    error = math.remainder(math.atan2(waypoint[1] - y, waypoint[0] - x) - theta, math.tau)
+    error = math.remainder(atan2(waypoint[1] - y, waypoint[0] - x) - theta, math.tau)
     turn = max(-route.turn_rate, min(route.turn_rate, route.gain * error))
-    return route.speed * max(0.0, math.cos(error)), turn
+    return route.speed * max(0.0, cos(error)), turn

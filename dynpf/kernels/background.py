@@ -27,7 +27,7 @@ def sample(grey, spacing, out):
             total = 0
             for i in range(row - 1, row + 2):
                 for j in range(column - 1, column + 2):
-                    total += np.int64(grey[_mirrored(i, height), _mirrored(j, width)])
+                    total += int(grey[_mirrored(i, height), _mirrored(j, width)])
             out[at] = (total + 4) // 9
             at += 1
 

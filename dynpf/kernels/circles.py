@@ -22,8 +22,8 @@ _FLAT = 1e-9  # a curvature below it is that of a straight line
 def fit_algebraic(points, weights, circles):
     """Fill ``circles`` (D, 3: x, y, radius) with Taubin's fits to ``points`` by ``weights`` (D, K).
 
-    ``points`` are (D, K, 2), or (1, K, 2) when all circles choose from the same. The smallest eigenvector of the moments
-    of (z, x, y), z = x^2 + y^2 centred and scaled, is the circle.
+    ``points`` are (D, K, 2), or (1, K, 2) when all circles choose from the same. The smallest eigenvector of the
+    moments of (z, x, y), z = x^2 + y^2 centred and scaled, is the circle.
     """
     count, size = weights.shape
     moments, vectors = np.zeros((count, 3, 3)), np.empty((count, 3, 3))

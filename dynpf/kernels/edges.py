@@ -37,7 +37,7 @@ def inner_contrasts(image, circles, grid, out):
 
 @kernel
 def rims(image, circles, levels, rays, search, apart, points, visible, found, falls):
-    """Fill the edge ``points`` (D, R, 2) of ``circles`` (D, 3) along ``rays`` (R, 2), and what is known of them, (D, R).
+    """Fill the edges' ``points`` (D, R, 2) of ``circles`` (D, 3) along ``rays`` (R, 2), and what they are, (D, R).
 
     ``levels`` (D,) are the discs' contrasts. ``search``: how far from the expected rim an edge is looked for, the step
     between samples, how many of them tell inside and outside, the least relative fall, and the clearance from circles
@@ -79,7 +79,7 @@ def rims(image, circles, levels, rays, search, apart, points, visible, found, fa
 
 @device
 def _crossing(profile, reach, step, side, least_fall):
-    """Return where the profile falls through its middle, nearest to the expected rim; the drop between the samples there.
+    """Return where the profile falls through its middle, nearest to the expected rim, and how far it drops there.
 
     The drop is zero where there is no edge. The third is how far the profile falls.
     """

@@ -79,5 +79,7 @@ def find_board(discs: Sequence[Disc], board: Board) -> tuple[NDArray[np.float64]
 def _in_order(markers: NDArray[np.float64]) -> NDArray[np.float64]:
     """The markers (3, 2) as (0, 0), (1, 0), (0, 2): the sides between them are 1, 2 and sqrt(5) steps long."""
     opposite = norm(np.roll(markers, -1, axis=0) - np.roll(markers, -2, axis=0), axis=1)
-    up, right, origin = np.argsort(opposite, kind="stable")  # opposite the shortest side, the middle one and the longest
+    up, right, origin = np.argsort(
+        opposite, kind="stable"
+    )  # opposite the shortest side, the middle one and the longest
     return np.asarray(markers[[origin, right, up]])

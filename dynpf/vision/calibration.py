@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf import kernels
-from dynpf.portable import singular_values
+from dynpf.directions import directions
+from dynpf.portable import norm, singular_values
 from dynpf.portable.functions import as_values
 from dynpf.vision.circle import fit_circles, fit_circles_algebraic
-from dynpf.vision.directions import directions
 from dynpf.vision.discs import Disc
 from dynpf.vision.projection import PlaneProjection
 from dynpf.vision.subsample import to_full_px
@@ -74,7 +74,7 @@ def calibrate(
     """
     points_px, points_m = _checked(points_px, points_m)
     centre = np.array(centre_px)
-    scale = float(np.sqrt(((points_px - centre) ** 2).sum(axis=1).max())) or 1.0
+    scale = float(norm(points_px - centre, axis=1).max()) or 1.0
     image = (points_px - centre) / scale
     unit = float(np.abs(points_m).max()) or 1.0
     plane = points_m / unit
@@ -130,4 +130,4 @@ def _linear_homography(plane: NDArray[np.float64], image: NDArray[np.float64]) -
 
 
 def _rms(difference: NDArray[np.float64]) -> float:
-    return float(np.sqrt((difference**2).sum(axis=1).mean()))
+    return float(np.sqrt((difference * difference).sum(axis=1).mean()))

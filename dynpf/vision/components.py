@@ -110,7 +110,7 @@ def _circles_through_arcs(
         towards = fitted[:, None, :2] - points
         distance = np.maximum(norm(towards, axis=2), 1e-9)
         total = np.maximum(weights.sum(axis=1), 1e-9)
-        rms = np.sqrt((weights * (distance - fitted[:, 2, None]) ** 2).sum(axis=1) / total)
+        rms = np.sqrt((weights * np.square(distance - fitted[:, 2, None])).sum(axis=1) / total)
         facing = (weights * (towards * borders.inward[at]).sum(axis=2) / distance).sum(axis=1) / total
         good = (
             (total >= _SHORTEST_ARC / 2)
@@ -166,4 +166,4 @@ def _normals(points: NDArray[np.float64], outer: bool) -> NDArray[np.float64]:
     area = float((points[:, 0] * following[:, 1] - following[:, 0] * points[:, 1]).sum())
     side = 1.0 if (area > 0) == outer else -1.0
     normal = side * np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
-    return normal / np.maximum(norm(normal, axis=1), 1e-9)[:, None]
+    return np.asarray(normal / np.maximum(norm(normal, axis=1), 1e-9)[:, None])

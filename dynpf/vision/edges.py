@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf import kernels
+from dynpf.directions import directions
 from dynpf.portable import norm
 from dynpf.portable.functions import as_values
-from dynpf.vision.directions import directions
 
 __all__ = ["RimEdges", "inner_contrast", "overlapping", "rim_edges"]
 
@@ -56,7 +56,18 @@ def rim_edges(contrast: NDArray[np.float32], circles: NDArray[np.float64], rays:
     apart = ~overlapping(circles, circles)
     levels = inner_contrast(contrast, circles)
     search = (_REACH_PX, _STEP_PX, _SIDE, _LEAST_FALL, _CLEARANCE_PX)
-    kernels.edges.rims(np.require(contrast, np.float32, ["C", "W"]), circles, levels, rays_px, search, apart, points, visible, found, fall)
+    kernels.edges.rims(
+        np.require(contrast, np.float32, ["C", "W"]),
+        circles,
+        levels,
+        rays_px,
+        search,
+        apart,
+        points,
+        visible,
+        found,
+        fall,
+    )
     return RimEdges(points, visible, found, fall)
 
 

@@ -27,7 +27,7 @@ class PlaneProjection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     def to_pixels(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Map points (..., 2) in metres to pixels (..., 2)."""
         ideal = _mapped(np.array(self.homography), points_m[..., 0], points_m[..., 1])
-        stretch = 1 + self.radial_distortion * (ideal**2).sum(axis=-1, keepdims=True)
+        stretch = 1 + self.radial_distortion * (ideal * ideal).sum(axis=-1, keepdims=True)
         return np.asarray(np.array(self.centre_px) + self.scale_px * ideal * stretch)
 
     def to_workspace(self, points_px: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -17,10 +17,10 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from dynpf import kernels
+from dynpf.directions import directions
 from dynpf.portable import erf, product, sincos
 from dynpf.rng import Stream, generator
 from dynpf.vision.board import Board
-from dynpf.vision.directions import directions
 from dynpf.vision.projection import PlaneProjection
 
 __all__ = ["Camera", "CameraParams", "DrawnDisc", "board_discs", "calibration_pairs", "encode", "project", "render"]
@@ -210,7 +210,8 @@ def _light(params: CameraParams) -> NDArray[np.float32]:
     """Relative illumination (H, W), 1 in the middle: falls off towards the corners and slopes across."""
     x = np.linspace(-1, 1, params.width_px)[None, :]
     y = np.linspace(-1, 1, params.height_px)[:, None]
-    falloff = 1 - params.light_falloff * ((x + 0.1) ** 2 + (y - 0.15) ** 2) / (1.1**2 + 1.15**2)
+    away, farthest = np.square(x + 0.1) + np.square(y - 0.15), 1.1 * 1.1 + 1.15 * 1.15
+    falloff = 1 - params.light_falloff * away / farthest
     return np.ascontiguousarray(falloff * (1 + params.light_slope / 2 * x), dtype=np.float32)
 
 
@@ -224,6 +225,6 @@ def _noise_tile(params: CameraParams) -> NDArray[np.int16]:
 
 def _edge_profile(blur_sigma_px: float) -> NDArray[np.float32]:
     """Coverage against the distance outside a straight border: a step seen through the blur and a pixel's width."""
-    sigma = math.sqrt(blur_sigma_px**2 + 1 / 12)
+    sigma = math.sqrt(blur_sigma_px * blur_sigma_px + 1 / 12)
     distance = np.arange(round(2 * _EDGE_REACH_PX * _EDGE_STEPS) + 1) / _EDGE_STEPS - _EDGE_REACH_PX
     return np.array([0.5 * (1.0 - erf(d / (sigma * math.sqrt(2.0)))) for d in distance], dtype=np.float32)

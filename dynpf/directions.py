@@ -1,4 +1,4 @@
-"""Directions all round, which rays and rims are made of."""
+"""Directions all round, which rays, rims and grippers are taken at."""
 
 from functools import lru_cache
 
