@@ -104,9 +104,7 @@ class EndRadius:
             low, high = self.radii[0], self.radii[-1]
             anywhere = low + (high - low) * stream.part("anew").uniforms(1, count)[0]
             proposed[3] = np.where(redrawn, anywhere, proposed[3])
-            log_weights = log_weights + exact.log(
-                np.where(redrawn, 2.0 * params.change, 2.0 * (1.0 - params.change))
-            )
+            log_weights = log_weights + exact.log(np.where(redrawn, 2.0 * params.change, 2.0 * (1.0 - params.change)))
         proposed[3] = np.clip(proposed[3], self.radii[0], self.radii[-1])
         return proposed, log_weights
 

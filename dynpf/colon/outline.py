@@ -131,7 +131,7 @@ def _centre_line(bow: float, waves: float, phase: float) -> FloatArray:
 
 def _steps(start: float, end: float, step: float) -> FloatArray:
     """Return numbers from ``start`` on, ``step`` apart, up to before ``end``."""
-    return start + step * np.arange(math.ceil((end - start) / step))
+    return start + step * np.arange(math.ceil((end - start) / step)).astype(np.float64)
 
 
 def _between(place: float, places: FloatArray, values: FloatArray) -> float:
