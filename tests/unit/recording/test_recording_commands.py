@@ -43,6 +43,8 @@ def test_info(run: Run, tmp_path: Path) -> None:
     assert code == 0
     assert "Two nodes, seed 7" in printed
     assert summary["content_digest"] in printed
+    assert summary["platform_differs"] in printed
+    assert summary["platform_differs"].startswith("recorded with ")
 
 
 def test_info_tells_that_a_file_was_cut_off(run: Run, tmp_path: Path) -> None:
