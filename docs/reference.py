@@ -94,6 +94,9 @@ class Drift:
 - A measurement model names the type of its readings in the class attribute `reading`: `RangeBearingReadings`,
   `UnlabelledReadings`, `Scan`, `RangeVector`, `Lines` or `Position`.
 - A motion model is given a `Twist`, or a `Displacement` if its class attribute `control` is that type.
+- Its bytes are as exact as what it calls. The library's own are the same on every machine; NumPy's `@`, `exp` or `sin`
+  and those of `math` are not, but differ in the last digits from processor to processor, and a replay elsewhere shows
+  it. `dynpf.portable` has the same with fixed bits, and [the library](library.md#a-model-of-ones-own) tells more.
 - It draws from the stream that it is given and from nothing else, reads no clock and no file, and keeps no state
   between calls: else a replay is not the same run.
 

@@ -86,7 +86,7 @@ def _each_alone(options: argparse.Namespace, recording: "Recording", scenario: "
         return _compare(options, recording, lambda path: _write(recording, scenario, outcomes, path))
     if options.output is not None:
         _write(recording, scenario, outcomes, options.output)
-    _print_outcomes(outcomes, as_json=options.json)
+    _print_outcomes(recording, outcomes, as_json=options.json)
     return 0 if all(outcome.mismatch is None for outcome in outcomes) else 1
 
 
@@ -108,17 +108,20 @@ def _write(recording: "Recording", scenario: "Scenario", outcomes: Sequence["Rep
         writer.close(complete=whole, reason=f"replayed from {recording.path.name}")
 
 
-def _print_outcomes(outcomes: Sequence["Replayed"], *, as_json: bool) -> None:
+def _print_outcomes(recording: "Recording", outcomes: Sequence["Replayed"], *, as_json: bool) -> None:
+    from services.recording.provenance import collect, told_where_bytes_differ
+
     # The first difference of the run is the one of the earliest tick, and in it of the first node in tick order.
     found = [outcome.mismatch for outcome in outcomes if outcome.mismatch is not None]
     first = min(found, key=lambda one: one.tick) if found else None
+    apart = told_where_bytes_differ(recording.header.provenance, collect()) if found else ""
     if as_json:
         counts = {one.node: {"steps": one.steps, "messages": one.messages, "digests": one.digests} for one in outcomes}
         told = None
         if first is not None:
             told = {**first._asdict(), "a": first.recorded, "b": first.replayed}
             del told["recorded"], told["replayed"]
-        print(json.dumps({"same": first is None, "first": told, "counts": counts}))
+        print(json.dumps({"same": first is None, "first": told, "counts": counts, "platform": apart}))
         return
     for one in outcomes:
         verdict = "same" if one.mismatch is None else "DIFFERS"
@@ -128,6 +131,8 @@ def _print_outcomes(outcomes: Sequence["Replayed"], *, as_json: bool) -> None:
             f"first difference: node {first.node}, tick {first.tick}, {first.topic} {first.sequence}, {first.field}: "
             f"recorded {first.recorded!r}, replayed {first.replayed!r}"
         )
+    if apart:
+        print(apart)
 
 
 def _closed_loop(options: argparse.Namespace, recording: "Recording", scenario: "Scenario") -> int:

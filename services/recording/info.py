@@ -7,6 +7,7 @@ import msgspec
 from protocol.journal import JOURNAL_PREFIX
 from services.recording.code import code_in_words, described_code, recorded_code
 from services.recording.digest import content_digest
+from services.recording.provenance import collect, told_apart
 from services.recording.reader import Recording
 
 __all__ = ["describe", "text"]
@@ -46,6 +47,7 @@ def describe(recording: Recording) -> dict[str, Any]:
         "code_digest": provenance.code_digest,
         "packages": provenance.packages,
         "platform": provenance.platform,
+        "platform_differs": told_apart(provenance, collect()),
     }
 
 
@@ -62,6 +64,7 @@ def text(summary: dict[str, Any]) -> str:
         f"schema version {summary['schema_version']}",
         f"  {', '.join(f'{name} {version}' for name, version in summary['packages'].items())}",
         *(f"  {name}: {value}" for name, value in summary["platform"].items()),
+        *(f"  {line}" for line in (summary["platform_differs"],) if line),
         *(f"  attachment {name}: {size} bytes" for name, size in summary["attachments"].items()),
         *(f"  {line}" for line in code_in_words(summary["code"])),
     ]
