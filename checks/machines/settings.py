@@ -1,0 +1,108 @@
+"""The settings under which the jobs are run: a table by what the processor has, without effects of its own."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import NamedTuple
+
+from checks.machines.interpreters import Interpreter
+
+__all__ = ["CHOOSERS", "DEFAULT", "SHORT", "Processor", "Setting", "processor_settings", "python_settings"]
+
+CHOOSERS = (
+    *("OPENBLAS_CORETYPE", "OPENBLAS_L2_SIZE", "OPENBLAS_NUM_THREADS", "OPENBLAS_VERBOSE", "OMP_NUM_THREADS"),
+    *("NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_CPU_FEATURES", "OPENCV_CPU_DISABLE", "OPENCV_IPP", "GLIBC_TUNABLES"),
+    *("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NUMBA_NUM_THREADS", "NUMBA_OPT", "PYTHONHASHSEED", "PYTHONPATH"),
+)
+"""Variables that choose kernels: every run sets them or has none of them, whatever the environment says."""
+
+
+class Processor(NamedTuple):
+    """What the default run tells of the processor; names are NumPy's and OpenCV's own."""
+
+    machine: str  # such as x86_64
+    features: frozenset[str]  # that NumPy found
+    numpy_dispatched: tuple[str, ...]  # for which NumPy has further kernels, found on this processor
+    opencv_dispatched: tuple[str, ...]  # for which OpenCV has, found or not
+    glibc: bool
+
+
+class Setting(NamedTuple):
+    """One row of the matrix: variables or another interpreter, and the controls that should show it."""
+
+    name: str
+    environment: Mapping[str, str]
+    controls: tuple[str, ...]
+    interpreter: Interpreter | None = None  # None: the one that runs the matrix
+    kernels: str = "default"  # whose compiled kernels of dynpf it uses
+
+
+DEFAULT = Setting("default", {}, ())
+
+# What each of OpenBLAS's choices needs of the processor, by NumPy's names.
+_OPENBLAS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    "x86_64": {
+        "Prescott": ("SSE3",),
+        "Core2": ("SSSE3",),
+        "Nehalem": ("SSE42",),
+        "Sandybridge": ("AVX",),
+        "Haswell": ("AVX2", "FMA3"),
+        "Zen": ("AVX2", "FMA3"),
+        "SkylakeX": ("AVX512_SKX",),
+        "Cooperlake": ("AVX512_SKX", "AVX512BF16"),
+        "SapphireRapids": ("AVX512_SPR", "AVX512BF16"),
+    },
+    "aarch64": {
+        "ARMV8": ("ASIMD",),
+        "CORTEXA57": ("ASIMD",),
+        "THUNDERX2T99": ("ASIMD",),
+        "NEOVERSEN1": ("ASIMDHP", "ASIMDDP"),
+        "ARMV8SVE": ("SVE",),
+        "NEOVERSEV1": ("SVE",),
+    },
+}
+
+_GENERIC = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "-avx,-avx2,-fma"}
+_OLD_LIBM = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4"}
+
+SHORT = ("OpenBLAS Prescott", "NumPy's baseline", "OpenCV's baseline", "libm without FMA", "all masks")
+"""The settings of the short form."""
+
+
+def processor_settings(processor: Processor) -> Iterator[Setting]:
+    """Yield the settings that choose other kernels on one processor."""
+    kinds = [kind for kind, needed in _OPENBLAS.get(processor.machine, {}).items() if processor.features >= {*needed}]
+    for kind in kinds:
+        yield Setting(f"OpenBLAS {kind}", {"OPENBLAS_CORETYPE": kind}, ("products",))
+    masks = [*_masks(processor)]
+    yield from masks
+    yield Setting(
+        "all masks",
+        {name: value for mask in masks for name, value in mask.environment.items()}
+        | ({"OPENBLAS_CORETYPE": kinds[0]} if kinds else {}),
+        (*(("products",) if kinds else ()), *(control for mask in masks for control in mask.controls)),
+        kernels="generic",
+    )
+    for count in ("1", "2"):
+        threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"), count)
+        yield Setting(f"threads: {count}", threads, ("long dot",))
+    yield Setting("another order of sets", {"PYTHONHASHSEED": "1"}, ("set order",))
+
+
+def _masks(processor: Processor) -> Iterator[Setting]:
+    if processor.numpy_dispatched:
+        names = " ".join(processor.numpy_dispatched)
+        yield Setting("NumPy's baseline", {"NPY_DISABLE_CPU_FEATURES": names}, ("numpy",))
+    if processor.opencv_dispatched:
+        names = ",".join(processor.opencv_dispatched)
+        yield Setting("OpenCV's baseline", {"OPENCV_CPU_DISABLE": names}, ("opencv",))
+    if processor.machine == "x86_64":
+        yield Setting("IPP for SSE4.2", {"OPENCV_IPP": "sse42"}, ("ipp",))
+        yield Setting("no IPP", {"OPENCV_IPP": "disabled"}, ("ipp",))
+        yield Setting("Numba for any x86-64", _GENERIC, ("numba",), kernels="generic")
+        if processor.glibc:
+            yield Setting("libm without FMA", _OLD_LIBM, ("libm",))
+
+
+def python_settings(interpreters: Iterable[Interpreter]) -> Iterator[Setting]:
+    """Yield a setting for each further interpreter."""
+    for one in interpreters:
+        yield Setting(one.name, {}, ("float sum",), one, kernels=one.kernels)
