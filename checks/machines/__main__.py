@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import re
 import shutil
 import sys
 from collections.abc import Sequence
@@ -37,7 +38,8 @@ def main() -> int:
 
 
 def _matrix(machine: str | None, model: str, jobs: Sequence[str], names: tuple[str, ...]) -> int:
-    default = _run(DEFAULT, jobs)
+    folder = CACHE / "runs" / (machine or "processor")
+    default = _run(DEFAULT, jobs, folder)
     if default.told is None or default.failure:
         raise UsageError(f"the default run failed: {default.failure}; {default.folder / 'stderr.txt'} tells more")
     rows = [row_of(default, default._replace(setting=RECORDED), _against_recordings(default))]
@@ -52,22 +54,20 @@ def _matrix(machine: str | None, model: str, jobs: Sequence[str], names: tuple[s
         other = emulated(machine, model)
         settings = [Setting(other.name, {}, ("products", "numpy", "libm", "opencv"), other, other.kernels)]
     for setting in settings:
-        outcome = _run(setting, jobs)
+        outcome = _run(setting, jobs, folder)
         rows.append(row_of(default, outcome, differences(default, outcome, jobs)))
         if not rows[-1].different:
             shutil.rmtree(outcome.folder)
     return _report(rows, default)
 
 
-def _run(setting: Setting, jobs: Sequence[str]) -> Outcome:
-    emulation = setting.interpreter is not None and setting.kernels not in ("default", "debian-13")
-
+def _run(setting: Setting, jobs: Sequence[str], folder: Path) -> Outcome:
     def show(one: Done, seconds: float) -> None:
-        if emulation:
+        if setting.interpreter is not None:
             print(f"  {seconds:6.0f} s  {one.job}  {one.error}".rstrip(), flush=True)
 
     print(f"{setting.name} ...", flush=True)
-    return run(setting, jobs, CACHE / "runs" / setting.name.replace(" ", "-"), show)
+    return run(setting, jobs, folder / re.sub(r"[^\w.-]+", "-", setting.name), show)
 
 
 def _against_recordings(default: Outcome) -> list[Difference]:

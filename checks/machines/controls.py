@@ -41,7 +41,7 @@ def _products() -> bytes:
 def _long_dot() -> bytes:
     """OpenBLAS: a scalar product long enough to be shared out among threads."""
     numbers = _numbers(300_000)
-    return np.dot(numbers, numbers).tobytes()
+    return np.float64(np.dot(numbers, numbers)).tobytes()
 
 
 def _numpy() -> bytes:

@@ -28,7 +28,7 @@ class Interpreter(NamedTuple):
     name: str
     command: tuple[str, ...]
     packages: Path
-    kernels: str  # name of the folder of the kernels that it compiles
+    kernels: str = ""  # folder of the kernels that it compiles; none: the checkout's own
 
 
 class Emulated(NamedTuple):
@@ -64,7 +64,7 @@ def further_pythons() -> Iterator[Interpreter]:
         found = _installed(version)
         if found is not None and version != sys.version_info[:2]:
             name = "Python {}.{}".format(*version)
-            yield Interpreter(name, (found,), locked_packages(version, machine), "default")
+            yield Interpreter(name, (found,), locked_packages(version, machine))
     architecture = host_architecture()
     root = unpacked("trixie", architecture, ("libpython3.13-stdlib", "python3.13-minimal", *_LIBRARIES))
     loaders = [*root.glob("lib*/ld-linux-*.so.*")]
@@ -72,7 +72,7 @@ def further_pythons() -> Iterator[Interpreter]:
         raise UsageError(f"{root}: holds no dynamic loader; delete the folder to have it unpacked anew")
     libraries = root / "usr/lib" / f"{machine}-linux-gnu"
     command = (str(loaders[0]), "--library-path", str(libraries), str(root / "usr/bin/python3.13"))
-    yield Interpreter("Debian 13's Python 3.13", command, locked_packages(TRIXIE, machine), "debian-13")
+    yield Interpreter("Debian 13's Python 3.13", command, locked_packages(TRIXIE, machine))
 
 
 def _installed(version: tuple[int, int]) -> str | None:
@@ -86,7 +86,7 @@ def _installed(version: tuple[int, int]) -> str | None:
 
 
 def locked_packages(version: tuple[int, int], machine: str) -> Path:
-    """Return a folder with the locked packages for a version of Python and a processor; the first call installs them."""
+    """Return a folder with the locked packages for a Python and a processor; the first call installs them."""
     lock = CHECKOUT / "requirements.lock"
     digest = hashlib.sha256(lock.read_bytes()).hexdigest()[:12]
     number = "{}{}".format(*version)

@@ -20,7 +20,7 @@ from services.runners.inline import run_inline
 from services.runners.replay import replay_node, write_replayed
 from services.scenario import load_scenario
 
-__all__ = ["JOBS", "LOGS", "Job", "chosen", "run_job"]
+__all__ = ["JOBS", "LOGS", "REFERENCE", "Job", "chosen", "run_job"]
 
 REFERENCE = "reference-"
 
@@ -50,7 +50,11 @@ _RUNS = (
     Job("colon-own-maps", "colon-own-maps", ()),
     Job("colon-growth", "colon-growth", ()),
     Job("landmarks", "landmark-room", ("max_ticks=600",)),
-    Job("landmarks-threads", "landmark-room", ("max_ticks=40", "estimator.n=20000", "estimator.filter={kind='sir', threads=2}")),
+    Job(
+        "landmarks-threads",
+        "landmark-room",
+        ("max_ticks=40", "estimator.n=20000", "estimator.filter={kind='sir', threads=2}"),
+    ),
     Job("landmarks-extended", "landmark-room", ("max_ticks=150", "estimator.filter=extended_kalman")),
     Job("landmarks-unscented", "landmark-room", ("max_ticks=150", "estimator.filter=unscented_kalman")),
     # It is told a start across the map, notices that it is lost, and searches.

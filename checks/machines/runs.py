@@ -45,17 +45,18 @@ def run(
 ) -> Outcome:
     """Run jobs under a setting, showing each as it is done with the seconds since the start."""
     folder.mkdir(parents=True, exist_ok=True)
-    kernels = CACHE / "kernels" / setting.kernels
-    kernels.mkdir(parents=True, exist_ok=True)
     environment = {name: value for name, value in os.environ.items() if name not in CHOOSERS}
     paths = [str(CHECKOUT)]
     command: tuple[str, ...] = (sys.executable,)
     if setting.interpreter is not None:
         command = setting.interpreter.command
         paths.append(str(setting.interpreter.packages))
-    # Without -s, -P a folder of the user's own packages would come before the locked ones.
     environment |= {"PYTHONHASHSEED": "0", "PYTHONPATH": os.pathsep.join(paths), "PYTHONNOUSERSITE": "1"}
-    environment |= {"NUMBA_CACHE_DIR": str(kernels), **setting.environment}
+    if setting.kernels:
+        kernels = CACHE / "kernels" / setting.kernels
+        kernels.mkdir(parents=True, exist_ok=True)
+        environment["NUMBA_CACHE_DIR"] = str(kernels)
+    environment |= setting.environment
     start = time.monotonic()
     told: Told | None = None
     done: dict[str, Done] = {}

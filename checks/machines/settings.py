@@ -1,6 +1,6 @@
 """The settings under which the jobs are run: a table by what the processor has, without effects of its own."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from checks.machines.interpreters import Interpreter
@@ -16,12 +16,12 @@ CHOOSERS = (
 
 
 class Processor(NamedTuple):
-    """What the default run tells of the processor; names are NumPy's and OpenCV's own."""
+    """What the default run tells of the processor."""
 
     machine: str  # such as x86_64
-    features: frozenset[str]  # that NumPy found
+    features: frozenset[str]  # by the names of Linux
     numpy_dispatched: tuple[str, ...]  # for which NumPy has further kernels, found on this processor
-    opencv_dispatched: tuple[str, ...]  # for which OpenCV has, found or not
+    opencv_dispatched: tuple[str, ...]  # for which OpenCV has, found on this processor
     glibc: bool
 
 
@@ -32,39 +32,39 @@ class Setting(NamedTuple):
     environment: Mapping[str, str]
     controls: tuple[str, ...]
     interpreter: Interpreter | None = None  # None: the one that runs the matrix
-    kernels: str = "default"  # whose compiled kernels of dynpf it uses
+    kernels: str = ""  # folder of the kernels that it compiles; none: the checkout's own
 
 
 DEFAULT = Setting("default", {}, ())
 
-# What each of OpenBLAS's choices needs of the processor, by NumPy's names.
+# What each of OpenBLAS's choices needs of the processor, by the names of Linux.
 _OPENBLAS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "x86_64": {
-        "Prescott": ("SSE3",),
-        "Core2": ("SSSE3",),
-        "Nehalem": ("SSE42",),
-        "Sandybridge": ("AVX",),
-        "Haswell": ("AVX2", "FMA3"),
-        "Zen": ("AVX2", "FMA3"),
-        "SkylakeX": ("AVX512_SKX",),
-        "Cooperlake": ("AVX512_SKX", "AVX512BF16"),
-        "SapphireRapids": ("AVX512_SPR", "AVX512BF16"),
+        "Prescott": ("pni",),
+        "Core2": ("ssse3",),
+        "Nehalem": ("sse4_2",),
+        "Sandybridge": ("avx",),
+        "Haswell": ("avx2", "fma"),
+        "Zen": ("avx2", "fma"),
+        "SkylakeX": ("avx512f", "avx512bw", "avx512dq", "avx512vl"),
+        "Cooperlake": ("avx512vl", "avx512_bf16"),
+        "SapphireRapids": ("avx512vl", "avx512_fp16", "amx_bf16"),
     },
     "aarch64": {
-        "ARMV8": ("ASIMD",),
-        "CORTEXA57": ("ASIMD",),
-        "THUNDERX2T99": ("ASIMD",),
-        "NEOVERSEN1": ("ASIMDHP", "ASIMDDP"),
-        "ARMV8SVE": ("SVE",),
-        "NEOVERSEV1": ("SVE",),
+        "ARMV8": ("asimd",),
+        "CORTEXA57": ("asimd",),
+        "THUNDERX2T99": ("asimd",),
+        "NEOVERSEN1": ("asimdhp", "asimddp"),
+        "ARMV8SVE": ("sve",),
+        "NEOVERSEV1": ("sve",),
     },
 }
 
 _GENERIC = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "-avx,-avx2,-fma"}
 _OLD_LIBM = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4"}
 
-SHORT = ("OpenBLAS Prescott", "NumPy's baseline", "OpenCV's baseline", "libm without FMA", "all masks")
-"""The settings of the short form."""
+SHORT = ("OpenBLAS Prescott", "NumPy's baseline", "OpenCV's baseline", "libm without FMA", "all masks but Numba's")
+"""The settings of the short form: those for which no kernel of dynpf has to be compiled anew."""
 
 
 def processor_settings(processor: Processor) -> Iterator[Setting]:
@@ -74,17 +74,19 @@ def processor_settings(processor: Processor) -> Iterator[Setting]:
         yield Setting(f"OpenBLAS {kind}", {"OPENBLAS_CORETYPE": kind}, ("products",))
     masks = [*_masks(processor)]
     yield from masks
-    yield Setting(
-        "all masks",
-        {name: value for mask in masks for name, value in mask.environment.items()}
-        | ({"OPENBLAS_CORETYPE": kinds[0]} if kinds else {}),
-        (*(("products",) if kinds else ()), *(control for mask in masks for control in mask.controls)),
-        kernels="generic",
-    )
+    oldest = [Setting("", {"OPENBLAS_CORETYPE": kind}, ("products",)) for kind in kinds[:1]]
+    yield _together("all masks but Numba's", [*oldest, *(mask for mask in masks if not mask.kernels)])
+    yield _together("all masks", [*oldest, *masks])
     for count in ("1", "2"):
         threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"), count)
         yield Setting(f"threads: {count}", threads, ("long dot",))
     yield Setting("another order of sets", {"PYTHONHASHSEED": "1"}, ("set order",))
+
+
+def _together(name: str, masks: Sequence[Setting]) -> Setting:
+    environment = {variable: value for mask in masks for variable, value in mask.environment.items()}
+    controls = dict.fromkeys(control for mask in masks for control in mask.controls)
+    return Setting(name, environment, tuple(controls), kernels=max((mask.kernels for mask in masks), default=""))
 
 
 def _masks(processor: Processor) -> Iterator[Setting]:

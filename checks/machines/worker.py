@@ -27,7 +27,7 @@ class Told(msgspec.Struct, frozen=True, kw_only=True):
     machine: str
     python: str
     glibc: bool
-    features: tuple[str, ...]  # NumPy's names
+    features: tuple[str, ...]  # of the processor, by the names of Linux
     numpy_dispatched: tuple[str, ...]
     opencv_line: str
     controls: dict[str, str]
@@ -52,18 +52,22 @@ def outcome_digest(path: Path) -> str:
 
 
 def _told() -> Told:
-    # NumPy has no public name for the features of the processor, only for those that it has kernels for.
-    from numpy._core._multiarray_umath import __cpu_features__  # noqa: PLC0415
-
     return Told(
         machine=platform.machine(),
         python=platform.python_version(),
         glibc=platform.libc_ver()[0] == "glibc",
-        features=tuple(name for name, has in __cpu_features__.items() if has),
+        features=_features(),
         numpy_dispatched=tuple(np.show_config(mode="dicts")["SIMD Extensions"].get("found", ())),
         opencv_line=cv2.getCPUFeaturesLine(),
         controls=control_digests(),
     )
+
+
+def _features() -> tuple[str, ...]:
+    """Return what Linux says of the processor's instructions; it is silent in emulation."""
+    lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    found = [line.partition(":")[2] for line in lines if line.startswith(("flags", "Features"))]
+    return tuple(found[0].split()) if found else ()
 
 
 def _done(name: str, folder: Path) -> Done:
