@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from checks.machines.controls import PROCESSOR
 from checks.machines.debian import CACHE
 from checks.machines.interpreters import EMULATED, emulated, further_pythons
 from checks.machines.jobs import LOGS, REFERENCE, chosen
@@ -52,7 +53,7 @@ def _matrix(machine: str | None, model: str, jobs: Sequence[str], names: tuple[s
         settings = [one for one in settings if not names or one.name.startswith(names)]
     else:
         other = emulated(machine, model)
-        settings = [Setting(other.name, {}, ("products", "numpy", "libm", "opencv"), other, other.kernels)]
+        settings = [Setting(other.name, {}, PROCESSOR, other, other.kernels)]
     for setting in settings:
         outcome = _run(setting, jobs, folder)
         rows.append(row_of(default, outcome, differences(default, outcome, jobs)))

@@ -13,7 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["CONTROLS", "control_digests"]
+__all__ = ["CONTROLS", "PROCESSOR", "control_digests"]
 
 FloatArray = NDArray[np.float64]
 
@@ -115,3 +115,6 @@ CONTROLS: Mapping[str, Callable[[], bytes]] = {
     "float sum": _python,
     "set order": _hashing,
 }
+
+PROCESSOR = ("products", "long dot", "numpy", "libm", "opencv", "ipp", "numba")
+"""The controls that another processor should change, beside those that another Python does."""

@@ -123,8 +123,10 @@ def compared(job: str, expected: Recording, found: Recording) -> Difference:
 
 def first_by_node(all_first: Sequence[FirstDifference]) -> tuple[FirstDifference, ...]:
     """Return the first difference of each node, by tick; a message before the state that it came of."""
-    ordered = sorted(all_first, key=_order)
-    return tuple({one.node: one for one in reversed(ordered)}[node] for node in dict.fromkeys(x.node for x in ordered))
+    found: dict[str, FirstDifference] = {}
+    for one in sorted(all_first, key=_order):
+        found.setdefault(one.node, one)
+    return tuple(found.values())
 
 
 def _order(one: FirstDifference) -> tuple[Any, ...]:
