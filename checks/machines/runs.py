@@ -13,6 +13,7 @@ import msgspec
 from checks.machines.debian import CACHE
 from checks.machines.settings import CHOOSERS, Processor, Setting
 from checks.machines.worker import Done, Told
+from protocol.topics import NODES
 from services.recording.diff import FirstDifference
 from services.recording.reader import Recording, read_recording
 from services.references.table import CHECKOUT
@@ -122,7 +123,7 @@ def compared(job: str, expected: Recording, found: Recording) -> Difference:
 
 
 def first_by_node(all_first: Sequence[FirstDifference]) -> tuple[FirstDifference, ...]:
-    """Return the first difference of each node, by tick; a message before the state that it came of."""
+    """Return the first difference of each node, by tick, then in the order of the nodes in a tick."""
     found: dict[str, FirstDifference] = {}
     for one in sorted(all_first, key=_order):
         found.setdefault(one.node, one)
@@ -130,4 +131,5 @@ def first_by_node(all_first: Sequence[FirstDifference]) -> tuple[FirstDifference
 
 
 def _order(one: FirstDifference) -> tuple[Any, ...]:
-    return (one.tick if one.tick is not None else -1, one.topic.startswith("journal/"), one.sequence)
+    node = NODES.index(one.node) if one.node in NODES else -1  # the log comes before all nodes
+    return (one.tick if one.tick is not None else -1, node, one.topic.startswith("journal/"), one.sequence)
