@@ -604,11 +604,8 @@ def timestamp(stamp_ns: int) -> Timestamp:
 
 def planar_pose(x: float, y: float, theta: float) -> Pose:
     """Return a pose in the plane, heading ``theta`` in radians, as position and quaternion."""
-    sine, cosine = sincos(float(theta) / 2.0)
-    return Pose(
-        position=Vector3(x=x, y=y),
-        orientation=Quaternion(z=sine, w=cosine),
-    )
+    sine, cosine = sincos(theta / 2)
+    return Pose(position=Vector3(x=x, y=y), orientation=Quaternion(z=sine, w=cosine))
 
 
 def heading(orientation: Quaternion) -> float:

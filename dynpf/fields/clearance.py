@@ -4,12 +4,13 @@ A clearance is the gap between two outlines: negative when they overlap. Each on
 linearly; the filter returns the step nearest to the wanted one that meets every bound. Metres and radians.
 """
 
-from itertools import combinations
-
 import numpy as np
 from numpy.typing import NDArray
 
+from dynpf import kernels
 from dynpf.fields.layout import Layout
+from dynpf.portable import norm, product, sincos
+from dynpf.portable.functions import as_values
 
 __all__ = [
     "allowed_steps",
@@ -22,14 +23,12 @@ __all__ = [
 
 FloatArray = NDArray[np.float64]
 
-# The inward normals of the walls at +x, +y, -x, -y.
-WALL_NORMALS = np.array([[-1.0, 0.0], [0.0, -1.0], [1.0, 0.0], [0.0, 1.0]])
 TOLERANCE = 1e-10  # metres
 
 
 def disc_clearances(centre: FloatArray, radius: float, others: FloatArray, radii: FloatArray) -> FloatArray:
     """Return the clearance of one disc from each of ``others``, (n, 2) with ``radii``, (n,): shape (n,)."""
-    clearances: FloatArray = np.hypot(*(centre - others).T) - (radius + radii)
+    clearances: FloatArray = norm(centre - others, axis=1) - (radius + radii)
     return clearances
 
 
@@ -60,14 +59,14 @@ def carrying_bounds(
     obstacles = parts[others], layout.radii[others], layout.half_size
     robot_rows, robot_clearances = _disc_bounds(pose[:2], layout.robot_radius, *obstacles)
     part_rows, part_clearances = _disc_bounds(part, float(layout.radii[held]), *obstacles)
-    across = np.array([-np.sin(pose[2]), np.cos(pose[2])])
+    sine, cosine = sincos(float(pose[2]))
     rows = np.concatenate(
         [
             np.column_stack([robot_rows, np.zeros(len(robot_rows))]),
-            np.column_stack([part_rows, distance * (part_rows @ across)]),
+            np.column_stack([part_rows, distance * (cosine * part_rows[:, 1] - sine * part_rows[:, 0])]),
         ]
     )
-    sagitta = 0.5 * distance * max_turn**2
+    sagitta = 0.5 * distance * max_turn * max_turn
     return rows, np.concatenate([robot_clearances, part_clearances - sagitta])
 
 
@@ -81,11 +80,12 @@ def project_step(
     shape (d,), ``rows`` (n, d), ``clearances`` and ``margins`` (n,); ``rate`` lies in (0, 1].
     """
     required = _required(clearances, margins, rate)
+    given, projected = as_values(step), np.empty(step.shape)
+    rows = as_values(rows)
     for bounds in (required, np.minimum(required, 0.0)):
-        projected = _project(step, rows, bounds)
-        if projected is not None:
+        if kernels.clearance.project(given, rows, bounds, TOLERANCE, projected):
             return projected
-    return np.zeros_like(step)
+    return np.zeros_like(projected)
 
 
 def allowed_steps(
@@ -93,7 +93,7 @@ def allowed_steps(
 ) -> NDArray[np.bool_]:
     """Return which of the steps (k, d) use up no more of any clearance than ``project_step`` allows, shape (k,)."""
     required = np.minimum(_required(clearances, margins, rate), 0.0)
-    changes: FloatArray = steps @ rows.T
+    changes: FloatArray = product(steps, rows.T)
     allowed: NDArray[np.bool_] = np.all(changes >= required - TOLERANCE, axis=1)
     return allowed
 
@@ -104,55 +104,10 @@ def _required(clearances: FloatArray, margins: FloatArray, rate: float) -> Float
     return required
 
 
-def _project(step: FloatArray, rows: FloatArray, required: FloatArray) -> FloatArray | None:
-    """Return argmin ||u - step|| subject to rows @ u >= required, or None when nothing meets every bound.
-
-    Bounds are taken up one at a time, the most violated first: the nearest step that meets some of the
-    bounds and happens to meet all of them is the nearest that meets all.
-    """
-    projected = step
-    taken: list[int] = []
-    while True:
-        slack = rows @ projected - required
-        worst = int(np.argmin(slack))
-        if slack[worst] >= -TOLERANCE:
-            return projected
-        if worst in taken:
-            return None
-        taken.append(worst)
-        nearest = _nearest(step, rows[taken], required[taken])
-        if nearest is None:
-            return None
-        projected = nearest
-
-
-def _nearest(step: FloatArray, rows: FloatArray, required: FloatArray) -> FloatArray | None:
-    """Solve the projection for a handful of bounds by trying each set of them as the active one."""
-    violation = required - rows @ step
-    for size in range(1, min(step.size, len(rows)) + 1):
-        for active in map(list, combinations(range(len(rows)), size)):
-            gram = rows[active] @ rows[active].T
-            if np.linalg.det(gram) < TOLERANCE:
-                continue
-            multipliers = np.linalg.solve(gram, violation[active])
-            nearest = step + multipliers @ rows[active]
-            if np.all(multipliers >= 0.0) and np.all(rows @ nearest >= required - 0.5 * TOLERANCE):
-                return nearest
-    return None
-
-
 def _disc_bounds(
     centre: FloatArray, radius: float, others: FloatArray, radii: FloatArray, half_size: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    discs = disc_clearances(centre, radius, others, radii)
-    walls = wall_clearances(centre, radius, half_size)
-    return np.concatenate([_normals(centre, others), WALL_NORMALS]), np.concatenate([discs, walls])
-
-
-def _normals(centre: FloatArray, others: FloatArray) -> FloatArray:
-    difference = centre - others
-    length = np.hypot(*difference.T)
-    # Two discs with one centre have no normal: any direction leads out.
-    safe = np.where(length > 0.0, length, 1.0)
-    normals: FloatArray = np.where((length > 0.0)[:, None], difference / safe[:, None], [1.0, 0.0])
-    return normals
+    rows, clearances = np.empty((len(others) + 4, 2)), np.empty(len(others) + 4)
+    given = (as_values(array) for array in (others, radii, half_size))
+    kernels.clearance.disc_bounds(as_values(centre), float(radius), *given, rows, clearances)
+    return rows, clearances

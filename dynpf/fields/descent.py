@@ -4,7 +4,7 @@ The step goes against the gradient; where the filter turns it uphill, the lowest
 step lowers the potential or is zero, except while a clearance below its margin is won back.
 """
 
-from itertools import product
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from dynpf.fields.laws import Margins, Pace
 from dynpf.fields.layout import Layout
 from dynpf.fields.navigation import Potential
 from dynpf.fields.speed import descent_step, limit_step, step_length, swing_basis
+from dynpf.portable import norm, product
 
 __all__ = ["approach_step", "carry_step", "dock_step"]
 
@@ -68,7 +69,7 @@ def dock_step(
 ) -> FloatArray:
     """Return the step, (2,), of a robot that goes straight for ``target`` to grip it."""
     offset = parts[target] - robot
-    distance = float(np.linalg.norm(offset))
+    distance = norm(offset)
     length = step_length(distance - layout.grip_distance(target), pace.longest, pace.slow_distance)
     return _bounds(robot, parts, layout, margins, pace).nearest(descent_step(-offset, length))
 
@@ -90,9 +91,9 @@ def carry_step(
     basis = swing_basis(float(pose[2]), distance, arm)
     rows, clearances = carrying_bounds(pose, parts, held, layout, pace.max_turn)
     kept = np.tile(margins.of_robot(layout.others(held)), 2)
-    length = step_length(float(np.linalg.norm(part - potential.goal)), pace.longest, pace.slow_distance)
-    bounds = _Bounds(rows @ basis, clearances, kept, pace.rate, pace.longest, most=pace.max_turn * arm)
-    return basis @ _descend(potential, np.append(part, pose[2]), length, bounds, arm=arm)
+    length = step_length(norm(part - potential.goal), pace.longest, pace.slow_distance)
+    bounds = _Bounds(product(rows, basis), clearances, kept, pace.rate, pace.longest, most=pace.max_turn * arm)
+    return product(basis, _descend(potential, np.append(part, pose[2]), length, bounds, arm=arm))
 
 
 def _bounds(robot: FloatArray, parts: FloatArray, layout: Layout, margins: Margins, pace: Pace) -> _Bounds:
@@ -107,8 +108,8 @@ def _descend(potential: Potential, state: FloatArray, length: float, bounds: _Bo
     here, there = _values(potential, state, np.stack([np.zeros(size), step]), arm)
     if there < here or (bounds.clearances < bounds.margins).any():
         return step
-    tried = np.array([direction for direction in product((-1.0, 0.0, 1.0), repeat=size) if any(direction)])
-    tried /= np.linalg.norm(tried, axis=1)[:, None]
+    tried = np.array([direction for direction in itertools.product((-1.0, 0.0, 1.0), repeat=size) if any(direction)])
+    tried /= norm(tried, axis=1)[:, None]
     tried = bounds.allowed(np.concatenate([share * length * tried for share in SHARES]))
     values = _values(potential, state, tried, arm)
     lower = values.size and values.min() < here

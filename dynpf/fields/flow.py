@@ -47,7 +47,7 @@ class DescentFlow:
         gradient = params.exponent * to_go / squared
         for x, y, radius in params.discs:
             away = states[:2] - np.array([[x], [y]])
-            contact = (params.robot_radius + radius) ** 2
+            contact = (params.robot_radius + radius) * (params.robot_radius + radius)
             gradient -= away / np.maximum((away * away).sum(axis=0) - contact, CONTACT_FLOOR * contact)
         steepness = np.sqrt((gradient * gradient).sum(axis=0))
         speed = params.speed * np.minimum(1.0, np.sqrt(squared) / params.slow_distance)

@@ -12,6 +12,7 @@ from dynpf.fields.clearance import carrying_bounds, project_step, robot_bounds
 from dynpf.fields.layout import Layout
 from dynpf.fields.potentials import mate_part_gradient, move_part_gradient
 from dynpf.fields.speed import descent_step, limit_step, step_length, swing_basis
+from dynpf.portable import norm, product, sincos
 
 __all__ = ["Margins", "Pace", "leave_step", "mate_step", "move_step"]
 
@@ -52,7 +53,7 @@ def mate_step(
 ) -> FloatArray:
     """Return the robot's step, (2,), towards the place where it can grip ``target`` (mate-part)."""
     gradient = mate_part_gradient(robot, parts, target, layout, exponent)
-    distance = float(np.linalg.norm(robot - parts[target])) - layout.grip_distance(target)
+    distance = norm(robot - parts[target]) - layout.grip_distance(target)
     step = descent_step(gradient, step_length(distance, pace.longest, pace.slow_distance))
     return _clear_step(step, robot, parts, layout, margins=margins, pace=pace)
 
@@ -72,19 +73,20 @@ def move_step(
     arm = pace.arm * distance
     basis = swing_basis(float(pose[2]), distance, arm)
     gradient = move_part_gradient(pose, parts, held, layout, exponent)
-    to_go = float(np.linalg.norm(layout.held_position(pose, held) - layout.goals[held]))
-    step = descent_step(gradient @ basis, step_length(to_go, pace.longest, pace.slow_distance))
+    to_go = norm(layout.held_position(pose, held) - layout.goals[held])
+    step = descent_step(product(gradient, basis), step_length(to_go, pace.longest, pace.slow_distance))
     rows, clearances = carrying_bounds(pose, parts, held, layout, pace.max_turn)
     kept = margins.of_robot(layout.others(held))
-    step = project_step(step, rows @ basis, clearances, np.concatenate([kept, kept]), pace.rate)
+    step = project_step(step, product(rows, basis), clearances, np.concatenate([kept, kept]), pace.rate)
     step = limit_step(step, pace.longest)
     turn = abs(float(step[2])) / arm
-    return basis @ (step if turn <= pace.max_turn else step * (pace.max_turn / turn))
+    return product(basis, step if turn <= pace.max_turn else step * (pace.max_turn / turn))
 
 
 def leave_step(pose: FloatArray, parts: FloatArray, layout: Layout, *, margins: Margins, pace: Pace) -> FloatArray:
     """Return the robot's step, (2,), backwards from where its gripper points."""
-    backwards = -pace.longest * np.array([np.cos(pose[2]), np.sin(pose[2])])
+    sine, cosine = sincos(float(pose[2]))
+    backwards = -pace.longest * np.array([cosine, sine])
     return _clear_step(backwards, pose[:2], parts, layout, margins=margins, pace=pace)
 
 

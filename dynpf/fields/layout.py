@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynpf.portable import sincos
+
 __all__ = ["Layout"]
 
 FloatArray = NDArray[np.float64]
@@ -25,7 +27,8 @@ class Layout(NamedTuple):
 
     def held_position(self, pose: FloatArray, part: int) -> FloatArray:
         """Return b = r + d e(theta), (2,), the centre of ``part`` in the gripper of a robot at (x, y, theta)."""
-        return pose[:2] + self.grip_distance(part) * np.array([np.cos(pose[2]), np.sin(pose[2])])
+        sine, cosine = sincos(float(pose[2]))
+        return pose[:2] + self.grip_distance(part) * np.array([cosine, sine])
 
     def others(self, part: int) -> NDArray[np.intp]:
         """Return the indices of all parts but one, ascending."""

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf import kernels
+from dynpf.directions import directions
 from dynpf.fields.layout import Layout
+from dynpf.portable import norm
 
 __all__ = [
     "ANGLES",
@@ -86,7 +88,7 @@ class Potential:
     @cached_property
     def _ratios(self) -> Float32Array:
         x, y = _axes(self.lower, self.spacing, self.values.shape)
-        distance = np.sqrt((x[:, None] - self.goal[0]) ** 2 + (y - self.goal[1]) ** 2 + TIP**2)
+        distance = np.sqrt(np.square(x[:, None] - self.goal[0]) + np.square(y - self.goal[1]) + TIP * TIP)
         ratios: Float32Array = self.values / distance.astype(np.float32)[:, :, None]
         return ratios
 
@@ -126,8 +128,8 @@ class Potential:
         """
         size_x, size_y, size_t = self.values.shape
         x, y = ((states[:, axis] - self.lower[axis]) / self.spacing for axis in (0, 1))
-        i, j = (np.clip(place.astype(int), 0, size - 2)[:, None] for place, size in ((x, size_x), (y, size_y)))
-        k = np.floor(states[:, 2] * (size_t / (2.0 * np.pi))).astype(int)[:, None]
+        i, j = (np.clip(place, 0, size - 2).astype(int)[:, None] for place, size in ((x, size_x), (y, size_y)))
+        k = (np.floor(states[:, 2] * (size_t / (2.0 * np.pi))) % size_t).astype(int)[:, None]
         at = i + CORNERS[0], j + CORNERS[1], (k + CORNERS[2]) % size_t
         depth = self.depths[at]
         pocket = (depth < 0) & np.isfinite(self.slowness[at])
@@ -158,9 +160,9 @@ def carrying_potential(
     It ends at the gripper directions at which both fit there and the robot can back off by ``retreat``.
     """
     slowness, lower = _carrying_slowness(layout, held, obstacles, cost)
-    directions = np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
-    robots = goal - layout.grip_distance(held) * directions
-    left = spare(robots - retreat * directions, layout.robot_radius, obstacles)
+    gripper = directions(ANGLES.size)
+    robots = goal - layout.grip_distance(held) * gripper
+    left = spare(robots - retreat * gripper, layout.robot_radius, obstacles)
     fits = np.minimum(spare(robots, layout.robot_radius, obstacles), left)
     fits = np.minimum(fits, spare(goal[None, :], float(layout.radii[held]), obstacles))
     return _solved(slowness, cost.slowness(fits), lower, CARRYING_SPACING, goal, arm=arm)
@@ -199,8 +201,7 @@ def crossed_parts(
     starts = np.column_stack([np.tile(robot_and_part[1], (ANGLES.size, 1)), ANGLES])
     nodes = _downhill(moving, starts[np.argmin(moving.at(starts))])
     parts = lower + CARRYING_SPACING * nodes[:, :2]
-    angles = ANGLES[nodes[:, 2]]
-    robots = parts - layout.grip_distance(part) * np.column_stack([np.cos(angles), np.sin(angles)])
+    robots = parts - layout.grip_distance(part) * directions(ANGLES.size)[nodes[:, 2]]
     for place, carrier in zip(parts, robots, strict=True):
         crossed += _touched(place[None, :], float(layout.radii[part]), obstacles)
         crossed += _touched(carrier[None, :], radius, obstacles)
@@ -214,17 +215,15 @@ def _passable(slowness: Float32Array, without_parts: Float32Array) -> Float32Arr
 
 def _touched(points: FloatArray, radius: float, obstacles: Obstacles) -> list[int]:
     """Return the obstacles that a disc at ``points`` (N, 2) in turn comes too close to, in the order of its way."""
-    distance = np.linalg.norm(points[:, None, :] - obstacles.centres, axis=2)
+    distance = norm(points[:, None, :] - obstacles.centres, axis=2)
     return [int(index) for index in np.argwhere(distance < radius + obstacles.kept)[:, 1]]
 
 
 def _downhill(potential: Potential, state: FloatArray) -> NDArray[np.intp]:
     """Return the nodes (M, 3) from the one next to ``state`` down to the goal, each the lowest beside the last."""
     shape = np.array(potential.values.shape)
-    node = np.append(np.rint((state[:2] - potential.lower) / potential.spacing), state[2] * shape[2] / (2.0 * np.pi))
-    node = np.rint(node).astype(int)
-    node[:2] = np.clip(node[:2], 0, shape[:2] - 1)
-    node[2] %= shape[2]
+    place = np.clip(np.rint((state[:2] - potential.lower) / potential.spacing), 0, shape[:2] - 1)
+    node = np.append(place, np.rint(state[2] * shape[2] / (2.0 * np.pi)) % shape[2]).astype(int)
     steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3), axis=-1).reshape(-1, 3)
     way = [node]
     while True:
@@ -244,8 +243,8 @@ def _carrying_slowness(layout: Layout, held: int, obstacles: Obstacles, cost: Co
     of_part = spare(points, float(layout.radii[held]), obstacles)
     distance = layout.grip_distance(held)
     shape = (x.size, y.size, ANGLES.size)
-    robot_x = x.astype(np.float32)[:, None, None] - (distance * np.cos(ANGLES)).astype(np.float32)
-    robot_y = y.astype(np.float32)[None, :, None] - (distance * np.sin(ANGLES)).astype(np.float32)
+    offset_x, offset_y = (distance * directions(ANGLES.size)).astype(np.float32).T
+    robot_x, robot_y = x.astype(np.float32)[:, None, None] - offset_x, y.astype(np.float32)[None, :, None] - offset_y
     robots = [np.ascontiguousarray(np.broadcast_to(axis, shape)).reshape(-1) for axis in (robot_x, robot_y)]
     of_robot = _spare(robots[0], robots[1], layout.robot_radius, obstacles).reshape(shape)
     return cost.slowness(np.minimum(of_robot, of_part[:, :, None])), lower
@@ -262,7 +261,7 @@ def _spare(x: Float32Array, y: Float32Array, radius: float, obstacles: Obstacles
 
 def _grid(half_size: FloatArray, spacing: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the nodes' x and y, about the origin and up to the walls, and the lower corner, (2,)."""
-    counts = np.maximum(np.ceil(half_size / spacing).astype(int), 1)
+    counts = np.maximum(np.ceil(half_size / spacing), 1.0).astype(int)
     lower = -counts * spacing
     x, y = (bound + spacing * np.arange(2 * count + 1) for bound, count in zip(lower, counts, strict=True))
     return x, y, lower
@@ -277,10 +276,10 @@ def _solved(
 ) -> Potential:
     """March from the goal at the directions whose slowness there, ``at_goal`` (T,), is finite."""
     x, y = _axes(lower, spacing, slowness.shape)
-    distance = np.hypot(x[:, None] - goal[0], y - goal[1])
+    distance = np.sqrt(np.square(x[:, None] - goal[0]) + np.square(y - goal[1]))
     at_goal = np.broadcast_to(at_goal, slowness.shape[2:])
     values = np.full(slowness.shape, np.inf, dtype=np.float32)
-    start = np.sqrt(distance * distance + TIP**2).astype(np.float32)[:, :, None] * at_goal
+    start = np.sqrt(distance * distance + TIP * TIP).astype(np.float32)[:, :, None] * at_goal
     for reach in (SEEDED * spacing, FRINGE):  # a goal that is itself hemmed in starts from the nearest open nodes
         seeds = (distance <= reach)[:, :, None] & np.isfinite(slowness) & np.isfinite(at_goal)
         if seeds.any():

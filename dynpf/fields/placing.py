@@ -1,9 +1,12 @@
 """Whether goals are free, and where a part can be put that stands in the way."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.fields.layout import Layout
+from dynpf.portable import norm
 
 __all__ = ["blocked_goals", "free_place"]
 
@@ -17,7 +20,7 @@ def blocked_goals(parts: FloatArray, layout: Layout, gap: float) -> tuple[NDArra
 
     A goal is free when no other part is nearer to the disc to be placed there than ``gap``.
     """
-    distance = np.linalg.norm(layout.goals[:, None, :] - parts[None, :, :], axis=2)
+    distance = norm(layout.goals[:, None, :] - parts[None, :, :], axis=2)
     near = distance < layout.radii[:, None] + layout.radii[None, :] + gap
     np.fill_diagonal(near, False)
     return near.any(axis=1), near.any(axis=0)
@@ -32,14 +35,14 @@ def free_place(parts: FloatArray, part: int, layout: Layout, gap: float) -> Floa
     limit = layout.half_size - layout.radii[part] - gap
     if np.any(limit < 0.0):
         return None
-    axes = [np.arange(-bound, bound + 0.5 * GRID, GRID) for bound in limit]
+    axes = [GRID * np.arange(math.floor(2.0 * bound / GRID + 0.5) + 1) - bound for bound in limit.tolist()]
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     obstacles = np.concatenate([parts[others], layout.goals])
     needed = layout.radii[part] + gap + np.concatenate([layout.radii[others], layout.radii])
-    distance = np.linalg.norm(places[:, None, :] - obstacles[None, :, :], axis=2)
+    distance = norm(places[:, None, :] - obstacles[None, :, :], axis=2)
     free = places[(distance >= needed).all(axis=1)]
     if not len(free):
         return None
-    ways = np.linalg.norm(free - parts[part], axis=1) + np.linalg.norm(free - layout.goals[part], axis=1)
+    ways = norm(free - parts[part], axis=1) + norm(free - layout.goals[part], axis=1)
     best: FloatArray = free[np.argmin(ways)]
     return best

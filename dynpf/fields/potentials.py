@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.fields.layout import Layout
+from dynpf.portable import log, norm, sincos
 
 __all__ = [
     "log_mate_part",
@@ -38,7 +39,7 @@ def log_next_part(parts: FloatArray, layout: Layout, exponent: float) -> float:
     """Return log phi(b) of part positions (p, 2): k log ||b - g||^2 less log beta over pairs (PARTS eq. 2.1)."""
     first, second = np.triu_indices(len(parts), 1)
     factors = _factors(parts[first] - parts[second], layout.radii[first] + layout.radii[second])
-    return float(exponent * np.log(_squared(parts - layout.goals)) - np.log(factors).sum())
+    return float(exponent * log(_squared(parts - layout.goals)) - log(factors).sum())
 
 
 def next_part_gradient(parts: FloatArray, layout: Layout, exponent: float) -> FloatArray:
@@ -58,7 +59,7 @@ def steepest_part(parts: FloatArray, candidates: list[int], layout: Layout, expo
     """
     if not candidates:
         raise ValueError("steepest_part: no candidates; name at least one part")
-    steepness = np.linalg.norm(next_part_gradient(parts, layout, exponent), axis=1)
+    steepness = norm(next_part_gradient(parts, layout, exponent), axis=1)
     return max(candidates, key=lambda part: (steepness[part], -part))
 
 
@@ -66,7 +67,7 @@ def log_mate_part(robot: FloatArray, parts: FloatArray, target: int, layout: Lay
     """Return log varphi_i(r, b) of a robot at ``robot``, (2,), on its way to part ``target`` (PARTS eq. 2.2)."""
     others = layout.others(target)
     factors = _factors(robot - parts[others], layout.robot_radius + layout.radii[others])
-    return float(exponent * np.log(_squared(robot - parts[target])) - np.log(factors).sum())
+    return float(exponent * log(_squared(robot - parts[target])) - log(factors).sum())
 
 
 def mate_part_gradient(
@@ -84,8 +85,8 @@ def log_move_part(pose: FloatArray, parts: FloatArray, held: int, layout: Layout
     part = layout.held_position(pose, held)
     robot_factors = _factors(pose[:2] - parts[others], layout.robot_radius + layout.radii[others])
     part_factors = _factors(part - parts[others], layout.radii[held] + layout.radii[others])
-    obstacles = np.log(robot_factors).sum() + np.log(part_factors).sum()
-    return float(exponent * np.log(_squared(part - layout.goals[held])) - obstacles)
+    obstacles = log(robot_factors).sum() + log(part_factors).sum()
+    return float(exponent * log(_squared(part - layout.goals[held])) - obstacles)
 
 
 def move_part_gradient(pose: FloatArray, parts: FloatArray, held: int, layout: Layout, exponent: float) -> FloatArray:
@@ -95,8 +96,8 @@ def move_part_gradient(pose: FloatArray, parts: FloatArray, held: int, layout: L
     on_robot = -_repulsion(pose[:2] - parts[others], layout.robot_radius + layout.radii[others])
     on_part = _attraction(part - layout.goals[held], exponent)
     on_part = on_part - _repulsion(part - parts[others], layout.radii[held] + layout.radii[others])
-    across = np.array([-np.sin(pose[2]), np.cos(pose[2])])
-    return np.append(on_robot + on_part, layout.grip_distance(held) * (across @ on_part))
+    sine, cosine = sincos(float(pose[2]))
+    return np.append(on_robot + on_part, layout.grip_distance(held) * (cosine * on_part[1] - sine * on_part[0]))
 
 
 def _squared(difference: FloatArray) -> float:

@@ -7,6 +7,8 @@ used. The speed is constant far from the goal and falls in proportion to the dis
 import numpy as np
 from numpy.typing import NDArray
 
+from dynpf.portable import norm, sincos
+
 __all__ = ["descent_step", "limit_step", "step_length", "swing_basis"]
 
 FloatArray = NDArray[np.float64]
@@ -19,13 +21,13 @@ def step_length(distance_to_go: float, longest: float, slow_distance: float) -> 
 
 def descent_step(gradient: FloatArray, length: float) -> FloatArray:
     """Return the step of ``length`` against ``gradient``, (d,); the zero step where the gradient vanishes."""
-    norm = float(np.linalg.norm(gradient))
-    return -gradient * (length / norm) if norm > 0.0 else np.zeros_like(gradient)
+    steepness = norm(gradient)
+    return -gradient * (length / steepness) if steepness > 0.0 else np.zeros_like(gradient)
 
 
 def limit_step(step: FloatArray, longest: float) -> FloatArray:
     """Return ``step``, shortened to the length ``longest`` when it is longer."""
-    length = float(np.linalg.norm(step))
+    length = norm(step)
     return step if length <= longest else step * (longest / length)
 
 
@@ -37,4 +39,5 @@ def swing_basis(theta: float, distance: float, arm: float) -> FloatArray:
     it. The part's centre is at ``distance`` from the robot's, in the direction ``theta``.
     """
     lever = distance / arm
-    return np.array([[1.0, 0.0, lever * np.sin(theta)], [0.0, 1.0, -lever * np.cos(theta)], [0.0, 0.0, 1.0 / arm]])
+    sine, cosine = sincos(theta)
+    return np.array([[1.0, 0.0, lever * sine], [0.0, 1.0, -lever * cosine], [0.0, 0.0, 1.0 / arm]])

@@ -11,6 +11,7 @@ from msgspec import Meta
 from dynpf.maps.segments import SegmentMap
 from dynpf.measurement.lines import Lines
 from dynpf.params import validated
+from dynpf.portable import norm, sin, sincos
 from dynpf.se2 import FloatArray
 
 __all__ = ["LineMapParams", "line_map", "placed"]
@@ -32,10 +33,11 @@ def placed(lines: Lines, pose: FloatArray) -> FloatArray:
     if lines.middles is None:
         raise ValueError("placed: lines without middles have a direction, but no place")
     rho, alpha, lengths, middles = (np.asarray(row, dtype=np.float64) for row in (*lines[:3], lines.middles))
+    across, ahead = sincos(alpha)
+    sine, cosine = sincos(float(pose[2]))
     ends = []
     for along in (middles - 0.5 * lengths, middles + 0.5 * lengths):
-        x, y = rho * np.cos(alpha) - along * np.sin(alpha), rho * np.sin(alpha) + along * np.cos(alpha)
-        cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+        x, y = rho * ahead - along * across, rho * across + along * ahead
         ends += [pose[0] + cosine * x - sine * y, pose[1] + sine * x + cosine * y]
     return np.stack(ends, axis=1)
 
@@ -48,20 +50,21 @@ def line_map(segments: Iterable[FloatArray], params: LineMapParams) -> SegmentMa
     """
     params = validated(params)
     pieces = np.concatenate([np.empty((0, 4)), *segments])
-    pieces = pieces[np.argsort(-np.hypot(pieces[:, 2] - pieces[:, 0], pieces[:, 3] - pieces[:, 1]), kind="stable")]
+    pieces = pieces[np.argsort(-norm(pieces[:, 2:] - pieces[:, :2], axis=1), kind="stable")]
     walls = np.empty((len(pieces), 6))  # a point on the wall, its direction, and from where to where it goes from there
     sightings = np.zeros(len(pieces), dtype=np.int64)
     count = 0
     for piece in pieces:
         first, last = piece[:2], piece[2:]
-        length = math.hypot(*(last - first))
+        length = norm(last - first)
         x, y, dx, dy, start, end = walls[:count].T
         along, across = [], []
         for point in (first, last):
             along.append((point[0] - x) * dx + (point[1] - y) * dy)
             across.append(np.abs((point[1] - y) * dx - (point[0] - x) * dy))
         low, high = np.minimum(*along), np.maximum(*along)
-        parallel = np.abs((last - first) @ np.stack([-dy, dx])) <= math.sin(params.turn) * length
+        turned = np.abs((last[1] - first[1]) * dx - (last[0] - first[0]) * dy)
+        parallel = turned <= sin(params.turn) * length
         near = parallel & (np.maximum(*across) <= params.off) & (low <= end + params.gap) & (high >= start - params.gap)
         if near.any():
             wall = int(np.argmax(np.where(near, sightings[:count], -1)))

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynpf.maps.distance import squared_distances
+from dynpf.portable import sincos
 from dynpf.rng import Stream
 
 __all__ = ["FREE", "OCCUPIED", "UNKNOWN", "OccupancyGrid", "thickened"]
@@ -81,7 +82,7 @@ class OccupancyGrid:
         """
         from_x, from_y, yaw = self.origin
         east, north = np.asarray(x, np.float64) - from_x, np.asarray(y, np.float64) - from_y
-        cosine, sine = np.cos(yaw), np.sin(yaw)
+        sine, cosine = sincos(yaw)
         return (cosine * east + sine * north) / self.resolution, (cosine * north - sine * east) / self.resolution
 
     def to_map(self, column: ArrayLike, row: ArrayLike) -> tuple[Any, Any]:
@@ -89,7 +90,7 @@ class OccupancyGrid:
         along = np.asarray(column, np.float64) * self.resolution
         across = np.asarray(row, np.float64) * self.resolution
         from_x, from_y, yaw = self.origin
-        cosine, sine = np.cos(yaw), np.sin(yaw)
+        sine, cosine = sincos(yaw)
         return from_x + cosine * along - sine * across, from_y + sine * along + cosine * across
 
     def sample_free(self, count: int, stream: Stream, clearance: float = 0.0) -> NDArray[np.float32]:
@@ -131,7 +132,7 @@ def _free_cells(grid: OccupancyGrid, clearance: float) -> NDArray[np.int64]:
     free = grid.free
     if clearance > 0.0:
         gaps = squared_distances(thickened(grid.occupied))
-        free &= gaps * grid.resolution**2 >= clearance**2
+        free &= gaps * (grid.resolution * grid.resolution) >= clearance * clearance
     return np.flatnonzero(free)
 
 

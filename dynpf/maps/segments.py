@@ -1,11 +1,13 @@
 """Walls as line segments, and the lines that carry them in polar form (TURTLEBOT)."""
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dynpf.maps.occupancy import OccupancyGrid
+from dynpf.portable import atan2, hypot, sincos
 from dynpf.se2 import FloatArray, wrap_angle
 
 __all__ = ["SegmentMap", "polar_form", "polar_in_frame"]
@@ -27,7 +29,7 @@ class SegmentMap:
         if self.segments.ndim != 2 or self.segments.shape[1] != 4 or not len(self.segments):
             raise ValueError(f"segments of shape {self.segments.shape}; expected (S, 4): x1, y1, x2, y2 of each")
         x1, y1, x2, y2 = self.segments.T
-        self.lengths: FloatArray = np.hypot(x2 - x1, y2 - y1)
+        self.lengths: FloatArray = hypot(x2 - x1, y2 - y1)
         self._refuse_where(~np.isfinite(self.segments).all(axis=1), "finite metres")
         self._refuse_where(self.lengths == 0.0, "two different ends")
         self._refuse_where(~np.isfinite(self.lengths), "a finite length")
@@ -75,11 +77,11 @@ def polar_form(segments: FloatArray) -> tuple[FloatArray, FloatArray]:
     rounding may give either.
     """
     x1, y1, x2, y2 = segments.T
-    length = np.hypot(x2 - x1, y2 - y1)
+    length = hypot(x2 - x1, y2 - y1)
     # The normal is a quarter turn from the segment's direction. Of both ends, so that either order gives the same.
     normal_x, normal_y = (y2 - y1) / length, (x1 - x2) / length
     distance = 0.5 * (normal_x * (x1 + x2) + normal_y * (y1 + y2))
-    return _positive(distance, np.arctan2(normal_y, normal_x))
+    return _positive(distance, atan2(normal_y, normal_x))
 
 
 def polar_in_frame(rho: FloatArray, alpha: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -89,7 +91,8 @@ def polar_in_frame(rho: FloatArray, alpha: FloatArray, pose: FloatArray) -> tupl
     to Autonomous Mobile Robots, 2nd ed., section 5.6.8.4); where that makes rho' negative, because the pose lies beyond
     the line, the same line is (-rho', alpha' + pi). Lines and poses broadcast.
     """
-    distance = rho - pose[0] * np.cos(alpha) - pose[1] * np.sin(alpha)
+    sine, cosine = sincos(alpha)
+    distance = rho - pose[0] * cosine - pose[1] * sine
     return _positive(distance, alpha - pose[2])
 
 
@@ -106,7 +109,7 @@ def _cells_on(start: FloatArray, end: FloatArray) -> tuple[Any, Any]:
     """
     cuts = [np.array([0.0, 1.0])]
     for first, last in zip(start, end, strict=True):
-        lines = np.arange(np.ceil(min(first, last)), np.floor(max(first, last)) + 1.0)
+        lines = np.arange(math.ceil(min(first, last)), math.floor(max(first, last)) + 1)
         if first != last:
             cuts.append((lines - first) / (last - first))
     along = np.unique(np.concatenate(cuts))

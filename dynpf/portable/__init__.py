@@ -26,6 +26,7 @@ from dynpf.portable.functions import (
     sinc,
     sincos,
     tan,
+    whole,
 )
 from dynpf.portable.linear import (
     SingularMatrixError,
@@ -68,4 +69,5 @@ __all__ = [
     "singular_values",
     "solve",
     "tan",
+    "whole",
 ]

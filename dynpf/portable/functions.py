@@ -34,6 +34,7 @@ __all__ = [
     "sinc",
     "sincos",
     "tan",
+    "whole",
 ]
 
 FloatArray = NDArray[np.float64]
@@ -205,6 +206,15 @@ def logsumexp(values: FloatArray, axis: int) -> FloatArray:
     known = np.where(np.isfinite(largest), largest, 0.0)
     total: FloatArray = log(np.sum(exp(values - known), axis=axis)) + np.squeeze(known, axis=axis)
     return total
+
+
+def whole(values: ArrayLike, low: int, high: int) -> NDArray[np.int64]:
+    """Return values as whole numbers within [low, high], towards zero; NaN becomes ``low``.
+
+    What a plain cast makes of NaN, and of what does not fit, each processor answers in its own way.
+    """
+    known = np.where(np.isnan(values), low, values)
+    return np.clip(known, low, high).astype(np.int64)
 
 
 # Wichura, Algorithm AS 241 (1988): ratios of polynomials, the constant first, for the middle and either part of a tail.

@@ -2,9 +2,10 @@
 
 from functools import lru_cache
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from dynpf import kernels
 
 __all__ = ["estimate_background", "flatten"]
 
@@ -21,27 +22,16 @@ def estimate_background(grey: NDArray[np.uint8], degree: int = 4) -> NDArray[np.
     """
     height, width = grey.shape
     spacing = max(1, min(height, width) // _SAMPLES)
-    samples = cv2.blur(grey, (3, 3))[spacing // 2 :: spacing, spacing // 2 :: spacing].astype(np.float64)
-    # summed by einsum: its order does not depend on threads, as BLAS's may
     terms = _terms(height, width, spacing, degree)
-    values = samples.ravel()
-    coefficients = np.zeros(terms.shape[1])
-    coefficients[0] = np.median(values)
-    for order in (*range(degree + 1), degree):
-        departure = np.abs(values - np.einsum("kt,t->k", terms, coefficients))
-        inlier = departure <= max(2.5 * 1.4826 * float(np.median(departure)), 1.0)
-        used = (order + 1) * (order + 2) // 2
-        chosen = terms[inlier, :used]
-        normal = np.einsum("ki,kj->ij", chosen, chosen) + 1e-9 * np.eye(used)
-        coefficients = np.zeros(terms.shape[1])
-        coefficients[:used] = np.linalg.solve(normal, np.einsum("kt,k->t", chosen, values[inlier]))
+    values, coefficients = np.empty(len(terms)), np.empty(terms.shape[1])
+    kernels.background.sample(np.require(grey, requirements=["C", "W"]), spacing, values)
+    kernels.background.fit(terms, values, degree, coefficients)
     matrix = np.zeros((degree + 1, degree + 1))
     for (i, j), value in zip(_exponents(degree), coefficients, strict=True):
         matrix[i, j] = value
-    rows, columns = np.arange(height), np.arange(width)
-    across = np.einsum("ij,xj->ix", matrix, _powers(columns, width, degree))
-    full = np.einsum("yi,ix->yx", _powers(rows, height, degree), across)
-    return np.asarray(np.clip(full, 0, 255), dtype=np.float32)
+    background = np.empty((height, width), dtype=np.float32)
+    kernels.background.surface(matrix, *_all_powers(height, width, degree), background)
+    return background
 
 
 def flatten(grey: NDArray[np.uint8], background: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -63,10 +53,20 @@ def _terms(height: int, width: int, spacing: int, degree: int) -> NDArray[np.flo
     return np.stack(terms, axis=1)
 
 
+@lru_cache(maxsize=4)
+def _all_powers(height: int, width: int, degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Powers of the rows (H, degree + 1) and of the columns (degree + 1, W)."""
+    across = _powers(np.arange(width), width, degree).T
+    return _powers(np.arange(height), height, degree), np.ascontiguousarray(across)
+
+
 def _exponents(degree: int) -> list[tuple[int, int]]:
     return [(total - j, j) for total in range(degree + 1) for j in range(total + 1)]
 
 
 def _powers(index: NDArray[np.intp], count: int, degree: int) -> NDArray[np.float64]:
     """Powers 0..degree (n, degree + 1) of the centres of the pixels `index` among `count` that share [-1, 1]."""
-    return np.vander((2 * index + 1) / count - 1, degree + 1, increasing=True)
+    powers = np.ones((len(index), degree + 1))
+    for i in range(degree):
+        powers[:, i + 1] = powers[:, i] * ((2 * index + 1) / count - 1)
+    return powers

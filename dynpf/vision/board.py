@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from dynpf.portable import norm
 from dynpf.vision.calibration import CalibrationError
 from dynpf.vision.discs import Disc
 
@@ -64,9 +65,9 @@ def find_board(discs: Sequence[Disc], board: Board) -> tuple[NDArray[np.float64]
             beside = (place[0] + i, place[1] + j)
             if beside in found or abs(beside[0]) > board.half_columns or abs(beside[1]) > board.half_rows:
                 continue
-            distance = np.hypot(*(centres - found[place] - step).T)
+            distance = norm(centres - found[place] - step, axis=1)
             nearest = int(np.argmin(distance))
-            if distance[nearest] <= _NEAR * np.hypot(*step):
+            if distance[nearest] <= _NEAR * norm(step):
                 found[beside] = centres[nearest]
                 taken = centres[nearest] - found[place]
                 ahead.append((beside, {**known, (i, j): taken, (-i, -j): -taken}))
@@ -77,6 +78,8 @@ def find_board(discs: Sequence[Disc], board: Board) -> tuple[NDArray[np.float64]
 
 def _in_order(markers: NDArray[np.float64]) -> NDArray[np.float64]:
     """The markers (3, 2) as (0, 0), (1, 0), (0, 2): the sides between them are 1, 2 and sqrt(5) steps long."""
-    opposite = np.hypot(*(np.roll(markers, -1, axis=0) - np.roll(markers, -2, axis=0)).T)
-    up, right, origin = np.argsort(opposite)  # opposite the shortest side, the middle one and the longest
+    opposite = norm(np.roll(markers, -1, axis=0) - np.roll(markers, -2, axis=0), axis=1)
+    up, right, origin = np.argsort(
+        opposite, kind="stable"
+    )  # opposite the shortest side, the middle one and the longest
     return np.asarray(markers[[origin, right, up]])

@@ -6,6 +6,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from dynpf import kernels
+from dynpf.directions import directions
+from dynpf.portable import norm, singular_values
+from dynpf.portable.functions import as_values
 from dynpf.vision.circle import fit_circles, fit_circles_algebraic
 from dynpf.vision.discs import Disc
 from dynpf.vision.projection import PlaneProjection
@@ -15,7 +19,6 @@ __all__ = ["Calibration", "CalibrationError", "WorkspaceDisc", "calibrate"]
 
 _MIN_PAIRS = 6
 _RIM_POINTS = 32
-_MAX_STEPS = 60
 
 
 class CalibrationError(ValueError):
@@ -49,9 +52,8 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         """Map many at once. The rim is mapped and a circle fitted to it: a circle's image has another centre."""
         if not discs:
             return ()
-        angle = np.arange(_RIM_POINTS) * (2 * np.pi / _RIM_POINTS)
         circle = np.array([(disc.x_px, disc.y_px, disc.radius_px) for disc in discs])
-        rim = circle[:, None, :2] + circle[:, 2, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        rim = circle[:, None, :2] + circle[:, 2, None, None] * directions(_RIM_POINTS)
         mapped = self.to_workspace(to_full_px(rim, subsampling))
         weights = np.ones(mapped.shape[:2])
         fitted, _ = fit_circles(mapped, weights, fit_circles_algebraic(mapped, weights))
@@ -72,12 +74,13 @@ def calibrate(
     """
     points_px, points_m = _checked(points_px, points_m)
     centre = np.array(centre_px)
-    scale = float(np.sqrt(((points_px - centre) ** 2).sum(axis=1).max())) or 1.0
+    scale = float(norm(points_px - centre, axis=1).max()) or 1.0
     image = (points_px - centre) / scale
     unit = float(np.abs(points_m).max()) or 1.0
     plane = points_m / unit
-    parameters = _least_squares(np.append(_linear_homography(plane, image), 0.0), plane, image)
-    homography = np.append(parameters[:8], 1.0).reshape(3, 3) @ np.diag([1 / unit, 1 / unit, 1.0])
+    parameters = np.append(_linear_homography(plane, image), 0.0)
+    kernels.calibration.refine(parameters, as_values(plane), as_values(image))
+    homography = np.append(parameters[:8], 1.0).reshape(3, 3) * np.array([1 / unit, 1 / unit, 1.0])
     a, b, c = ((float(row[0]), float(row[1]), float(row[2])) for row in homography)
     projection = PlaneProjection(
         homography=(a, b, c),
@@ -106,7 +109,7 @@ def _checked(
     if not (np.isfinite(points_px).all() and np.isfinite(points_m).all()):
         raise CalibrationError("calibration pairs must be finite")
     for name, points in (("pixels", points_px), ("workspace points", points_m)):
-        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        spread, _ = singular_values(points - points.mean(axis=0))
         if spread[1] <= 1e-6 * spread[0]:
             raise CalibrationError(f"the {len(points)} {name} of the calibration lie on one line")
     return points_px, points_m
@@ -118,57 +121,13 @@ def _linear_homography(plane: NDArray[np.float64], image: NDArray[np.float64]) -
     u, v = image[:, 0], image[:, 1]
     rows_u = np.stack([x, y, one, zero, zero, zero, -u * x, -u * y, -u], axis=1)
     rows_v = np.stack([zero, zero, zero, x, y, one, -v * x, -v * y, -v], axis=1)
-    _, singular, basis = np.linalg.svd(np.concatenate([rows_u, rows_v]), full_matrices=False)
+    singular, basis = singular_values(np.concatenate([rows_u, rows_v]))
     if singular[7] <= 1e-6 * singular[0] or abs(basis[8, 8]) < 1e-9:
         raise CalibrationError(
             f"the {len(plane)} calibration pairs do not fix the map: spread the points over the workspace"
         )
-    return np.asarray(basis[8, :8] / basis[8, 8])
-
-
-def _least_squares(
-    parameters: NDArray[np.float64], plane: NDArray[np.float64], image: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    damping = 1e-3
-    error, jacobian = _error_and_jacobian(parameters, plane, image)
-    for _ in range(_MAX_STEPS):
-        normal = np.einsum("ki,kj->ij", jacobian, jacobian)
-        gradient = np.einsum("ki,k->i", jacobian, error)
-        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), -gradient)
-        trial_error, trial_jacobian = _error_and_jacobian(parameters + step, plane, image)
-        if trial_error @ trial_error <= error @ error:
-            parameters, error, jacobian = parameters + step, trial_error, trial_jacobian
-            damping *= 0.1
-        else:
-            damping *= 10
-        if np.abs(step).max() < 1e-14:
-            break
-    return parameters
-
-
-def _error_and_jacobian(
-    parameters: NDArray[np.float64], plane: NDArray[np.float64], image: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Residuals (2K,) in normalized image coordinates and their derivatives (2K, 9)."""
-    x, y = plane[:, 0], plane[:, 1]
-    one, zero = np.ones_like(x), np.zeros_like(x)
-    k = parameters[8]
-    w = parameters[6] * x + parameters[7] * y + 1
-    u = (parameters[0] * x + parameters[1] * y + parameters[2]) / w
-    v = (parameters[3] * x + parameters[4] * y + parameters[5]) / w
-    du = np.stack([x, y, one, zero, zero, zero, -u * x, -u * y], axis=1) / w[:, None]
-    dv = np.stack([zero, zero, zero, x, y, one, -v * x, -v * y], axis=1) / w[:, None]
-    square = u**2 + v**2
-    stretch = 1 + k * square
-    cross = (2 * k * u * v)[:, None]
-    rows_u = (stretch + 2 * k * u**2)[:, None] * du + cross * dv
-    rows_v = cross * du + (stretch + 2 * k * v**2)[:, None] * dv
-    jacobian = np.concatenate(
-        [np.column_stack([rows_u, u * square]), np.column_stack([rows_v, v * square])],
-    )
-    error = np.concatenate([u * stretch - image[:, 0], v * stretch - image[:, 1]])
-    return error, jacobian
+    return np.asarray(basis[:8, 8] / basis[8, 8])
 
 
 def _rms(difference: NDArray[np.float64]) -> float:
-    return float(np.sqrt((difference**2).sum(axis=1).mean()))
+    return float(np.sqrt((difference * difference).sum(axis=1).mean()))

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dynpf.portable import norm
 from dynpf.vision.circle import fit_circles_algebraic
 
 __all__ = ["Borders", "arc_circles", "foreground", "trace_borders"]
@@ -47,7 +48,7 @@ def foreground(contrast: NDArray[np.float32], min_contrast: float) -> NDArray[np
     A pixel belongs to it when it has half of the strongest contrast within 3 px, so that the border runs where the
     edge has its half height whatever the disc's grey.
     """
-    strength = np.asarray(cv2.convertScaleAbs(contrast))
+    strength = np.minimum(np.rint(np.abs(contrast)), np.float32(255.0)).astype(np.uint8)
     noise = 1.4826 * float(np.median(strength[::4, ::4]))
     floor = max(0.5 * min_contrast, 5 * noise)
     strongest = np.asarray(cv2.dilate(strength, np.ones((7, 7), np.uint8)))
@@ -107,9 +108,9 @@ def _circles_through_arcs(
         points, weights = borders.px[at], borders.edge[at].astype(np.float64)
         fitted = fit_circles_algebraic(points, weights)
         towards = fitted[:, None, :2] - points
-        distance = np.maximum(np.hypot(towards[..., 0], towards[..., 1]), 1e-9)
+        distance = np.maximum(norm(towards, axis=2), 1e-9)
         total = np.maximum(weights.sum(axis=1), 1e-9)
-        rms = np.sqrt((weights * (distance - fitted[:, 2, None]) ** 2).sum(axis=1) / total)
+        rms = np.sqrt((weights * np.square(distance - fitted[:, 2, None])).sum(axis=1) / total)
         facing = (weights * (towards * borders.inward[at]).sum(axis=2) / distance).sum(axis=1) / total
         good = (
             (total >= _SHORTEST_ARC / 2)
@@ -140,7 +141,7 @@ def _best_supported(
 ) -> NDArray[np.float64]:
     """Choose circles one by one: that on which the most border pixels lie which none before it has claimed."""
     towards = circles[:, None, :2] - px
-    distance = np.maximum(np.hypot(towards[..., 0], towards[..., 1]), 1e-9)
+    distance = np.maximum(norm(towards, axis=2), 1e-9)
     facing = (towards * inward).sum(axis=2) > _FACING * distance
     lies_on = (np.abs(distance - circles[:, 2, None]) <= _NEAR_PX) & facing
     least = np.maximum(_SHORTEST_ARC / 2, _LEAST_SHARE * 2 * np.pi * circles[:, 2])
@@ -165,4 +166,4 @@ def _normals(points: NDArray[np.float64], outer: bool) -> NDArray[np.float64]:
     area = float((points[:, 0] * following[:, 1] - following[:, 0] * points[:, 1]).sum())
     side = 1.0 if (area > 0) == outer else -1.0
     normal = side * np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
-    return normal / np.maximum(np.hypot(normal[:, 0], normal[:, 1]), 1e-9)[:, None]
+    return np.asarray(normal / np.maximum(norm(normal, axis=1), 1e-9)[:, None])

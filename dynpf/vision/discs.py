@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from dynpf.portable import norm
 from dynpf.vision.background import estimate_background, flatten
 from dynpf.vision.circle import fit_circles, fit_circles_algebraic
 from dynpf.vision.components import arc_circles, foreground, trace_borders
@@ -72,7 +73,7 @@ def detect_discs(grey: NDArray[np.uint8], params: DetectionParams) -> tuple[Disc
 
 def _coarse_circles(mask: NDArray[np.uint8], params: DetectionParams) -> NDArray[np.float64]:
     """Circles (D, 3) about a pixel from the rim: one through a component if that fits it, else those of its arcs."""
-    borders = trace_borders(mask, np.pi * params.min_radius_px**2 / 2)
+    borders = trace_borders(mask, np.pi * params.min_radius_px * params.min_radius_px / 2)
     if len(borders.px) == 0:
         return np.zeros((0, 3))
     outside = borders.outer & borders.edge
@@ -80,7 +81,7 @@ def _coarse_circles(mask: NDArray[np.uint8], params: DetectionParams) -> NDArray
     weights = member.astype(np.float64)
     single = fit_circles_algebraic(borders.px[None], weights)
     count = np.maximum(member.sum(axis=1), 1)
-    residual = np.sqrt((weights * _distance(borders.px, single) ** 2).sum(axis=1) / count)
+    residual = np.sqrt((weights * np.square(_distance(borders.px, single))).sum(axis=1) / count)
     fits = (residual <= _PIXEL_ROUGHNESS_PX + 0.5 * params.max_residual * single[:, 2]) & _of_size(single, params)
     several = arc_circles(borders, ~fits, params.min_radius_px, params.max_radius_px)
     circles = np.concatenate([single[fits], several])
@@ -90,8 +91,7 @@ def _coarse_circles(mask: NDArray[np.uint8], params: DetectionParams) -> NDArray
 
 def _distance(points: NDArray[np.float64], circles: NDArray[np.float64]) -> NDArray[np.float64]:
     """Signed distance (D, K) of points (K, 2) or (D, K, 2) to the rims of circles (D, 3)."""
-    offset = points - circles[:, None, :2]
-    return np.asarray(np.sqrt((offset**2).sum(axis=2)) - circles[:, 2, None])
+    return np.asarray(norm(points - circles[:, None, :2], axis=2) - circles[:, 2, None])
 
 
 class _Rims(NamedTuple):
@@ -138,7 +138,7 @@ def _is_disc(rims: _Rims, params: DetectionParams) -> NDArray[np.bool_]:
 def _near(points: NDArray[np.float64], found: NDArray[np.bool_], circles: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which points (D, R, 2) lie no farther from their circle than three robust standard deviations."""
     distance = np.abs(_distance(points, circles))
-    ordered = np.sort(np.where(found, distance, np.inf), axis=1)
+    ordered = np.sort(np.where(found, distance, np.inf), axis=1, kind="stable")
     median = ordered[np.arange(len(found)), found.sum(axis=1) // 2 - 1]
     return np.asarray(distance <= np.maximum(3 * 1.4826 * median, 0.1)[:, None])
 

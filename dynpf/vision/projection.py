@@ -4,11 +4,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from dynpf import kernels
+from dynpf.portable import inverse
+
 __all__ = ["PlaneProjection"]
 
 Row = tuple[float, float, float]
-
-_NEWTON_STEPS = 12
 
 
 class PlaneProjection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -25,8 +26,8 @@ class PlaneProjection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 
     def to_pixels(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Map points (..., 2) in metres to pixels (..., 2)."""
-        ideal = _apply(np.array(self.homography), points_m)
-        stretch = 1 + self.radial_distortion * (ideal**2).sum(axis=-1, keepdims=True)
+        ideal = _mapped(np.array(self.homography), points_m[..., 0], points_m[..., 1])
+        stretch = 1 + self.radial_distortion * (ideal * ideal).sum(axis=-1, keepdims=True)
         return np.asarray(np.array(self.centre_px) + self.scale_px * ideal * stretch)
 
     def to_workspace(self, points_px: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -35,20 +36,14 @@ class PlaneProjection(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
         The distorted radius s = r (1 + k r^2) is inverted by Newton's method; with k < 0 it has a greatest value,
         and pixels beyond that are taken to be there.
         """
-        distorted = (points_px - np.array(self.centre_px)) / self.scale_px
-        radius = np.sqrt((distorted**2).sum(axis=-1, keepdims=True))
-        k = self.radial_distortion
-        if k < 0:
-            radius = np.minimum(radius, 0.999 * 2 / 3 / np.sqrt(-3 * k))
-        ideal_radius = np.minimum(radius, 0.99 / np.sqrt(-3 * k)) if k < 0 else radius / (1 + k * radius**2)
-        for _ in range(_NEWTON_STEPS):
-            excess = ideal_radius * (1 + k * ideal_radius**2) - radius
-            ideal_radius = ideal_radius - excess / (1 + 3 * k * ideal_radius**2)
-        stretch = np.where(radius > 0, ideal_radius / np.maximum(radius, 1e-300), 1.0)
-        return _apply(np.linalg.inv(np.array(self.homography)), distorted * stretch)
+        x, y = (
+            np.array((points_px[..., axis] - self.centre_px[axis]) / self.scale_px, dtype=np.float64, order="C")
+            for axis in (0, 1)
+        )
+        kernels.calibration.undistort(x.reshape(-1), y.reshape(-1), self.radial_distortion)
+        return _mapped(inverse(np.array(self.homography)), x, y)
 
 
-def _apply(homography: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    x, y = points[..., 0], points[..., 1]
+def _mapped(homography: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
     u, v, w = (row[0] * x + row[1] * y + row[2] for row in homography)
     return np.stack([u / w, v / w], axis=-1)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynpf.directions import directions
 from dynpf.fields.descent import approach_step, carry_step, dock_step
 from dynpf.fields.laws import Pace
 from dynpf.fields.layout import Layout
@@ -25,6 +26,7 @@ from dynpf.fields.navigation import (
 )
 from dynpf.fields.placing import free_place
 from dynpf.fields.potentials import next_part_gradient
+from dynpf.portable import atan2, dist, norm, sincos
 from services.controller.config import RearrangementControllerConfig
 from services.controller.scene import Motion, Scene, Subtask, margins_of
 from services.node import State
@@ -72,7 +74,7 @@ class NavigationConstruction:
 
         Parts that have stalled come after all that can be done about the others.
         """
-        steepness = np.linalg.norm(next_part_gradient(scene.parts, self._layout, self._config.next_exponent), axis=1)
+        steepness = norm(next_part_gradient(scene.parts, self._layout, self._config.next_exponent), axis=1)
         for level in np.unique(stalls[away]).tolist():
             ranked = sorted(away[stalls[away] == level].tolist(), key=lambda part: -steepness[part])
             for part in ranked:
@@ -92,9 +94,9 @@ class NavigationConstruction:
         if not np.isfinite(carried).any():
             return None
         others = self._obstacles(scene, layout.others(part))
-        directions = np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
-        contacts = place - layout.grip_distance(part) * directions
-        approaches = contacts - self._standoff(scene, part) * directions
+        gripper = directions(ANGLES.size)
+        contacts = place - layout.grip_distance(part) * gripper
+        approaches = contacts - self._standoff(scene, part) * gripper
         room = np.minimum(*(spare(points, layout.robot_radius, others) for points in (contacts, approaches)))
         reaching = robot_potential(
             layout.robot_radius, self._obstacles(scene, np.arange(len(scene.parts))), scene.pose[:2], self._cost
@@ -131,11 +133,8 @@ class NavigationConstruction:
             for gap in self._config.parking_gaps
             if (place := free_place(scene.parts, blocker, layout, gap)) is not None
         ]
-        straight = [
-            math.dist(scene.parts[blocker], place) + math.dist(place, layout.goals[blocker])
-            for blocker, place in places
-        ]
-        own = math.dist(scene.parts[part], layout.goals[part])
+        straight = [dist(scene.parts[blocker], place) + dist(place, layout.goals[blocker]) for blocker, place in places]
+        own = dist(scene.parts[part], layout.goals[part])
         best, least = None, math.inf
         for index in sorted(range(len(places)), key=straight.__getitem__):
             if straight[index] + own >= least:  # no way is shorter than the straight one
@@ -147,7 +146,7 @@ class NavigationConstruction:
             way = self._way(opened, part, layout.goals[part]) if parking else None
             if parking is None or way is None:
                 continue
-            carried = parking.carried + way.carried + math.dist(place, layout.goals[blocker])
+            carried = parking.carried + way.carried + dist(place, layout.goals[blocker])
             if carried < least:
                 best, least = parking.subtask, carried
         ways = (self._way(scene, *place, parked=True) for place in places)
@@ -161,8 +160,8 @@ class NavigationConstruction:
         margins = margins_of(scene, self._config)
         offset = scene.parts[part] - robot
         standoff = self._standoff(scene, part)
-        to_go = math.hypot(*offset) - self._layout.grip_distance(part)
-        bearing = math.atan2(offset[1], offset[0])
+        to_go = norm(offset) - self._layout.grip_distance(part)
+        bearing = atan2(float(offset[1]), float(offset[0]))
         blur = self._config.blur_sigmas * scene.bearing_sigma(part, self._config.max_sigma)
         aside = abs(math.remainder(bearing - subtask.direction, math.tau)) - blur
         turned = abs(math.remainder(bearing - scene.pose[2], math.tau)) - blur <= self._config.grip_angle
@@ -170,7 +169,8 @@ class NavigationConstruction:
             margins.parts[part] = self._layout.reach
             step = dock_step(robot, scene.parts, part, self._layout, margins=margins, pace=self._pace)
             return Motion(np.append(step, 0.0), to_go)
-        direction = np.array([math.cos(subtask.direction), math.sin(subtask.direction)])
+        sine, cosine = sincos(subtask.direction)
+        direction = np.array([cosine, sine])
         goal = scene.parts[part] - (self._layout.grip_distance(part) + standoff) * direction
         potential, anew = self._mating_potential(scene, part, goal)
         state = np.append(robot, 0.0)[None, :]
@@ -229,12 +229,12 @@ class NavigationConstruction:
             return True
         config = self._config
         sigmas = np.delete(scene.sigmas, new.part) if len(new.obstacles.kept) < len(scene.sigmas) else scene.sigmas
-        moved = np.hypot(*(new.obstacles.centres - old.obstacles.centres).T)
+        moved = norm(new.obstacles.centres - old.obstacles.centres, axis=1)
         kept = [*(new.obstacles.kept - old.obstacles.kept), *(new.obstacles.half_size - old.obstacles.half_size)]
         return bool(
             np.any(moved > config.anew + config.anew_sigmas * sigmas)
             or np.any(np.abs(kept) > config.anew)
-            or math.dist(old.goal, new.goal) > 0.5 * config.anew
+            or dist(old.goal, new.goal) > 0.5 * config.anew
         )
 
     def _obstacles(self, scene: Scene, parts: NDArray[np.intp]) -> Obstacles:

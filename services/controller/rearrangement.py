@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dynpf.fields.laws import Pace, leave_step
 from dynpf.fields.layout import Layout
+from dynpf.portable import atan2, dist, norm
 from protocol.messages import Command, Estimate
 from services.controller.config import RearrangementControllerConfig
 from services.controller.navigation import NavigationConstruction
@@ -132,7 +133,7 @@ class RearrangementController:
     def _update_home(self, scene: Scene) -> None:
         """A part comes home when it is seen to be placed, and leaves home only when it is clearly elsewhere."""
         config = self._config
-        distance = np.linalg.norm(scene.parts - self._layout.goals, axis=1)
+        distance = norm(scene.parts - self._layout.goals, axis=1)
         placed = distance <= config.placed + config.placed_sigmas * scene.sigmas
         placed &= scene.sigmas <= config.lost_sigma
         kept = distance <= config.reopened + config.reopened_sigmas * scene.sigmas
@@ -186,7 +187,7 @@ class RearrangementController:
 
     def _placed(self, scene: Scene, subtask: Subtask) -> bool:
         tolerance = self._config.placed + self._config.placed_sigmas * float(scene.sigmas[subtask.part])
-        return math.dist(scene.parts[subtask.part], subtask.goal) <= tolerance
+        return dist(scene.parts[subtask.part], subtask.goal) <= tolerance
 
     def _left(self, scene: Scene, subtask: Subtask) -> bool:
         sigma = float(scene.sigmas_between(self._config.max_sigma)[subtask.part])
@@ -219,7 +220,7 @@ class RearrangementController:
             self._best_ticks += 1
             return self._stop()
         offset = scene.parts[subtask.part] - scene.pose[:2]
-        aside = math.remainder(math.atan2(offset[1], offset[0]) - scene.pose[2], math.tau)
+        aside = math.remainder(atan2(float(offset[1]), float(offset[0])) - scene.pose[2], math.tau)
         most = self._config.max_turn_rate * self._tick_s
         turn = np.array([0.0, 0.0, min(max(aside, -most), most)])
         config = self._config
@@ -248,7 +249,7 @@ class RearrangementController:
 
     def _gap(self, scene: Scene, subtask: Subtask) -> float:
         offset = scene.parts[subtask.part] - scene.pose[:2]
-        return math.hypot(*offset) - self._layout.grip_distance(subtask.part) + self._layout.reach
+        return float(norm(offset)) - self._layout.grip_distance(subtask.part) + self._layout.reach
 
 
 def _construct(config: RearrangementControllerConfig, layout: Layout, pace: Pace) -> Construction:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.fields.laws import Margins
+from dynpf.portable import norm
 from protocol.messages import Estimate
 from services.controller.config import RearrangementControllerConfig
 from services.node import State
@@ -37,12 +38,12 @@ class Scene(NamedTuple):
 
     def sigmas_between(self, most: float) -> FloatArray:
         """Return the deviation, at most ``most``, of the robot's place relative to each part's, (p,)."""
-        both: FloatArray = np.minimum(np.hypot(self.robot_sigma, self.sigmas), most)
+        both: FloatArray = np.minimum(np.sqrt(self.robot_sigma * self.robot_sigma + self.sigmas * self.sigmas), most)
         return both
 
     def bearing_sigma(self, part: int, most: float) -> float:
         """Return the deviation of the direction from robot to ``part``, if positions deviate by ``most`` at most."""
-        distance = float(np.linalg.norm(self.parts[part] - self.pose[:2]))
+        distance: float = norm(self.parts[part] - self.pose[:2])
         return float(self.sigmas_between(most)[part]) / max(distance, most)
 
 

@@ -1,7 +1,6 @@
 """The waypoint controller: heads for one waypoint after the other by the estimated pose."""
 
-import math
-
+from dynpf.portable import dist
 from protocol.messages import Command, Estimate
 from services.controller.config import WaypointsConfig
 from services.node import Output, Result, State, Step
@@ -30,7 +29,7 @@ class WaypointController:
         if estimate is None:
             return Result()
         pose, waypoint = (estimate.x, estimate.y, estimate.theta), self.config.waypoint(self._reached)
-        if waypoint is not None and math.dist(pose[:2], waypoint) <= self.config.arrival_radius:
+        if waypoint is not None and dist(pose[:2], waypoint) <= self.config.arrival_radius:
             self._reached += 1
             waypoint = self.config.waypoint(self._reached)
         if waypoint is None:

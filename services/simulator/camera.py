@@ -16,7 +16,9 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from dynpf.portable import erf
+from dynpf import kernels
+from dynpf.directions import directions
+from dynpf.portable import erf, product, sincos
 from dynpf.rng import Stream, generator
 from dynpf.vision.board import Board
 from dynpf.vision.projection import PlaneProjection
@@ -77,13 +79,13 @@ class Camera:
         self.params = params
         self._projection = _projection(params)
         self._light = _light(params)
-        self._edge = _edge_profile(params.blur_sigma_px)
+        self._edge = np.float32(_EDGE_REACH_PX), np.float32(_EDGE_STEPS), _edge_profile(params.blur_sigma_px)
         columns, rows = np.meshgrid(np.arange(params.width_px), np.arange(params.height_px))
         place = self._projection.to_workspace(np.stack([columns, rows], axis=2).astype(np.float64))
         self._x_m = np.ascontiguousarray(place[..., 0], dtype=np.float32)
         self._y_m = np.ascontiguousarray(place[..., 1], dtype=np.float32)
         self._empty = self._lit_table()
-        self._brighter, self._darker = _noise_tiles(params)
+        self._noise = _noise_tile(params)
 
     def render(self, discs: Sequence[DrawnDisc], seed: int, tick: int) -> Frame:
         """Draw the discs, later ones on top, into a frame (H, W, 3) BGR; the noise depends on seed and tick."""
@@ -93,46 +95,26 @@ class Camera:
         return self._with_noise(frame, seed, tick)
 
     def _draw(self, frame: Frame, disc: DrawnDisc) -> None:
-        rows, columns = self._region(disc)
-        if rows.start >= rows.stop or columns.start >= columns.stop:
-            return
-        place_x, place_y = self._x_m[rows, columns], self._y_m[rows, columns]
-        px_per_m = self._px_per_m(disc)
-        distance = cv2.magnitude(place_x - np.float32(disc.x_m), place_y - np.float32(disc.y_m))
-        cover = self._coverage((distance - np.float32(disc.radius_m)) * np.float32(px_per_m))
-        self._paint(frame[rows, columns], cover, disc.colour, self._light[rows, columns])
+        canvas = frame, self._x_m, self._y_m, self._light, self._box(disc)
+        px_per_m = np.float32(self._px_per_m(disc))
+        shape = np.array([disc.x_m, disc.y_m, disc.radius_m], dtype=np.float32)
+        kernels.drawing.draw_disc(*canvas, shape, px_per_m, self._edge, np.array(disc.colour, dtype=np.float32))
         if disc.gripper_rad is not None:
-            along_x, along_y = math.cos(disc.gripper_rad), math.sin(disc.gripper_rad)
+            sine, cosine = sincos(disc.gripper_rad)
             start, end = _GRIPPER_FROM * disc.radius_m, _GRIPPER_TO * disc.radius_m
-            offset_x, offset_y = place_x - np.float32(disc.x_m), place_y - np.float32(disc.y_m)
-            along = np.clip(offset_x * np.float32(along_x) + offset_y * np.float32(along_y), start, end)
-            off_line = cv2.magnitude(offset_x - along * np.float32(along_x), offset_y - along * np.float32(along_y))
-            cover = self._coverage(off_line * np.float32(px_per_m) - np.float32(_LINE_HALF_WIDTH_PX))
-            self._paint(frame[rows, columns], cover, self.params.gripper_colour, self._light[rows, columns])
+            line = np.array([disc.x_m, disc.y_m, cosine, sine, start, end, _LINE_HALF_WIDTH_PX], dtype=np.float32)
+            colour = np.array(self.params.gripper_colour, dtype=np.float32)
+            kernels.drawing.draw_line(*canvas, line, px_per_m, self._edge, colour)
 
-    def _coverage(self, outside_px: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The share of a pixel that a shape covers, from its distance to the shape's border in pixels."""
-        index = np.clip((outside_px + np.float32(_EDGE_REACH_PX)) * np.float32(_EDGE_STEPS), 0, len(self._edge) - 1)
-        return np.asarray(self._edge[(index + np.float32(0.5)).astype(np.intp)])
-
-    @staticmethod
-    def _paint(target: Frame, cover: NDArray[np.float32], colour: Colour, light: NDArray[np.float32]) -> None:
-        lit = light[..., None] * np.array(colour, dtype=np.float32)
-        mixed = target + cover[..., None] * (lit - target)
-        target[:] = (mixed + np.float32(0.5)).astype(np.uint8)
-
-    def _region(self, disc: DrawnDisc) -> tuple[slice, slice]:
-        """The part of the frame that holds the disc and its blurred edge."""
-        angle = np.arange(16) * (math.pi / 8)
-        rim = disc.radius_m * np.stack([np.cos(angle), np.sin(angle)], axis=1) + [disc.x_m, disc.y_m]
-        rim_px = self._projection.to_pixels(rim)
-        margin = _EDGE_REACH_PX + 0.03 * float(np.ptp(rim_px[:, 0])) + 2
-        low = np.floor(rim_px.min(axis=0) - margin).astype(int)
-        high = np.ceil(rim_px.max(axis=0) + margin).astype(int)
-        return (
-            slice(max(low[1], 0), min(high[1] + 1, self.params.height_px)),
-            slice(max(low[0], 0), min(high[0] + 1, self.params.width_px)),
-        )
+    def _box(self, disc: DrawnDisc) -> tuple[int, int, int, int]:
+        """Top, bottom, left and right of the part of the frame that holds the disc and its blurred edge."""
+        rim_px = self._projection.to_pixels(disc.radius_m * directions(16) + [disc.x_m, disc.y_m])
+        lowest, highest = rim_px.min(axis=0), rim_px.max(axis=0)
+        margin = _EDGE_REACH_PX + 0.03 * float(highest[0] - lowest[0]) + 2
+        size = np.array([self.params.width_px, self.params.height_px])
+        left, top = np.clip(np.floor(lowest - margin), 0, size).astype(int).tolist()
+        right, bottom = np.clip(np.ceil(highest + margin) + 1, 0, size).astype(int).tolist()
+        return top, bottom, left, right
 
     def _px_per_m(self, disc: DrawnDisc) -> float:
         """The scale at the disc, as the root of the area's magnification."""
@@ -143,24 +125,24 @@ class Camera:
         return math.sqrt(abs(float(area))) / step
 
     def _lit_table(self) -> Frame:
-        table = self._light[..., None] * np.array(self.params.table_colour, dtype=np.float32)
-        frame: Frame = (table + np.float32(0.5)).astype(np.uint8)
         outside_m = np.maximum(np.abs(self._x_m), np.abs(self._y_m)) - np.float32(self.params.workspace_m / 2)
         px_per_m = self.params.focal_px / self.params.height_m
-        cover = self._coverage(np.abs(outside_m) * np.float32(px_per_m) - np.float32(_LINE_HALF_WIDTH_PX))
-        self._paint(frame, cover, self.params.border_colour, self._light)
+        outside_px = np.abs(outside_m) * np.float32(px_per_m) - np.float32(_LINE_HALF_WIDTH_PX)
+        reach, steps, profile = self._edge
+        index = np.clip((outside_px + reach) * steps, 0, len(profile) - 1)
+        cover = profile[(index + np.float32(0.5)).astype(np.intp)][..., None]
+        table, border = (
+            self._light[..., None] * np.array(colour, dtype=np.float32)
+            for colour in (self.params.table_colour, self.params.border_colour)
+        )
+        whole = np.floor(table + np.float32(0.5))
+        frame: Frame = (whole + cover * (border - whole) + np.float32(0.5)).astype(np.uint8)
         return frame
 
     def _with_noise(self, frame: Frame, seed: int, tick: int) -> Frame:
         draw = generator(seed, "simulator", tick, "camera noise").integers(0, _TILE_MARGIN_PX, size=3)
         shift_y, shift_x, swap = int(draw[0]), int(draw[1]), bool(draw[2] % 2)
-        rows = slice(shift_y, shift_y + self.params.height_px)
-        columns = slice(shift_x, shift_x + self.params.width_px)
-        brighter, darker = self._brighter[rows, columns], self._darker[rows, columns]
-        if swap:
-            brighter, darker = darker, brighter
-        cv2.add(frame, brighter, dst=frame)
-        cv2.subtract(frame, darker, dst=frame)
+        kernels.drawing.add_noise(frame, self._noise, shift_y, shift_x, -1 if swap else 1)
         return frame
 
 
@@ -201,8 +183,8 @@ def _camera(params: CameraParams) -> Camera:
 
 def _projection(params: CameraParams) -> PlaneProjection:
     """The pinhole camera: the image's x to the right, y down; the workspace's y up when nothing is turned."""
-    rotation = _turn(2, params.rotation_rad) @ _turn(0, params.tilt_x_rad) @ _turn(1, params.tilt_y_rad)
-    looking_down = np.diag([1.0, -1.0, -1.0]) @ rotation
+    rotation = product(_turn(2, params.rotation_rad), _turn(0, params.tilt_x_rad), _turn(1, params.tilt_y_rad))
+    looking_down = np.array([[1.0], [-1.0], [-1.0]]) * rotation
     columns = np.column_stack([looking_down[:, 0], looking_down[:, 1], [0.0, 0.0, params.height_m]])
     a, b, c = ((float(row[0]), float(row[1]), float(row[2])) for row in columns / params.height_m)
     return PlaneProjection(
@@ -218,8 +200,9 @@ def _turn(axis: int, angle: float) -> NDArray[np.float64]:
     i, j = [other for other in range(3) if other != axis]
     sign = -1.0 if axis == 1 else 1.0
     matrix = np.eye(3)
-    matrix[i, i] = matrix[j, j] = math.cos(angle)
-    matrix[i, j], matrix[j, i] = -sign * math.sin(angle), sign * math.sin(angle)
+    sine, cosine = sincos(angle)
+    matrix[i, i] = matrix[j, j] = cosine
+    matrix[i, j], matrix[j, i] = -sign * sine, sign * sine
     return matrix
 
 
@@ -227,21 +210,21 @@ def _light(params: CameraParams) -> NDArray[np.float32]:
     """Relative illumination (H, W), 1 in the middle: falls off towards the corners and slopes across."""
     x = np.linspace(-1, 1, params.width_px)[None, :]
     y = np.linspace(-1, 1, params.height_px)[:, None]
-    falloff = 1 - params.light_falloff * ((x + 0.1) ** 2 + (y - 0.15) ** 2) / (1.1**2 + 1.15**2)
+    away, farthest = np.square(x + 0.1) + np.square(y - 0.15), 1.1 * 1.1 + 1.15 * 1.15
+    falloff = 1 - params.light_falloff * away / farthest
     return np.ascontiguousarray(falloff * (1 + params.light_slope / 2 * x), dtype=np.float32)
 
 
-def _noise_tiles(params: CameraParams) -> tuple[Frame, Frame]:
-    """What sensor noise adds and what it takes away, larger than the frame; the same for every seed."""
+def _noise_tile(params: CameraParams) -> NDArray[np.int16]:
+    """What sensor noise adds to each colour, in a tile larger than the frame; the same for every seed."""
     rows, columns = params.height_px + _TILE_MARGIN_PX, params.width_px + _TILE_MARGIN_PX
     draws = Stream.of(0, "simulator", 0, "camera noise tile").normals(3, rows * columns).reshape(3, rows, columns)
     draws = np.moveaxis(draws, 0, -1)
-    noise = np.rint(draws * np.float32(params.noise_std))
-    return np.maximum(noise, 0).astype(np.uint8), np.maximum(-noise, 0).astype(np.uint8)
+    return np.ascontiguousarray(np.rint(draws * np.float32(params.noise_std)), dtype=np.int16)
 
 
 def _edge_profile(blur_sigma_px: float) -> NDArray[np.float32]:
     """Coverage against the distance outside a straight border: a step seen through the blur and a pixel's width."""
-    sigma = math.sqrt(blur_sigma_px**2 + 1 / 12)
+    sigma = math.sqrt(blur_sigma_px * blur_sigma_px + 1 / 12)
     distance = np.arange(round(2 * _EDGE_REACH_PX * _EDGE_STEPS) + 1) / _EDGE_STEPS - _EDGE_REACH_PX
     return np.array([0.5 * (1.0 - erf(d / (sigma * math.sqrt(2.0)))) for d in distance], dtype=np.float32)

@@ -7,6 +7,7 @@ import numpy as np
 
 from dynpf.maps.distance import distance_field
 from dynpf.maps.occupancy import OccupancyGrid
+from dynpf.portable import norm
 from dynpf.se2 import FloatArray
 from services.maps import Maps
 
@@ -26,12 +27,12 @@ def clearance_of(maps: Maps) -> Clearance | None:
 def from_segments(segments: FloatArray) -> Clearance:
     """Return the clearance among segments (S, 4), infinite where there are none."""
     start, along = segments[:, :2], segments[:, 2:] - segments[:, :2]
-    squared = np.sum(along**2, axis=1)
+    squared = np.sum(along * along, axis=1)
 
     def clearance(x: float, y: float) -> float:
         from_start = np.array([x, y]) - start
         fraction = np.clip(np.sum(from_start * along, axis=1) / squared, 0.0, 1.0)
-        return float(np.min(np.hypot(*(from_start - fraction[:, None] * along).T), initial=np.inf))
+        return float(np.min(norm(from_start - fraction[:, None] * along, axis=1), initial=np.inf))
 
     return clearance
 

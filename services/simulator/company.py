@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynpf.maps.occupancy import OccupancyGrid
+from dynpf.portable import dist, norm
 from dynpf.rng import Draws, generator
 from dynpf.se2 import FloatArray
 from services.errors import ScenarioError
@@ -59,7 +60,7 @@ class People:
         shut = from_segments(doors)
         for person in range(len(self.places)):
             way = self.goals[person] - self.places[person]
-            left = math.hypot(*way)
+            left = norm(way)
             stride = self.params.speed * tick_s
             if left <= stride or self.waited_s[person] > PATIENCE_S:
                 self.goals[person] = self._goal(rng, self.places[person])
@@ -81,19 +82,19 @@ class People:
 
     def _stopped(self, here: FloatArray, there: FloatArray, robot: Point) -> bool:
         """Return whether the robot is in the way: near, and nearer after the next stride."""
-        gap = math.dist(there, robot)
-        return gap < self.params.radius + 2 * ROOM_FOR_ROBOT_M and gap < math.dist(here, robot)
+        gap = dist(there, robot)
+        return gap < self.params.radius + 2 * ROOM_FOR_ROBOT_M and gap < dist(here, robot)
 
     def _anywhere(self, rng: Draws, robot: Point) -> FloatArray:
         for place in self._drawn(rng, 1000):
-            if self._clearance(*place) >= self.params.radius and math.dist(place, robot) >= 1.0:
+            if self._clearance(*place) >= self.params.radius and dist(place, robot) >= 1.0:
                 return place
         raise ScenarioError("simulator.people: no room for them in the map")
 
     def _goal(self, rng: Draws, here: FloatArray) -> FloatArray:
         """Return a goal to which the way is free of walls, or the place itself."""
         for goal in self._drawn(rng, DRAWS):
-            steps = max(1, math.ceil(math.dist(here, goal) / STEP_M))
+            steps = max(1, math.ceil(dist(here, goal) / STEP_M))
             way = here + np.linspace(0.0, 1.0, steps + 1)[1:, None] * (goal - here)
             if all(self._clearance(x, y) >= self.params.radius for x, y in way.tolist()):
                 return goal

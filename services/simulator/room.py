@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from dynpf.measurement.ray import ray_segments
+from dynpf.portable import dist, sincos
 from dynpf.rng import generator
 from dynpf.se2 import arc_displacement, compose
 from protocol import frames
@@ -139,7 +140,7 @@ class RoomSimulator:
     def _drive(self, driver: Driver) -> None:
         """Head for the next waypoint, but not into what stands in the way."""
         waypoint = driver.waypoint(self._reached)
-        if waypoint is not None and math.dist(self._pose[:2], waypoint) <= driver.arrival_radius:
+        if waypoint is not None and dist(self._pose[:2], waypoint) <= driver.arrival_radius:
             self._reached += 1
             waypoint = driver.waypoint(self._reached)
         self._finished = waypoint is None
@@ -153,11 +154,12 @@ class RoomSimulator:
         radius = self.config.robot_radius
         ways = [float(ray_segments(np.array([x, y]), np.array([theta]), self._doors)[0]) - radius]
         if self._people is not None:
+            sine, cosine = sincos(theta)
             for dx, dy in (self._people.places - [x, y]).tolist():
-                along, across = math.cos(theta) * dx + math.sin(theta) * dy, math.cos(theta) * dy - math.sin(theta) * dx
+                along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
                 touching = radius + self._people.params.radius
                 if along > 0.0 and abs(across) < touching:
-                    ways.append(along - math.sqrt(touching**2 - across**2))
+                    ways.append(along - math.sqrt(touching * touching - across * across))
         return min(ways)
 
     def _drawn_people(self, maps: Maps) -> People | None:
@@ -171,12 +173,13 @@ class RoomSimulator:
 
     def _perturbed(self, number: int) -> tuple[float, float, float]:
         v, w = self._command
+        v2, w2 = v * v, w * w
         a1, a2, a3, a4, a5, a6 = self.config.alpha
         noise = generator(self.seed, self.name, number, "motion").standard_normal(3).tolist()
         return (
-            v + math.sqrt(a1 * v**2 + a2 * w**2) * noise[0],
-            w + math.sqrt(a3 * v**2 + a4 * w**2) * noise[1],
-            math.sqrt(a5 * v**2 + a6 * w**2) * noise[2],
+            v + math.sqrt(a1 * v2 + a2 * w2) * noise[0],
+            w + math.sqrt(a3 * v2 + a4 * w2) * noise[1],
+            math.sqrt(a5 * v2 + a6 * w2) * noise[2],
         )
 
     def _held(self, x: float, y: float, theta: float) -> tuple[float, float, float]:

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from dynpf.fields.clearance import disc_clearances
 from dynpf.fields.layout import Layout
+from dynpf.portable import atan2, hypot, norm, sincos
 from dynpf.rng import Draws, generator
+from dynpf.se2 import wrap_angle
 from protocol import frames
 from protocol.messages import Command, CompressedImage, PartsState, PartState, RobotState, timestamp
 from services.node import Output, Result, State, Step
@@ -107,7 +109,8 @@ class WorkspaceSimulator:
 
     def _slip(self, part: int) -> None:
         """Let the part jump ahead of the jaws, by half as far as long as it would touch something there."""
-        ahead = np.array([math.cos(self._pose[2]), math.sin(self._pose[2])])
+        sine, cosine = sincos(float(self._pose[2]))
+        ahead = np.array([cosine, sine])
         start = self._parts[part].copy()
         for share in (1.0, 0.5, 0.25, 0.0):
             self._parts[part] = start + share * self._config.slip_distance * ahead
@@ -133,8 +136,7 @@ class WorkspaceSimulator:
         """Return the nearest part that the jaws can close on, or -1."""
         offset = self._parts - self._pose[:2]
         gaps = disc_clearances(self._pose[:2], self._layout.robot_radius, self._parts, self._layout.radii)
-        directions = np.arctan2(offset[:, 1], offset[:, 0])
-        aside = np.abs(np.angle(np.exp(1j * (directions - self._pose[2]))))
+        aside = np.abs(wrap_angle(atan2(offset[:, 1], offset[:, 0]) - self._pose[2]))
         caught = (gaps <= self._layout.reach + self._config.grip_tolerance) & (aside <= self._config.grip_angle)
         return int(np.argmin(np.where(caught, gaps, np.inf))) if caught.any() else -1
 
@@ -158,7 +160,7 @@ class WorkspaceSimulator:
     def _robot_state(self) -> RobotState:
         command = self._command
         x, y, theta = self._pose.tolist()
-        return RobotState(x=x, y=y, theta=theta, v=math.hypot(command.vx, command.vy), w=command.w)
+        return RobotState(x=x, y=y, theta=theta, v=hypot(command.vx, command.vy), w=command.w)
 
     def _parts_state(self) -> PartsState:
         parts = tuple(
@@ -215,7 +217,7 @@ def _touching(robot: FloatArray, parts: FloatArray, held: int, layout: Layout) -
     if np.any(np.abs(centres) + radii[:, None] > layout.half_size):
         return True
     offset = centres[:, None, :] - centres
-    overlap = np.hypot(offset[..., 0], offset[..., 1]) < radii[:, None] + radii
+    overlap = norm(offset, axis=2) < radii[:, None] + radii
     np.fill_diagonal(overlap, val=False)
     if held >= 0:
         overlap[held, -1] = overlap[-1, held] = False

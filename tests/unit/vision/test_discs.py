@@ -126,7 +126,7 @@ def test_no_image_is_too_strange(image: np.ndarray) -> None:
 @pytest.mark.parametrize("contrast", [20, 255])
 def test_random_pixels_hold_nothing(contrast: int) -> None:
     for step in range(5):
-        image = rng.generator(3, "test", step).integers(0, contrast, (256, 320), endpoint=True, dtype=np.uint8)
+        image = rng.generator(3, "test", step).integers(0, contrast + 1, (256, 320)).astype(np.uint8)
         assert detect_discs(image, DetectionParams()) == ()
 
 

@@ -1,0 +1,70 @@
+"""Drawing in camera frames: discs and lines with blurred edges, and the noise of the sensor."""
+
+import numpy as np
+
+from dynpf.kernels.compiler import device, kernel
+
+__all__ = ["add_noise", "draw_disc", "draw_line"]
+
+_f = np.float32
+_HALF = _f(0.5)
+
+
+@kernel
+def draw_disc(frame, place_x, place_y, light, box, disc, px_per_m, edge, colour):
+    """Draw a disc, float32 (3,): x, y and radius in metres, into ``frame`` (H, W, 3) within ``box``.
+
+    ``place_x`` and ``place_y`` (H, W), float32, are where each pixel looks, ``light`` (H, W) how lit it is, ``edge`` as
+    for ``draw_line``. The box is top, bottom, left and right.
+    """
+    for row in range(box[0], box[1]):
+        for column in range(box[2], box[3]):
+            x, y = place_x[row, column] - disc[0], place_y[row, column] - disc[1]
+            outside = (np.sqrt(x * x + y * y) - disc[2]) * px_per_m
+            _paint(frame[row, column], _coverage(outside, edge), colour, light[row, column])
+
+
+@kernel
+def draw_line(frame, place_x, place_y, light, box, line, px_per_m, edge, colour):
+    """Draw a line, float32 (7,), as ``draw_disc`` does: x, y, cosine, sine, from where, to where, half its width.
+
+    The first six in metres and the last in pixels. ``edge`` (reach, steps a pixel, profile (P,)): the share of a pixel
+    that is covered, by its distance outside the border from -reach on, float32.
+    """
+    for row in range(box[0], box[1]):
+        for column in range(box[2], box[3]):
+            x, y = place_x[row, column] - line[0], place_y[row, column] - line[1]
+            along = min(max(x * line[2] + y * line[3], line[4]), line[5])
+            off_x, off_y = x - along * line[2], y - along * line[3]
+            outside = np.sqrt(off_x * off_x + off_y * off_y) * px_per_m - line[6]
+            _paint(frame[row, column], _coverage(outside, edge), colour, light[row, column])
+
+
+@kernel
+def add_noise(frame, noise, top, left, sign):
+    """Add to ``frame`` (H, W, 3) the noise, int16, from (top, left) on, times ``sign``, which is 1 or -1."""
+    height, width, colours = frame.shape
+    sign = np.int16(sign)
+    for row in range(height):
+        pixels = frame[row].reshape(-1)
+        added = noise[top + row, left : left + width].reshape(-1)
+        for i in range(width * colours):
+            level = np.int16(pixels[i]) + np.int16(sign * added[i])
+            pixels[i] = np.uint8(min(max(np.int16(level), np.int16(0)), np.int16(255)))
+
+
+@device
+def _coverage(outside_px, edge):
+    """Return the share of a pixel that a shape covers, by its distance outside of the shape's border in pixels."""
+    reach, steps, profile = edge
+    index = min(max((outside_px + reach) * steps, _f(0.0)), _f(profile.size - 1))
+    return profile[np.int64(index + _HALF)]
+
+
+@device
+def _paint(pixel, cover, colour, light):
+    """Mix a colour in the light into a pixel (3,)."""
+    if cover > _f(0.0):
+        for c in range(3):
+            target = _f(pixel[c])
+            pixel[c] = np.uint8(target + cover * (light * colour[c] - target) + _HALF)
