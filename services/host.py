@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 
 import cv2
 
+from dynpf.portable import rehearse
 from protocol.control import TickDone, encode_control
 from protocol.envelope import Envelope, encode_envelope
 from protocol.journal import encode_entry
@@ -44,6 +45,7 @@ def run_node(name: str, scenario: Scenario, endpoint: str, log: Sequence[LogReco
     nodes = build_nodes(scenario)
     graph = Graph.of(list(nodes.values()))
     node = nodes[name]
+    rehearse()
     if isinstance(node, Rehearsing):
         node.rehearse()  # as long as it takes: who has not joined yet is waited for
     with join(name, scenario, endpoint, stop) as member:

@@ -19,7 +19,7 @@ from dynpf.filters.resampling import systematic
 from dynpf.maps.occupancy import FREE, OccupancyGrid
 from dynpf.measurement.model import MeasurementModel
 from dynpf.params import validated
-from dynpf.portable import hypot, log, sincos
+from dynpf.portable import hypot, log, sincos, whole
 from dynpf.rng import Stream
 from dynpf.se2 import Floats, wrap_angle
 
@@ -162,7 +162,8 @@ class Search:
         # Comparisons come before anything is made an integer.
         inside = (column >= 0.0) & (column < width) & (row >= 0.0) & (row < height)
         free = np.zeros(poses.shape[1], dtype=bool)
-        free[inside] = self.grid.cells[row[inside].astype(np.intp), column[inside].astype(np.intp)] == FREE
+        places = whole(row[inside], 0, height - 1), whole(column[inside], 0, width - 1)
+        free[inside] = self.grid.cells[places] == FREE
         return free
 
 
@@ -170,7 +171,7 @@ def _best(poses: Floats, scores: Floats, count: int) -> Floats:
     """Return the poses of the ``count`` best scores, in their order; of equal ones the first."""
     if scores.size <= count:
         return poses
-    least = np.sort(scores)[scores.size - count]
+    least = np.sort(scores, kind="stable")[scores.size - count]
     better, equal = scores > least, np.flatnonzero(scores == least)
     better[equal[: count - np.count_nonzero(better)]] = True
     return poses[:, better]

@@ -12,6 +12,7 @@ from dynpf import kernels
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.maps.raycast import RayCaster
 from dynpf.params import validated
+from dynpf.portable import whole
 from dynpf.se2 import Floats
 
 __all__ = ["RangeVector", "RangeVectorModel", "RangeVectorParams", "closed_in"]
@@ -97,7 +98,8 @@ class RangeVectorModel:
         # Comparisons, before anything is made an integer, also put NaN and infinity outside.
         within = (column >= 0.0) & (column < width) & (row >= 0.0) & (row < height)
         inside = np.zeros(within.shape, dtype=np.bool_)
-        inside[within] = self._closed_in[row[within].astype(np.intp), column[within].astype(np.intp)]
+        places = whole(row[within], 0, height - 1), whole(column[within], 0, width - 1)
+        inside[within] = self._closed_in[places]
         return inside
 
     def _capped(self, reading: RangeVector) -> NDArray[np.float32]:

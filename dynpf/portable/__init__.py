@@ -39,6 +39,7 @@ from dynpf.portable.linear import (
     singular_values,
     solve,
 )
+from dynpf.portable.rehearsal import rehearse
 
 __all__ = [
     "SingularMatrixError",
@@ -63,6 +64,7 @@ __all__ = [
     "normal_quantile",
     "power",
     "product",
+    "rehearse",
     "sin",
     "sinc",
     "sincos",

@@ -7,7 +7,7 @@ import numpy as np
 
 from dynpf.filters.kalman import Gaussian
 from dynpf.maps.raycast import RayCaster
-from dynpf.measurement.ray import ray_segments
+from dynpf.measurement.ray import ray_discs, ray_segments
 from dynpf.motion.gyro import GyroOdometry
 from dynpf.rng import Draws, generator
 from protocol.messages import Message, Obstacles, Odometry, PartsState, RobotState
@@ -146,6 +146,8 @@ class SimulatedSensors:
     def rehearse(self) -> None:
         """See Rehearsing."""
         self._rays(np.zeros(2), np.zeros(1))
+        ray_discs(np.zeros(2), np.zeros(1), np.zeros((0, 3)))
+        ray_segments(np.zeros(2), np.zeros(1), np.zeros((0, 4)))
 
     def freeze(self) -> State:
         return {
