@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 SCENARIO ?= parts-3-easy
 
 .DELETE_ON_ERROR:
-.PHONY: run test test-container check format docs peers lock hooks clean
+.PHONY: run test test-container test-machines test-arm64 test-old-x86 check format docs peers lock hooks clean
 
 run: .venv/.project
 	$(BIN)/dynpf run $(SCENARIO)
@@ -21,20 +21,32 @@ test: .venv/.dev
 test-container: .venv/.dev
 	$(BIN)/pytest -m container
 
+# The same bytes under every choice of kernels here, and on another processor in emulation (docs/machines.md).
+# JOBS and SETTINGS take those whose names begin with one of their words, CPU one of QEMU's processors.
+MACHINES = $(BIN)/python -m checks.machines $(if $(JOBS),--jobs $(JOBS))
+test-machines: .venv/.dev
+	$(MACHINES) $(if $(SETTINGS),--settings $(SETTINGS))
+
+test-arm64 test-old-x86: .venv/.dev
+	$(MACHINES) --cpu "$(CPU)" $(@:test-%=%)
+
 check: .venv/.dev
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m checks.pure_code
+	$(BIN)/python -m checks.portable_code
+	$(BIN)/python -m checks.data_code
 	$(BIN)/python -m pip check
 
 format: .venv/.dev
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-# The references of topics and scenarios, and the picture of two runs in the README.
+# The references of topics and scenarios, the README's figures, and its picture of two runs.
 docs: .venv/.dev
+	$(BIN)/python -m docs.readme
 	$(BIN)/python -m docs.reference
 	$(BIN)/python -m docs.figures
 
@@ -57,7 +69,7 @@ hooks:
 	chmod +x $(HOOK)
 
 clean:
-	rm -rf .venv .venv-peers .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
+	rm -rf .venv .venv-peers .machines .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
 	find checks docs dynpf protocol services tests -name __pycache__ -prune -exec rm -rf {} +
 
 .venv/.runtime: requirements.lock

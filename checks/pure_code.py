@@ -11,7 +11,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["PURE", "findings"]
+__all__ = ["PURE", "bindings", "dotted", "findings", "within"]
 
 PURE = (
     "dynpf",
@@ -99,7 +99,7 @@ EXCEPTIONS = {
 def findings(source: str, file: str) -> list[str]:
     """Return one line for each forbidden import and name in the source of a file, named relative to the repository."""
     tree = ast.parse(source, file)
-    found = {*_imports(tree), *_uses(tree, _bindings(tree))}
+    found = {*_imports(tree), *_uses(tree, bindings(tree))}
     return [f"{file}:{line}: {name} {why}" for line, name, why in sorted(found) if (file, name) not in EXCEPTIONS]
 
 
@@ -121,7 +121,7 @@ def _imports(tree: ast.AST) -> Iterator[tuple[int, str, str]]:
                 yield node.lineno, name, why
 
 
-def _bindings(tree: ast.AST) -> dict[str, str]:
+def bindings(tree: ast.AST) -> dict[str, str]:
     """Map each name that an import binds, in any scope, to what it stands for."""
     bound = {}
     for node in ast.walk(tree):
@@ -141,7 +141,7 @@ def _uses(tree: ast.AST, bound: dict[str, str]) -> Iterator[tuple[int, str, str]
     for node in ast.walk(tree):
         if not isinstance(node, ast.Attribute | ast.Name) or not isinstance(node.ctx, ast.Load) or id(node) in inner:
             continue
-        root, *rest = _dotted(node)
+        root, *rest = dotted(node)
         if root in bound:
             name = ".".join((bound[root], *rest))
             if why := _objection(name):
@@ -152,25 +152,25 @@ def _uses(tree: ast.AST, bound: dict[str, str]) -> Iterator[tuple[int, str, str]
             yield node.lineno, root, BUILTINS[root]
 
 
-def _dotted(node: ast.expr) -> tuple[str, ...]:
+def dotted(node: ast.expr) -> tuple[str, ...]:
     """Return the parts of a plain dotted name; ("",) for any other expression."""
     match node:
         case ast.Name(id=name):
             return (name,)
-        case ast.Attribute(value=value, attr=attribute) if (start := _dotted(value)) != ("",):
+        case ast.Attribute(value=value, attr=attribute) if (start := dotted(value)) != ("",):
             return (*start, attribute)
     return ("",)
 
 
 def _objection(name: str) -> str | None:
-    if not any(_within(name, module) for module in MODULES):
+    if not any(within(name, module) for module in MODULES):
         return "is not among the modules of pure code"
-    if any(_within(name, allowed) for allowed in ALLOWED):
+    if any(within(name, allowed) for allowed in ALLOWED):
         return None
-    return next((why for start, why in FORBIDDEN.items() if _within(name, start)), None)
+    return next((why for start, why in FORBIDDEN.items() if within(name, start)), None)
 
 
-def _within(name: str, module: str) -> bool:
+def within(name: str, module: str) -> bool:
     return name == module or name.startswith(f"{module}.")
 
 

@@ -94,12 +94,20 @@ class Drift:
 - A measurement model names the type of its readings in the class attribute `reading`: `RangeBearingReadings`,
   `UnlabelledReadings`, `Scan`, `RangeVector`, `Lines` or `Position`.
 - A motion model is given a `Twist`, or a `Displacement` if its class attribute `control` is that type.
+- Its bytes are as exact as what it calls. The library's own are the same on every machine; NumPy's `@`, `exp` or `sin`
+  and those of `math` are not, but differ in the last digits from processor to processor, and a replay elsewhere shows
+  it. `dynpf.portable` has the same with fixed bits, and [the library](library.md#a-model-of-ones-own) tells more.
 - It draws from the stream that it is given and from nothing else, reads no clock and no file, and keeps no state
   between calls: else a replay is not the same run.
 
+A class without the methods of its part is refused before it is called, and a module of Python's own, as in
+`subprocess:Popen`, before it is imported. To import a module is to run it, and a scenario file is believed like a
+program: look into one that a stranger wrote before you run it.
+
 A recording holds the names of such modules and a digest of their source (of the whole package, if the module is in
-one), but not the code. `dynpf replay` refuses to go on without the module, and says when it is not the one that was
-recorded. Processes that join a run must have the same.
+one), but not the code. A recording is not believed: `dynpf replay` imports a module only if you allow it by its name,
+`--allow-code drift.models` ([recordings](recording.md#a-recording-of-somebody-elses)). It refuses to go on
+without the module, and says when it is not the one that was recorded. Processes that join a run must have the same.
 """
 
 TIMES = {"Timestamp", "Duration"}

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynpf.portable import atan2, cos, sin, sinc, sincos
+
 __all__ = [
     "FloatArray",
     "Floats",
@@ -33,8 +35,8 @@ def wrap_angle(angle: ArrayLike) -> Any:
 
 def compose(pose: FloatArray, relative: FloatArray) -> FloatArray:
     """Return ``relative``, given in the frame of ``pose``, in the frame of ``pose`` itself; shapes (3, ...)."""
-    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
-    return np.stack(
+    sine, cosine = sincos(pose[2])
+    return np.array(
         (
             pose[0] + cosine * relative[0] - sine * relative[1],
             pose[1] + sine * relative[0] + cosine * relative[1],
@@ -45,9 +47,9 @@ def compose(pose: FloatArray, relative: FloatArray) -> FloatArray:
 
 def relative(pose: FloatArray, other: FloatArray) -> FloatArray:
     """Return ``other``, given in the frame in which ``pose`` is, in the frame of ``pose``: compose undone; (3, ...)."""
-    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    sine, cosine = sincos(pose[2])
     dx, dy = other[0] - pose[0], other[1] - pose[1]
-    return np.stack((cosine * dx + sine * dy, cosine * dy - sine * dx, wrap_angle(other[2] - pose[2])))
+    return np.array((cosine * dx + sine * dy, cosine * dy - sine * dx, wrap_angle(other[2] - pose[2])))
 
 
 def circular_mean(angles: Floats, weights: Floats) -> float:
@@ -55,9 +57,8 @@ def circular_mean(angles: Floats, weights: Floats) -> float:
 
     Where the vectors cancel there is no mean direction; rounding then decides what comes back.
     """
-    # In float64 whatever the angles are in: NumPy's float32 sines differ from processor to processor.
-    sine, cosine = np.sin(angles, dtype=np.float64), np.cos(angles, dtype=np.float64)
-    return float(np.arctan2(np.sum(weights * sine), np.sum(weights * cosine)))
+    sine, cosine = sincos(angles)
+    return atan2(float(np.sum(weights * sine)), float(np.sum(weights * cosine)))
 
 
 def arc_chord(length: ArrayLike, turn: ArrayLike) -> Any:
@@ -67,11 +68,13 @@ def arc_chord(length: ArrayLike, turn: ArrayLike) -> Any:
     away, in the direction turn/2 from its start's heading: exact for every turn, the straight line included.
     """
     half = 0.5 * np.asarray(turn, dtype=np.float64)
-    return np.asarray(length, dtype=np.float64) * np.sinc(half / np.pi)
+    return np.asarray(length, dtype=np.float64) * sinc(half / np.pi)
 
 
 def arc_displacement(length: ArrayLike, turn: ArrayLike) -> FloatArray:
     """Return the end pose (dx, dy, turn), shape (3, ...), of an arc in the frame of its start."""
     chord = arc_chord(length, turn)
     half = 0.5 * np.asarray(turn, dtype=np.float64)
-    return np.stack(np.broadcast_arrays(chord * np.cos(half), chord * np.sin(half), 2.0 * half))
+    displacement = np.empty((3, *np.broadcast_shapes(np.shape(chord), np.shape(half))))
+    displacement[0], displacement[1], displacement[2] = chord * cos(half), chord * sin(half), 2.0 * half
+    return displacement

@@ -4,12 +4,13 @@ Types named ``foxglove.*`` have the exact shape of Foxglove's well-known schemas
 them; types named ``dynpf.*`` are ours. Lengths, ranges and signs are part of the types: decoding checks them.
 """
 
-import math
 from enum import IntEnum
 from typing import Annotated, ClassVar, Literal
 
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
+
+from dynpf.portable import atan2, sincos
 
 __all__ = [
     "Barrier",
@@ -603,12 +604,10 @@ def timestamp(stamp_ns: int) -> Timestamp:
 
 def planar_pose(x: float, y: float, theta: float) -> Pose:
     """Return a pose in the plane, heading ``theta`` in radians, as position and quaternion."""
-    return Pose(
-        position=Vector3(x=x, y=y),
-        orientation=Quaternion(z=math.sin(theta / 2), w=math.cos(theta / 2)),
-    )
+    sine, cosine = sincos(theta / 2)
+    return Pose(position=Vector3(x=x, y=y), orientation=Quaternion(z=sine, w=cosine))
 
 
 def heading(orientation: Quaternion) -> float:
     """Return the yaw in radians of a quaternion that turns about z alone."""
-    return 2.0 * math.atan2(orientation.z, orientation.w)
+    return 2.0 * atan2(float(orientation.z), float(orientation.w))

@@ -257,7 +257,10 @@ def _same_scenario(name: str, bus: Bus, scenario: Scenario, endpoint: str, stop:
         raise KeyboardInterrupt
     if theirs is None:
         raise RunError(f"the router at {endpoint} does not say which scenario it runs; is it a dynpf router?")
-    difference = first_difference(resolved_json(scenario), theirs.decode())
+    try:
+        difference = first_difference(resolved_json(scenario), theirs.decode())
+    except (ValueError, RecursionError) as error:  # the text is compared, and nothing that it names is looked for
+        raise RunError(f"the router at {endpoint} tells a scenario that cannot be read: {error}") from error
     if difference is not None:
         key, here, there = difference
         raise UsageError(

@@ -6,6 +6,7 @@ random generator, and starts no threads. All its state can be taken out and put 
 """
 
 import hashlib
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -103,8 +104,11 @@ _ARRAY = 1
 
 
 def encode_state(state: State) -> bytes:
-    """Return ``state`` as bytes: equal states, equal bytes; arrays keep their type and shape."""
-    return _ENCODER.encode(state)
+    """Return ``state`` as bytes: equal states, equal bytes; arrays keep their type and shape.
+
+    Every NaN is written as the same one: which sign a computed NaN has, each processor decides for itself.
+    """
+    return _ENCODER.encode(_with_one_nan(state))
 
 
 def decode_state(data: bytes) -> dict[str, Any]:
@@ -115,6 +119,21 @@ def decode_state(data: bytes) -> dict[str, Any]:
 def state_digest(state: State) -> str:
     """Return the SHA-256 of a state, in hexadecimal."""
     return hashlib.sha256(encode_state(state)).hexdigest()
+
+
+def _with_one_nan(value: Any) -> Any:
+    match value:
+        case np.ndarray() | np.generic() if value.dtype.kind in "fc" and np.isnan(value).any():
+            known = np.array(value)
+            known[np.isnan(known)] = np.nan
+            return known
+        case float():
+            return math.nan if math.isnan(value) else value
+        case Mapping():
+            return {key: _with_one_nan(inner) for key, inner in value.items()}
+        case list() | tuple():
+            return [_with_one_nan(inner) for inner in value]
+    return value
 
 
 def _encode_array(value: object) -> msgspec.msgpack.Ext:

@@ -26,7 +26,7 @@ from services.simulator.config import CapsuleConfig, RoomConfig, WorkspaceConfig
 from services.simulator.room import RoomSimulator
 from services.simulator.workspace import WorkspaceSimulator
 from services.task import NOISE, RearrangementTask
-from services.user_code import find_class
+from services.user_code import check_allowed, find_class
 from services.vision.config import VisionConfig
 from services.vision.node import VisionNode
 
@@ -59,10 +59,13 @@ def build_node(scenario: Scenario, name: str) -> Node:
 
 
 def user_classes(scenario: Scenario) -> dict[str, type]:
-    """Return the user's classes that a scenario names, by name; raises ScenarioError for one that is not there."""
-    if not isinstance(scenario.estimator, LocalizationConfig):
-        return {}
-    return {name: find_class(name, key) for key, name in scenario.estimator.user_classes}
+    """Return the user's classes that a scenario names, by name.
+
+    Raises ScenarioError for one that is not there, and imports none whose module ``user_code`` lacks: those are of a
+    scenario out of a recording, and its reader has not allowed them.
+    """
+    check_allowed(scenario.user_classes, scenario.user_code, "scenario")
+    return {one.text: find_class(one) for one in scenario.user_classes}
 
 
 def _maps(scenario: Scenario) -> Maps:

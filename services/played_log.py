@@ -1,8 +1,10 @@
 """The log that a run plays: an imported recording, or what a recorded run had played of one."""
 
-import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import numpy as np
 
 from dynpf.se2 import compose, relative
@@ -37,7 +39,7 @@ class PlayedLog:
         landmarks = [one.data for one in recording.attachments if one.name == LANDMARKS]
         self.facts = LogFacts(
             digest=content_digest(recording),
-            landmarks=json.loads(landmarks[0]) if landmarks else [],
+            landmarks=_landmarks(path, landmarks[0]) if landmarks else [],
             start=_start(self.records),
             files={one.name.removeprefix(FOLDER): one.data for one in recording.attachments if is_file(one)},
             range_max=_range_max(recording.header.scenario),
@@ -67,7 +69,22 @@ def _start(records: list[LogRecord]) -> tuple[float, float, float] | None:
 
 def _range_max(origin: str) -> float | None:
     """Return what a beam without return reads, metres, where the importer, or the run that played the log, told it."""
-    told = json.loads(origin)
-    settings = told["import"].get("settings", {}) if "import" in told else told.get("estimator") or {}
+    try:
+        told = msgspec.json.decode(origin)
+    except (msgspec.DecodeError, RecursionError):
+        return None
+    settings = _table(_table(told, "import"), "settings") or _table(told, "estimator")
     found = settings.get("range_max_m", settings.get("scan_range_max"))
     return float(found) if isinstance(found, int | float) else None
+
+
+def _table(value: Any, key: str) -> Mapping[str, Any]:
+    found = value.get(key) if isinstance(value, dict) else None
+    return found if isinstance(found, dict) else {}
+
+
+def _landmarks(path: Path, data: bytes) -> list[dict[str, Any]]:
+    try:
+        return msgspec.json.decode(data, type=list[dict[str, Any]])
+    except (msgspec.DecodeError, RecursionError) as error:
+        raise UsageError(f"{path}: {LANDMARKS}: {error}; expected a list of id, x and y") from error

@@ -6,11 +6,12 @@ they meet and what a recording carries.
 """
 
 import difflib
+import errno
 import hashlib
 import json
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from pathlib import Path, PurePath
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -32,7 +33,7 @@ from services.maps import BitmapConfig, OccupancyConfig, SegmentsConfig, open_ma
 from services.sensors.config import CapsuleSensorsConfig, LogSensorsConfig, SimulatedSensorsConfig
 from services.simulator.config import CapsuleConfig, RoomConfig, WorkspaceConfig
 from services.task import Landmark, RearrangementTask
-from services.user_code import source_digests
+from services.user_code import CLASS_NAME, UserClass, source_digests
 from services.vision.config import VisionConfig
 
 __all__ = [
@@ -48,7 +49,8 @@ __all__ = [
     "resolved_json",
     "scenario_files",
     "whole_json",
-    "with_what_it_names",
+    "with_files",
+    "with_user_code",
 ]
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
@@ -76,7 +78,9 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     log_digest: str = ""  # content digest of that log, filled in when it is given
     state_digest_ticks: Annotated[int, Meta(ge=1)] = 10  # a digest of each node's state every so many steps
     files: dict[str, File] = {}  # the files that it names, with their SHA-256, filled in when they are read
-    user_code: dict[str, str] = {}  # modules of your own that it names, with a SHA-256 of their source, filled in, too
+    # Modules of your own that it names, with a SHA-256 of their source: filled in, whatever a file says here. What is
+    # not in it is not imported.
+    user_code: dict[str, str] = {}
     task: RearrangementTask | None = None
     map: OccupancyConfig | BitmapConfig | SegmentsConfig | None = None
     landmarks: tuple[Landmark, ...] = ()
@@ -95,6 +99,20 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     def nodes(self) -> tuple[str, ...]:
         """The nodes that take part, in tick order; the first is the source."""
         return tuple(name for name in NODES if getattr(self, name) is not None)
+
+    @property
+    def user_classes(self) -> tuple[UserClass, ...]:
+        """The user's classes that it names, by key."""
+        if not isinstance(self.estimator, LocalizationConfig):
+            return ()
+        parted = ((key, *name.partition(":")) for key, name in self.estimator.user_classes)
+        return tuple(UserClass(key, module, name) for key, module, _, name in parted)
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """The files that it names, as it names them."""
+        chosen = (self.map.file,) if isinstance(self.map, OccupancyConfig | BitmapConfig) else ()
+        return (*chosen, *self.maps)
 
     @property
     def tick_ns(self) -> int:
@@ -158,9 +176,8 @@ def load_scenario(
         raise ScenarioError(f"{path}: {error}") from error
     if not isinstance(raw, dict):
         raise ScenarioError(f"{path}: holds a {type(raw).__name__}, expected a table of keys")
-    files: Mapping[str, bytes] = {}
+    brought = log.map if log is not None and "map" not in raw else None
     if log is not None:
-        files = log.files if "map" not in raw else {}
         _take_from_log(raw, log)
     for override in overrides:
         _apply(raw, override)
@@ -170,17 +187,22 @@ def load_scenario(
     if clock is not None:
         raw["clock"] = clock
 
-    def read(name: str) -> bytes:
-        bare = PurePath(name).name
-        return files[bare] if bare in files else (path.parent / name).read_bytes()
+    def read(name: str, named: str) -> bytes:
+        if log is None or named != brought:
+            return (path.parent / name).read_bytes()
+        bare = PurePath(name).name  # the log's map, and the image that it names, are what came along with the log
+        if bare not in log.files:
+            raise FileNotFoundError(errno.ENOENT, "the log has no such file attached")
+        return log.files[bare]
 
-    return with_what_it_names(parse_scenario(raw, str(path)), str(path), read)
+    scenario = with_user_code(parse_scenario(raw, str(path)), str(path))
+    return with_files(scenario, str(path), read)
 
 
 def parse_scenario(raw: Mapping[str, Any], where: str) -> Scenario:
     """Return the scenario in ``raw``; raises ScenarioError naming ``where`` and every problem.
 
-    No file that it names is read, and no class of the user's looked for.
+    No file that it names is read, and no class of the user's looked for: ``user_code`` stays empty.
     """
     info = msgspec.inspect.type_info(Scenario)
     raw = _folded(info, raw)
@@ -194,29 +216,36 @@ def parse_scenario(raw: Mapping[str, Any], where: str) -> Scenario:
     problems = list(_contradictions(scenario))
     if problems:
         raise ScenarioError("\n".join(f"{where}: {problem}" for problem in problems))
-    return scenario
+    return msgspec.structs.replace(scenario, user_code={})
 
 
-def with_what_it_names(scenario: Scenario, where: str, read: Callable[[str], bytes]) -> Scenario:
-    """Return the scenario with the files that it names in it, and with the digests of the user's modules.
+def with_user_code(scenario: Scenario, where: str, modules: Container[str] | None = None) -> Scenario:
+    """Return the scenario with the digests of the user's modules, which are imported when its nodes are built.
 
-    ``read`` gives a file by its path as the scenario has it. In the result files go by their bare names, so that the
-    same files in another folder make the same scenario; by its bare name, a file is taken from the scenario if that
-    holds it.
-    Raises ScenarioError for a file that cannot be read or is no map, and for a module that is not there.
+    Of a scenario that somebody else has written, those among ``modules`` alone. Raises ScenarioError for a module that
+    is not there.
     """
-    estimator = scenario.estimator
+    named = [one for one in scenario.user_classes if modules is None or one.module in modules]
     try:
-        code = source_digests(estimator.user_classes) if isinstance(estimator, LocalizationConfig) else {}
+        return msgspec.structs.replace(scenario, user_code=source_digests(named))
     except ScenarioError as error:
         raise ScenarioError(f"{where}: {error}") from error
-    scenario = msgspec.structs.replace(scenario, user_code=code)
+
+
+def with_files(scenario: Scenario, where: str, read: Callable[[str, str], bytes]) -> Scenario:
+    """Return the scenario with the files that it names in it.
+
+    ``read`` gives a file by its path; it is told, too, which of ``scenario.paths`` led to it, for a map names its
+    image. In the result files go by their bare names, so that the same files in another folder make the same scenario;
+    by its bare name, a file is taken from the scenario if that holds it.
+    Raises ScenarioError for a file that cannot be read or is no map.
+    """
     held = {name: file.data for name, file in scenario.files.items() if file.data}
     found: dict[str, bytes] = {}
 
-    def take(folder: PurePath, name: str) -> bytes:
-        bare = PurePath(name).name
-        data = held[bare] if bare in held and folder == PurePath() else read(str(folder / name))
+    def take(named: str, name: str) -> bytes:
+        folder, bare = PurePath(named).parent, PurePath(name).name
+        data = held[bare] if bare in held and folder == PurePath() else read(str(folder / name), named)
         if found.setdefault(bare, data) != data:
             raise ValueError(f"two files are called {bare}")
         return data
@@ -238,33 +267,31 @@ def with_what_it_names(scenario: Scenario, where: str, read: Callable[[str], byt
 
 
 def _take_map(
-    scenario: Scenario, where: str, take: Callable[[PurePath, str], bytes]
+    scenario: Scenario, where: str, take: Callable[[str, str], bytes]
 ) -> OccupancyConfig | BitmapConfig | SegmentsConfig | None:
     """Take the files of the map, if it has any, and return it with the bare name of the one that it names."""
     config = scenario.map
     if not isinstance(config, OccupancyConfig | BitmapConfig):
         return config
-    path = PurePath(config.file)
     try:
-        open_maps(config, None, lambda name: take(path.parent, name))
+        open_maps(config, None, lambda name: take(config.file, name))
     except OSError as error:
         raise ScenarioError(f"{where}: map.file: {config.file!r} cannot be read: {error.strerror}") from error
     except ValueError as error:
         raise ScenarioError(f"{where}: map.file: {error}") from error
-    return msgspec.structs.replace(config, file=path.name)
+    return msgspec.structs.replace(config, file=PurePath(config.file).name)
 
 
-def _take_drawings(scenario: Scenario, where: str, take: Callable[[PurePath, str], bytes]) -> tuple[str, ...]:
+def _take_drawings(scenario: Scenario, where: str, take: Callable[[str, str], bytes]) -> tuple[str, ...]:
     """Take the bitmaps of the tube and return their bare names."""
-    paths = [PurePath(name) for name in scenario.maps]
-    for path in paths:
+    for path in scenario.maps:
         try:
-            take(path.parent, path.name)
+            take(path, PurePath(path).name)
         except OSError as error:
-            raise ScenarioError(f"{where}: maps: {str(path)!r} cannot be read: {error.strerror}") from error
+            raise ScenarioError(f"{where}: maps: {path!r} cannot be read: {error.strerror}") from error
         except ValueError as error:
             raise ScenarioError(f"{where}: maps: {error}") from error
-    return tuple(path.name for path in paths)
+    return tuple(PurePath(path).name for path in scenario.maps)
 
 
 def colon_world(scenario: Scenario) -> ColonWorld | None:
@@ -486,7 +513,7 @@ def _contradictions(scenario: Scenario) -> Iterator[str]:
         yield "maps: bitmaps for the tube of [colon], which this run has not"
     if isinstance(scenario.estimator, LocalizationConfig):
         for key, name in scenario.estimator.user_classes:
-            if not re.fullmatch(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*", name):
+            if not CLASS_NAME.fullmatch(name):
                 yield f"{key}: {name!r}; expected package.module:Name"
 
 
@@ -506,7 +533,14 @@ def override_resolved(resolved: str, overrides: Sequence[str], where: str) -> Sc
 
     Raises ScenarioError naming ``where``.
     """
-    raw = json.loads(resolved)
-    for override in overrides:
-        _apply(raw, override)
-    return parse_scenario(raw, where)
+    try:
+        raw = json.loads(resolved)
+        if not isinstance(raw, dict):
+            raise ScenarioError(f"{where}: its scenario is a {type(raw).__name__}, expected a table of keys")
+        for override in overrides:
+            _apply(raw, override)
+        return parse_scenario(raw, where)
+    except json.JSONDecodeError as error:
+        raise ScenarioError(f"{where}: its scenario cannot be read: {error}") from error
+    except RecursionError:
+        raise ScenarioError(f"{where}: its scenario is nested too deeply") from None

@@ -2,59 +2,100 @@
 
 They are found on the Python path, which PYTHONPATH lengthens; every process of a run inherits it. A recording carries
 no code: it names the modules and a digest of each one's source, so that a replay can tell whether it has the same.
+To import a module is to run it. So nothing here is called for what a recording names, unless its reader has allowed the
+module by name; and this is the only place that imports what a text names.
 """
 
 import difflib
 import hashlib
 import importlib
 import importlib.util
+import re
+import sys
 import traceback
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 from services.errors import ScenarioError
 
-__all__ = ["find_class", "source_digests"]
+__all__ = ["CLASS_NAME", "MODULE_NAME", "UserClass", "check_allowed", "find_class", "is_standard", "source_digests"]
+
+MODULE_NAME = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*")
+CLASS_NAME = re.compile(rf"{MODULE_NAME.pattern}:[^\W\d]\w*")
 
 
-def find_class(name: str, key: str) -> type:
-    """Return the class ``package.module:Name``; raises ScenarioError with the key that names it and what is missing."""
-    module, _, attribute = name.partition(":")
+class UserClass(NamedTuple):
+    """A class that a scenario names, and the key at which it does."""
+
+    key: str
+    module: str
+    name: str
+
+    @property
+    def text(self) -> str:
+        """The class as a scenario names it."""
+        return f"{self.module}:{self.name}"
+
+    def wrong(self, what: str) -> ScenarioError:
+        return ScenarioError(f"{self.key}: {self.text!r}: {what}")
+
+
+def check_allowed(named: Iterable[UserClass], modules: Container[str], where: str) -> None:
+    """Raise ScenarioError, a line for each class whose module is not among ``modules``; ``where`` names the recording.
+
+    Nothing is imported or looked for.
+    """
+    problems = []
+    for one in named:
+        if is_standard(one.module):
+            problems.append(f"{where}: {_standard(one)}")
+        elif one.module not in modules:
+            problems.append(
+                f"{where}: {one.key}: names the class {one.name} of the module {one.module}, which did not come along; "
+                f"a recording runs no code of your computer unless you allow it: --allow-code {one.module}"
+            )
+    if problems:
+        raise ScenarioError("\n".join(problems))
+
+
+def find_class(one: UserClass) -> type:
+    """Import a class; raises ScenarioError with the key that names it and what is missing."""
+    if is_standard(one.module):
+        raise _standard(one)
     try:
-        found = getattr(importlib.import_module(module), attribute, None)
-        known = [one for one, value in vars(importlib.import_module(module)).items() if isinstance(value, type)]
-    except ModuleNotFoundError as error:
-        raise ScenarioError(f"{key}: {name!r}: {_not_found(module, error)}") from error
+        module = importlib.import_module(one.module)
+        found = getattr(module, one.name, None)
     except Exception as error:
-        place = traceback.extract_tb(error.__traceback__)[-1]
-        told = f"{type(error).__name__}: {error} ({place.filename}:{place.lineno})"
-        raise ScenarioError(f"{key}: {name!r}: the module cannot be imported: {told}") from error
+        raise _not_imported(one, error) from error
     if not isinstance(found, type):
         what = "is no class" if found is not None else "is not in the module"
-        close = difflib.get_close_matches(attribute, known, n=1)
-        raise ScenarioError(f"{key}: {name!r}: {attribute} {what}{f'; did you mean {close[0]!r}?' if close else ''}")
+        known = [name for name, value in vars(module).items() if isinstance(value, type)]
+        close = difflib.get_close_matches(one.name, known, n=1)
+        raise one.wrong(f"{one.name} {what}{f'; did you mean {close[0]!r}?' if close else ''}")
     return found
 
 
-def source_digests(named: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """Return the digest of each module's source, by the module's name; ``named`` are keys and the classes they name.
+def source_digests(named: Iterable[UserClass]) -> dict[str, str]:
+    """Return the digest of each module's source, by the module's name.
 
-    Raises ScenarioError for a module that is not there.
+    The packages that a module lies in are imported on the way. Raises ScenarioError for a module that is not there.
     """
-    return {name.partition(":")[0]: _source_digest(name, key) for key, name in named}
+    return {one.module: _source_digest(one) for one in named}
 
 
-def _source_digest(name: str, key: str) -> str:
+def _source_digest(one: UserClass) -> str:
     """Return the SHA-256 over the module's file, or over all Python files of the outermost package that it lies in."""
-    module = name.partition(":")[0]
+    if is_standard(one.module):
+        raise _standard(one)
     try:
-        spec = importlib.util.find_spec(module)
-    except ModuleNotFoundError as error:
-        raise ScenarioError(f"{key}: {name!r}: {_not_found(module, error)}") from error
+        spec = importlib.util.find_spec(one.module)
+    except Exception as error:
+        raise _not_imported(one, error) from error
     if spec is None:
-        raise ScenarioError(f"{key}: {name!r}: {_not_found(module, None)}")
+        raise one.wrong(_not_found(one.module, None))
     if not spec.has_location or spec.origin is None:
-        raise ScenarioError(f"{key}: {name!r}: the module {module!r} has no source file, by which it could be known")
+        raise one.wrong(f"the module {one.module!r} has no source file, by which it could be known")
     file = Path(spec.origin)
     root = file.parent
     while (root / "__init__.py").is_file():
@@ -66,10 +107,27 @@ def _source_digest(name: str, key: str) -> str:
         try:
             source = path.read_bytes()
         except OSError as error:
-            raise ScenarioError(f"{key}: {name!r}: its source {path} cannot be read: {error.strerror}") from error
+            raise one.wrong(f"its source {path} cannot be read: {error.strerror}") from error
         digest.update(f"{path.relative_to(root).as_posix()} {len(source)}\n".encode())
         digest.update(source)
     return digest.hexdigest()
+
+
+def is_standard(module: str) -> bool:
+    """Return whether a module is Python's own, or the running program: none of these holds a component."""
+    return module.partition(".")[0] in {*sys.stdlib_module_names, "__main__"}
+
+
+def _standard(one: UserClass) -> ScenarioError:
+    return one.wrong(f"{one.module} is a module of Python's own, which holds no component; it is not imported")
+
+
+def _not_imported(one: UserClass, error: Exception) -> ScenarioError:
+    if isinstance(error, ModuleNotFoundError):
+        return one.wrong(_not_found(one.module, error))
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    told = f"{type(error).__name__}: {error} ({place.filename}:{place.lineno})"
+    return one.wrong(f"the module cannot be imported: {told}")
 
 
 def _not_found(module: str, error: ModuleNotFoundError | None) -> str:

@@ -69,8 +69,9 @@ def annealed(
         odds = weighted.weights if reserve is None else _reserved(weighted.weights, reserve(evidence))
         chosen = systematic(odds, draws.part("resampling").uniform(), count)
         ancestors = ancestors[chosen]
-        log_weights = exact.log(weighted.weights[chosen] / odds[chosen] / count)
-        drawn = effective_sample_size(exact.exp(log_weights))
+        weights = weighted.weights[chosen] / odds[chosen] / count
+        log_weights = exact.log(weights)
+        drawn = effective_sample_size(weights)
         worth = max(1.0 / (1.0 / weighted.n_eff + 1.0 / drawn), 2.0 * _UNCERTAIN)
         particles = _inflated(
             _KERNEL.spread(gathered(particles, chosen), weighted, draws.part("kernel")), weighted, worth
@@ -106,20 +107,6 @@ def _inflated(particles: Floats, weighted: Cloud, worth: float) -> Floats:
 
 def bearable_share(log_weights: Floats, log_likelihood: Floats, left: float, kept: float) -> float:
     """Return the largest share, up to ``left``, of log-likelihoods (N,) that leaves N_eff at ``kept`` of N."""
-    weights = np.empty_like(log_weights)
-
-    def is_too_much(share: float) -> bool:
-        _, total, squares = kernels.cloud.normalize(log_weights + np.float32(share) * log_likelihood, weights)
-        return bool(total * total < kept * log_weights.size * squares)
-
-    if not is_too_much(left):
-        return left
-    low, high = 0.0, left
-    for _ in range(16):
-        middle = 0.5 * (low + high)
-        if is_too_much(middle):
-            high = middle
-        else:
-            low = middle
+    bearable: float = kernels.colon.bearable(log_weights, log_likelihood, left, kept)
     # Weights that were as thin to begin with bear nothing: a little is taken, and resampling evens them out.
-    return max(low, 1e-3 * left)
+    return max(bearable, 1e-3 * left)

@@ -10,6 +10,7 @@ from dynpf.colon.world import BEAMS, RANGE_MAX
 from dynpf.filters.cloud import Cloud
 from dynpf.filters.estimate import Mode, modes
 from dynpf.maps.raycast import RayCaster
+from dynpf.portable import hypot
 from dynpf.se2 import Floats
 
 __all__ = ["ANGLES", "Noise", "checked_ranges", "dominant_mode", "expected_ranges", "listed_log_likelihood"]
@@ -25,7 +26,7 @@ class Noise(NamedTuple):
     @classmethod
     def of(cls, sigma_map: float, sigma_range: float, outliers: float) -> "Noise":
         """Return a sensor's noise in a map that is right to within ``sigma_map``, near its edges to six times that."""
-        return cls(math.hypot(sigma_map, sigma_range), math.hypot(6.0 * sigma_map, sigma_range), outliers)
+        return cls(hypot(sigma_map, sigma_range), hypot(6.0 * sigma_map, sigma_range), outliers)
 
 
 ANGLES = np.array(BEAMS, dtype=np.float32)

@@ -5,6 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.maps.occupancy import OccupancyGrid
+from dynpf.portable import hypot
 from dynpf.se2 import FloatArray, Floats
 
 __all__ = ["bore"]
@@ -51,7 +52,7 @@ def _specks(occupied: NDArray[np.bool_], size: int) -> NDArray[np.bool_]:
 
 def _points_along(route: Floats, spacing: float) -> tuple[FloatArray, FloatArray]:
     """Return x and y of points along a route, its own among them, no farther apart than ``spacing``."""
-    lengths = np.hypot(np.diff(route[0]), np.diff(route[1]))
+    lengths = hypot(np.diff(route[0]), np.diff(route[1]))
     counts = np.ceil(lengths / spacing).astype(int) + 1
     pieces = [np.linspace(route[:2, i], route[:2, i + 1], count) for i, count in enumerate(counts)]
     x, y = np.concatenate([route[:2, :1].T, *pieces]).T

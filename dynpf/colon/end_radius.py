@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from dynpf.colon import exact
 from dynpf.colon.annealing import annealed
 from dynpf.colon.beams import ANGLES, Noise, checked_ranges, dominant_mode, expected_ranges, listed_log_likelihood
 from dynpf.filters.cloud import Cloud, uniform_cloud, weighted_cloud
@@ -103,9 +104,7 @@ class EndRadius:
             low, high = self.radii[0], self.radii[-1]
             anywhere = low + (high - low) * stream.part("anew").uniforms(1, count)[0]
             proposed[3] = np.where(redrawn, anywhere, proposed[3])
-            log_weights = log_weights + np.log(
-                np.where(redrawn, 2.0 * params.change, 2.0 * (1.0 - params.change))
-            ).astype(np.float32)
+            log_weights = log_weights + exact.log(np.where(redrawn, 2.0 * params.change, 2.0 * (1.0 - params.change)))
         proposed[3] = np.clip(proposed[3], self.radii[0], self.radii[-1])
         return proposed, log_weights
 

@@ -1,10 +1,8 @@
-"""Exponentials and logarithms of float32 by way of float64.
-
-NumPy's own for float32 differ in the last bit from processor to processor; rounded from float64 they hardly ever do.
-"""
+"""Float32 exponentials and logarithms by way of float64, down to where weights are zero."""
 
 import numpy as np
 
+from dynpf import portable
 from dynpf.se2 import Floats
 
 __all__ = ["exp", "log"]
@@ -12,10 +10,9 @@ __all__ = ["exp", "log"]
 
 def exp(values: Floats) -> Floats:
     """Return e to the power of each value, float32."""
-    return np.exp(values, dtype=np.float64).astype(np.float32)
+    return portable.exp(values).astype(np.float32)
 
 
 def log(values: Floats) -> Floats:
-    """Return the natural logarithm of each value, float32; -inf of zero, without a warning."""
-    with np.errstate(divide="ignore"):
-        return np.log(values, dtype=np.float64).astype(np.float32)
+    """Return the natural logarithm of each value, float32; -inf of zero."""
+    return portable.log(values).astype(np.float32)

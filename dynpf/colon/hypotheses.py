@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from dynpf import kernels
+from dynpf import kernels, portable
 from dynpf.colon import exact
 from dynpf.colon.annealing import annealed, bearable_share
 from dynpf.colon.beams import ANGLES, Noise, checked_ranges, dominant_mode, expected_ranges, listed_log_likelihood
@@ -204,15 +204,16 @@ class Hypotheses:
         if told is not None:
             transition *= 1.0 - params.told
             transition[:, self.names.index(told)] += params.told
-        maps = np.einsum("kn,kl->ln", belief.maps, transition)
-        fresh = 1 - np.diag(transition)[:, None] * belief.maps / np.maximum(maps, np.float32(1e-30))
-        since = belief.since + fresh * (np.float32(belief.reading - 1) - belief.since)
-        return self._expect_moving(belief._replace(maps=maps, since=since), fresh[-1])
+        maps, since = np.empty_like(belief.maps), np.empty_like(belief.since)
+        fresh = np.empty(maps.shape[1], dtype=np.float32)
+        reading = np.float32(belief.reading - 1)
+        kernels.colon.given_way(belief.maps, belief.since, transition, reading, maps, since, fresh)
+        return self._expect_moving(belief._replace(maps=maps, since=since), fresh)
 
     def _expect_moving(self, belief: Belief, fresh: Floats) -> Belief:
         """Mix what is known of walls with what is of a change that has only just happened, of probability (N,)."""
         params, weights = self.params, belief.cloud.weights
-        posterior = np.einsum("n,kn->k", weights, belief.maps)
+        posterior = np.sum(weights * belief.maps, axis=1)
         likeliest = int(posterior[:-1].argmax())
         if likeliest != belief.reference and posterior[likeliest] > _SURE:
             displacement, covariance, chances = self._unmoved(likeliest, fresh.size)
@@ -229,7 +230,8 @@ class Hypotheses:
         _, prior, unknown = self._unmoved(belief.reference, 0)
         unlisted = weights * belief.maps[-1]
         renewed = np.float32(np.sum(unlisted * fresh) / max(float(np.sum(unlisted)), 1e-30))
-        moves_on = (1 - renewed) * np.float32((params.growth / params.deviation) ** 2)
+        growth = params.growth / params.deviation
+        moves_on = (1 - renewed) * np.float32(growth * growth)
         forgotten = renewed + (1 - renewed) * np.float32(params.unrest)
         return self._expect_bulging(belief, fresh)._replace(
             displacement=belief.displacement * (1 - fresh)[:, None],
@@ -240,19 +242,12 @@ class Hypotheses:
     def _expect_bulging(self, belief: Belief, fresh: Floats) -> Belief:
         """Mix bulges that are known of with any that have only just begun, of probability (N,): by their moments."""
         params = self.params
-        unknown, height, variance = self._unbulged(belief.reference, 1)
-        unknown[0, :-1] = self._begun(belief)
-        old, new = (1 - fresh)[:, None] * exact.exp(belief.log_shapes), fresh[:, None] * exact.exp(unknown)
-        shapes = old + new + np.float32(1e-30)
-        kept = (old / shapes)[:, :-1]
-        off = belief.heights - height
-        return belief._replace(
-            log_shapes=exact.log(shapes),
-            heights=height + kept * off,
-            height_variances=kept * belief.height_variances
-            + (1 - kept) * (variance + kept * off**2)
-            + np.float32(params.growth**2),
-        )
+        begun = np.append(self._begun(belief), exact.log(np.array([1.0 - params.bulge + 1e-30])))
+        bulges = belief.log_shapes.copy(), belief.heights.copy(), belief.height_variances.copy()
+        variance, growth = params.bulge_deviation * params.bulge_deviation, params.growth * params.growth
+        kernels.colon.bulges_given_way(*bulges, fresh, begun, params.bulge_height, variance, growth)
+        log_shapes, heights, variances = bulges
+        return belief._replace(log_shapes=log_shapes, heights=heights, height_variances=variances)
 
     def _unmoved(self, reference: int, count: int) -> tuple[Floats, Floats, Floats]:
         """Return displacements, covariance and chances where nothing is known of the walls of a map."""
@@ -268,10 +263,10 @@ class Hypotheses:
         params, grid, wall = self.params, self.grids[0], self.walls[belief.reference]
         pose = pose_estimate(belief.cloud.particles, belief.cloud.weights).mean
         ranges = expected_ranges(self._casters[belief.reference], pose[:, None])[:, 0]
-        directions = pose[2] + ANGLES
-        column, row = grid.to_cells(pose[0] + ranges * np.cos(directions), pose[1] + ranges * np.sin(directions))
+        sines, cosines = portable.sincos(pose[2] + ANGLES)
+        column, row = grid.to_cells(pose[0] + ranges * cosines, pose[1] + ranges * sines)
         height, width = grid.cells.shape
-        nodes = wall.node[row.astype(int).clip(0, height - 1), column.astype(int).clip(0, width - 1)]
+        nodes = wall.node[row.clip(0, height - 1).astype(int), column.clip(0, width - 1).astype(int)]
         shares = wall.shapes[:, nodes].sum(axis=1) + np.float32(1e-3)
         begun: Floats = exact.log(params.bulge * shares / shares.sum() + 1e-30)
         return begun
@@ -284,18 +279,18 @@ class Hypotheses:
         return (
             np.repeat(log_shapes[None], count, axis=0),
             np.full((count, bulges), params.bulge_height, dtype=np.float32),
-            np.full((count, bulges), params.bulge_deviation**2, dtype=np.float32),
+            np.full((count, bulges), params.bulge_deviation * params.bulge_deviation, dtype=np.float32),
         )
 
     def _follow(self, belief: Belief, read: Floats, stream: Stream) -> tuple[Belief, Finding]:
         """Update a belief of which the pose is known."""
-        log_maps = exact.log(belief.maps)
 
         def likelihood(particles: Floats, ancestors: Indices) -> tuple[Floats, tuple[Floats, _Evidence]]:
             evidence = self._evidence(particles, belief, ancestors, read)
-            joint = log_maps[:, ancestors] + evidence.log_likelihood
-            total = np.logaddexp.reduce(joint, axis=0)
-            return total, (exact.exp(joint - total), evidence)
+            maps = np.empty_like(evidence.log_likelihood)
+            total = np.empty(maps.shape[1], dtype=np.float32)
+            kernels.colon.weighed(belief.maps, ancestors, evidence.log_likelihood, maps, total)
+            return total, (maps, evidence)
 
         found = annealed(belief.cloud, likelihood, self.params.n, stream, reserve=lambda found: found[0][-1])
         maps, evidence = found.evidence
@@ -346,7 +341,7 @@ class Hypotheses:
         bulges = belief.log_shapes[ancestors], belief.heights[ancestors], belief.height_variances[ancestors]
         kernels.colon.bulged(
             stopped_at,
-            noise + np.float32(self.params.bulge_roughness**2),
+            noise + np.float32(self.params.bulge_roughness * self.params.bulge_roughness),
             facings,
             still,
             places,
@@ -408,7 +403,9 @@ class Hypotheses:
     def _is_one_place(self, finding: Finding) -> bool:
         """Return whether a cluster is all that is left, and small: touching cells may also cover the whole tube."""
         search, variance = self.params.search, np.diag(finding.covariance)
-        small = variance[0] + variance[1] < search.place**2 and variance[2] < search.heading**2
+        small = variance[0] + variance[1] < search.place * search.place and (
+            variance[2] < search.heading * search.heading
+        )
         return finding.mass >= search.settled and bool(small)
 
     def _finding(self, belief: Belief) -> Finding:
@@ -418,10 +415,16 @@ class Hypotheses:
         likeliest = int(posterior.argmax())
         changed_at = float(np.sum(joint[likeliest] * belief.since[likeliest]) / joint[likeliest].sum())
         unlisted = (joint[-1] + 1e-30) / np.sum(joint[-1] + 1e-30)
-        shapes = unlisted[:, None] * exact.exp(belief.log_shapes)
-        anything = np.where(belief.chances > 0.5, np.einsum("n,nj->j", shapes[:, -1], belief.displacement), 0.0)
-        heights = np.sum(shapes[:, :-1] * belief.heights, axis=0)
-        displacement = anything + np.einsum("s,sj->j", heights, self.walls[belief.reference].shapes)
+        displacement = np.empty(belief.chances.size)
+        kernels.colon.displaced(
+            unlisted,
+            belief.log_shapes,
+            belief.heights,
+            belief.displacement,
+            belief.chances,
+            self.walls[belief.reference].shapes,
+            displacement,
+        )
         return Finding(
             best.mean,
             best.covariance,

@@ -5,6 +5,7 @@ path, a change in one region near the end of the path, and an end that is a circ
 between two walls left and right of a centre line; a family says how the walls are ridged.
 """
 
+import math
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.maps.occupancy import OccupancyGrid
+from dynpf.portable import cos, exp, hypot, sin
 from dynpf.rng import Draws, generator
 from dynpf.se2 import FloatArray
 
@@ -79,9 +81,10 @@ class Tube(NamedTuple):
         for bulge in bulges:
             # Measured along the wall, smoothed: on the outer side of a bend it is longer than the centre line.
             wall = self.centre + _WALL_OFF * normal * (1.0 if bulge.left else -1.0)
-            away = _along(wall) - np.interp(bulge.place, along, _along(wall))
+            along_wall = _along(wall)
+            away = along_wall - _between(bulge.place, along, along_wall)
             side = left if bulge.left else right
-            side += bulge.size * np.exp(-0.5 * (away / bulge.width) ** 2)
+            side += bulge.size * exp(-0.5 * (away / bulge.width) ** 2)
         return _grid(_strip(self.centre, left, right))
 
     def round_ended(self, end: RoundEnd) -> OccupancyGrid:
@@ -104,7 +107,7 @@ def tube(family: Family, seed: int) -> Tube:
     period = random.uniform(75.0, 115.0)
     phase = random.uniform(0.0, 2.0 * np.pi)
     if family is Family.HAUSTRA:
-        lobes = random.uniform(16.0, 24.0) * (np.abs(np.sin(np.pi * along / period + phase)) - 0.6)
+        lobes = random.uniform(16.0, 24.0) * (np.abs(sin(np.pi * along / period + phase)) - 0.6)
         left = right = half + lobes
     elif family is Family.FOLDS:
         folds = [_folds(along, period, random.uniform(0.0, period), random.uniform(16.0, 24.0)) for _ in range(2)]
@@ -117,31 +120,45 @@ def tube(family: Family, seed: int) -> Tube:
 
 def _centre_line(bow: float, waves: float, phase: float) -> FloatArray:
     """Return points (2, M) along the axis, slightly bowed, around the bend, and up."""
-    x = np.arange(_LEFT, _BEND, _SPACING)
+    x = _steps(_LEFT, _BEND, _SPACING)
     fade = np.clip((_BEND - x) / 120.0, 0.0, 1.0) ** 2 * (3.0 - 2.0 * np.clip((_BEND - x) / 120.0, 0.0, 1.0))
-    straight = np.stack((x, _AXIS + bow * fade * np.sin(waves * np.pi * (x - _LEFT) / (_BEND - _LEFT) + phase)))
-    angle = np.arange(0.0, 0.5 * np.pi, _SPACING / _BEND_RADIUS)
-    bend = np.stack((_BEND + _BEND_RADIUS * np.sin(angle), _AXIS + _BEND_RADIUS * (1.0 - np.cos(angle))))
-    y = np.arange(_AXIS + _BEND_RADIUS, _TOP, _SPACING)
+    straight = np.stack((x, _AXIS + bow * fade * sin(waves * np.pi * (x - _LEFT) / (_BEND - _LEFT) + phase)))
+    angle = _steps(0.0, 0.5 * np.pi, _SPACING / _BEND_RADIUS)
+    bend = np.stack((_BEND + _BEND_RADIUS * sin(angle), _AXIS + _BEND_RADIUS * (1.0 - cos(angle))))
+    y = _steps(_AXIS + _BEND_RADIUS, _TOP, _SPACING)
     return np.concatenate((straight, bend, np.stack((np.full(y.size, _BEND + _BEND_RADIUS), y))), axis=1)
+
+
+def _steps(start: float, end: float, step: float) -> FloatArray:
+    """Return numbers from ``start`` on, ``step`` apart, up to before ``end``."""
+    return start + step * np.arange(math.ceil((end - start) / step)).astype(np.float64)
+
+
+def _between(place: float, places: FloatArray, values: FloatArray) -> float:
+    """Return what lies at a place between values (M,) at ascending places (M,), linearly; beyond, the first or last."""
+    after = int(np.searchsorted(places, place, side="right"))
+    if after in (0, places.size):
+        return float(values[0 if after == 0 else -1])
+    share = (place - places[after - 1]) / (places[after] - places[after - 1])
+    return float(values[after - 1] + share * (values[after] - values[after - 1]))
 
 
 def _along(line: FloatArray) -> FloatArray:
     """Return the length of a line (2, M) up to each of its points."""
-    return np.append(0.0, np.cumsum(np.hypot(*np.diff(line))))
+    return np.append(0.0, np.cumsum(hypot(*np.diff(line))))
 
 
 def _normals(line: FloatArray) -> FloatArray:
     """Return unit vectors (2, M) to the left of a line."""
-    tangent = np.gradient(line, axis=1)
-    normals: FloatArray = np.stack((-tangent[1], tangent[0])) / np.hypot(*tangent)
+    ends = np.pad(line, ((0, 0), (1, 1)), mode="edge")
+    x, y = ends[:, 2:] - ends[:, :-2]  # central differences, at both ends one-sided
+    normals: FloatArray = np.stack((-y, x)) / hypot(x, y)
     return normals
 
 
 def _folds(along: FloatArray, period: float, start: float, depth: float) -> FloatArray:
     distance = (along - start + 0.5 * period) % period - 0.5 * period
-    folds: FloatArray = depth * np.exp(-0.5 * (distance / 9.0) ** 2)
-    return folds
+    return depth * exp(-0.5 * (distance / 9.0) ** 2)
 
 
 def _waves(along: FloatArray, random: Draws) -> FloatArray:
@@ -149,7 +166,7 @@ def _waves(along: FloatArray, random: Draws) -> FloatArray:
     lengths, phases = random.uniform(45.0, 220.0, 5), random.uniform(0.0, 2.0 * np.pi, 5)
     shares = random.shares(5)
     waves: FloatArray = 18.0 * np.sum(
-        shares[:, None] * np.sin(2.0 * np.pi * along / lengths[:, None] + phases[:, None]), axis=0
+        shares[:, None] * sin(2.0 * np.pi * along / lengths[:, None] + phases[:, None]), axis=0
     )
     return waves
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from dynpf.maps.distance import distance_field
 from dynpf.maps.occupancy import OccupancyGrid
+from dynpf.portable import exp, hypot
 
 __all__ = ["Wall"]
 
@@ -61,7 +62,7 @@ class Wall(NamedTuple):
         shapes = np.zeros((_BULGES * first[-1], first[-1]))
         for ring, start in zip(rings, first, strict=False):
             own = slice(start, start + ring.nodes)
-            prior[own, own] = deviation**2 * _alike(ring, np.arange(ring.nodes), length)
+            prior[own, own] = deviation * deviation * _alike(ring, np.arange(ring.nodes), length)
             places = np.arange(_BULGES * ring.nodes) / _BULGES
             shapes[_BULGES * start : _BULGES * (start + ring.nodes), own] = _alike(ring, places, width)
         following_shapes = np.maximum(shapes, shapes[:, following])
@@ -91,7 +92,7 @@ class _Ring(NamedTuple):
 
 
 def _ring(points: Int32s, spacing: float) -> _Ring:
-    lengths = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
+    lengths = hypot(*(np.roll(points, -1, axis=0) - points).T)
     along, circumference = np.append(0.0, np.cumsum(lengths)[:-1]), max(float(lengths.sum()), 1.0)
     nodes = max(round(circumference / spacing), 1)
     position = along * nodes / circumference
@@ -104,7 +105,7 @@ def _alike(ring: _Ring, positions: NDArray[np.float64] | NDArray[np.int64], leng
     """Return a bell (P, J) of the distances along a ring between positions (P,), in nodes, and its nodes."""
     steps = np.abs(positions[:, None] - np.arange(ring.nodes))
     distance = np.minimum(steps, ring.nodes - steps) * ring.circumference / ring.nodes
-    alike: NDArray[np.float64] = np.exp(-0.5 * (distance / length) ** 2)
+    alike: NDArray[np.float64] = exp(-0.5 * (distance / length) ** 2)
     return alike
 
 

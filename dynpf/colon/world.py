@@ -12,6 +12,7 @@ from dynpf.maps.raycast import RayCaster
 from dynpf.maps.timeline import MapTimeline
 from dynpf.motion.capsule import CapsuleMotion
 from dynpf.params import validated
+from dynpf.portable import atan2, hypot, sincos
 from dynpf.rng import Draws, generator
 from dynpf.se2 import FloatArray
 
@@ -143,15 +144,15 @@ def simulate(
 
 def moved(pose: FloatArray, motion: CapsuleMotion) -> FloatArray:
     """Return a pose (3,) after a motion without noise (COLON, myPFmotion); the heading is not wrapped."""
-    heading = pose[2] + motion.turn
-    return np.array([pose[0] + motion.rho * math.cos(heading), pose[1] + motion.rho * math.sin(heading), heading])
+    heading = float(pose[2] + motion.turn)
+    sine, cosine = sincos(heading)
+    return np.array([pose[0] + motion.rho * cosine, pose[1] + motion.rho * sine, heading])
 
 
 def steered(pose: FloatArray, goal: FloatArray) -> CapsuleMotion:
     """Return the motion from a pose (3,) to the place of another, whatever heading that leaves."""
-    way = goal[:2] - pose[:2]
-    turn = math.remainder(math.atan2(way[1], way[0]) - pose[2], 2.0 * math.pi)
-    return CapsuleMotion(float(np.hypot(*way)), turn)
+    x, y = (goal[:2] - pose[:2]).tolist()
+    return CapsuleMotion(hypot(x, y), math.remainder(atan2(y, x) - pose[2], 2.0 * math.pi))
 
 
 def blown(pose: FloatArray, motion: CapsuleMotion, capsule: Capsule, grid: OccupancyGrid, random: Draws) -> FloatArray:

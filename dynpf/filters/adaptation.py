@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from statistics import NormalDist
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol
 
 import msgspec
@@ -13,6 +12,7 @@ from dynpf import kernels
 from dynpf.filters.cloud import Cloud
 from dynpf.filters.estimate import turn_bins
 from dynpf.params import validated
+from dynpf.portable import exp, log, log1p, logaddexp, normal_quantile
 from dynpf.rng import Stream
 from dynpf.se2 import Floats
 
@@ -77,7 +77,7 @@ class Kld:
     def __init__(self, params: KldParams) -> None:
         self.params = validated(params)
         self.turn_bins = turn_bins(params.cell_heading)
-        self.quantile = NormalDist().inv_cdf(params.probability)
+        self.quantile = normal_quantile(params.probability)
 
     def size(self, particles: Floats, weights: Floats) -> int:
         """See Sizing. Particles that are not finite are in no cell."""
@@ -104,7 +104,8 @@ def kld_bound(cells: int, epsilon: float, quantile: float) -> float:
         return 0.0
     freedom = cells - 1.0
     spread = 2.0 / (9.0 * freedom)
-    return freedom / (2.0 * epsilon) * (1.0 - spread + math.sqrt(spread) * quantile) ** 3
+    side = 1.0 - spread + math.sqrt(spread) * quantile
+    return freedom / (2.0 * epsilon) * (side * side * side)
 
 
 class Recovery(Protocol):
@@ -163,7 +164,7 @@ class Augmented:
         slow, fast = memory or (log_mean, log_mean)
         slow = log_average(slow, log_mean, self.params.alpha_slow)
         fast = log_average(fast, log_mean, self.params.alpha_fast)
-        share = 1.0 if slow == -math.inf else 1.0 - math.exp(min(fast - slow, 0.0))
+        share = 1.0 if slow == -math.inf else 1.0 - exp(min(fast - slow, 0.0))
         return (slow, fast), min(share, self.params.share_max)
 
 
@@ -193,7 +194,7 @@ class SensorResetting:
         if tells_nothing(log_evidence, readings):
             return memory, 0.0
         short = min(log_evidence / readings - self.params.log_likelihood, 0.0)
-        return memory, min(1.0 - math.exp(short), self.params.share_max)
+        return memory, min(1.0 - exp(short), self.params.share_max)
 
 
 def tells_nothing(log_evidence: float, readings: int) -> bool:
@@ -203,8 +204,8 @@ def tells_nothing(log_evidence: float, readings: int) -> bool:
 
 def log_average(log_average: float, log_value: float, rate: float) -> float:
     """Return log((1 - rate) average + rate value), of logarithms that may be -inf."""
-    with np.errstate(divide="ignore"):
-        return float(np.logaddexp(log_average + np.log1p(-rate), log_value + np.log(rate)))
+    average: float = logaddexp(float(log_average + log1p(-rate)), float(log_value + log(rate)))
+    return average
 
 
 class PoseSource(Protocol):

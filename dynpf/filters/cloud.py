@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dynpf import kernels
+from dynpf.portable import log
 from dynpf.se2 import Floats
 
 __all__ = ["Cloud", "effective_sample_size", "gathered", "normalized_weights", "uniform_cloud", "weighted_cloud"]
@@ -33,7 +34,7 @@ def uniform_cloud(particles: Floats, memory: tuple[float, ...] = ()) -> Cloud:
         raise ValueError(f"a cloud needs at least one particle; got shape {particles.shape}")
     weights, log_weights = np.empty((2, count), dtype=np.float32)
     weights.fill(1.0 / count)
-    log_weights.fill(-math.log(count))
+    log_weights.fill(-log(float(count)))
     return Cloud(particles, weights, log_weights, float(count), False, memory)
 
 
@@ -59,7 +60,7 @@ def weighted_cloud(particles: Floats, log_weights: Floats) -> tuple[Cloud, float
         return weighted_cloud(particles, winners)[0], math.inf
     if total == 0.0:
         return uniform_cloud(particles), -math.inf
-    log_sum = float(largest) + math.log(total)
+    log_sum = float(largest) + log(total)
     normalized = shifted - np.float32(log_sum)
     return Cloud(particles, weights, normalized, total * total / squares), shift + log_sum
 

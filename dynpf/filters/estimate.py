@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynpf import kernels
-from dynpf.reference.estimate import pose_moments
-from dynpf.se2 import FloatArray, Floats
+from dynpf.portable import hypot
+from dynpf.se2 import FloatArray, Floats, circular_mean, wrap_angle
 
 __all__ = [
     "Mode",
@@ -54,7 +54,7 @@ def pose_estimate(particles: Floats, weights: Floats) -> PoseEstimate:
             particles[0], particles[1], particles[2], np.asarray(weights, dtype=np.float32), mean, covariance
         )
     else:
-        mean, covariance = pose_moments(particles[0], particles[1], particles[2], weights)
+        mean, covariance = _pose_moments(np.ascontiguousarray(particles[:3], dtype=np.float64), weights)
         finite = np.isfinite(mean).all() and np.isfinite(covariance).all()
     return PoseEstimate(mean, covariance) if finite else pose_estimate(*_finite(particles, weights))
 
@@ -76,10 +76,22 @@ def mean_and_covariance(states: Floats, weights: Floats) -> tuple[FloatArray, Fl
 def weighted_covariance(deviation: Floats, weights: Floats) -> FloatArray:
     """Return sum w d d^T of deviations (D, N) from their mean, shape (D, D).
 
-    Summed without BLAS, whose threads would make the last bits depend on the number of processors.
+    Summed in float64 in an order that the number of particles alone decides.
     """
-    covariance: FloatArray = np.einsum("in,jn->ij", weights * deviation, deviation, dtype=np.float64)
+    covariance = np.empty((len(deviation), len(deviation)))
+    kernels.estimate.scatter(np.ascontiguousarray(deviation), np.ascontiguousarray(weights), covariance)
     return covariance
+
+
+def _pose_moments(poses: FloatArray, weights: Floats) -> tuple[FloatArray, FloatArray]:
+    """Return mean (3,) and covariance (3, 3) of poses (3, N) in float64; not finite where the weights' sum is zero."""
+    total = np.sum(weights, dtype=np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = np.sum(weights * poses, axis=1) / total
+        mean[2] = circular_mean(poses[2], weights)
+        deviation = poses - mean[:, None]
+        deviation[2] = wrap_angle(deviation[2])
+        return mean, weighted_covariance(deviation, weights) / total
 
 
 def modes(
@@ -141,7 +153,7 @@ def credible_radius(particles: Floats, weights: Floats, p: float) -> float:
     """
     kept, weight = _finite(particles[:3], weights, positive=True)
     mean = pose_estimate(kept, weight).mean
-    return float(quantiles(np.hypot(kept[0] - mean[0], kept[1] - mean[1]), weight, p))
+    return float(quantiles(hypot(kept[0] - mean[0], kept[1] - mean[1]), weight, p))
 
 
 def turn_bins(cell_rad: float) -> int:

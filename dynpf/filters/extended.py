@@ -12,6 +12,7 @@ from dynpf.filters.kalman import Gaussian, Innovation
 from dynpf.measurement.model import GaussianMeasurement
 from dynpf.motion.model import GaussianMotion
 from dynpf.params import validated
+from dynpf.portable import product
 from dynpf.se2 import FloatArray
 
 __all__ = ["ExtendedKalman", "ExtendedKalmanParams"]
@@ -41,6 +42,7 @@ class ExtendedKalman(Generic[ControlT]):
         self.motion = motion
         self.measurements = dict(measurements)
         self.params = validated(params or ExtendedKalmanParams())
+        self._angles = np.array(self.params.angles, dtype=np.int64)
 
     def predict(self, belief: Gaussian, control: ControlT) -> Gaussian:
         """Return the belief after the control: mean f(x, u), covariance F P F^T + Q.
@@ -51,15 +53,17 @@ class ExtendedKalman(Generic[ControlT]):
         mean = _float64(self.motion.expected(state, control))[:, 0]
         transition = _float64(self.motion.jacobian(state, control))[:, :, 0]
         process = _float64(self.motion.covariance(state, control))[:, :, 0]
-        covariance = transition @ belief.covariance @ transition.T + process
-        return kalman.as_belief(mean, covariance, self.params.angles)
+        after, finite = kalman.predicted(belief, mean, transition, process, self._angles)
+        if not finite:
+            raise kalman.not_finite(after)
+        return after
 
     def update(self, belief: Gaussian, reading: object, gate: float | None = None) -> tuple[Gaussian, Innovation]:
         """Return the belief given the reading, and the innovation at the belief as it was.
 
         The belief stays as it was when the measurement model admits nothing, when innovation or Jacobian are not
         finite, or when the innovation's squared Mahalanobis distance exceeds ``gate``. Raises KeyError for a type of
-        reading that has no model, numpy.linalg.LinAlgError when the innovation covariance is singular.
+        reading that has no model, SingularMatrixError when the innovation covariance is singular.
         """
         model = self.measurements[type(reading)]
         reading = kalman.admitted(model, belief, reading)
@@ -67,20 +71,21 @@ class ExtendedKalman(Generic[ControlT]):
             return belief, kalman.NOTHING_ADMITTED
         noise = _float64(model.noise(reading))
         vector, observation = _linearized(model, belief.mean, reading)
-        innovation = kalman.judged(vector, observation @ belief.covariance @ observation.T + noise, gate)
+        spread = kalman.expected_spread(belief.covariance, observation, noise)
+        innovation = kalman.judged(vector, spread, gate)
         if not innovation.used:
             return belief, innovation
-        weight = kalman.gain(belief.covariance, observation, noise)
-        mean = belief.mean + weight @ vector
+        after = kalman.corrected(belief, vector, observation, noise, self._angles)
         for _ in range(self.params.iterations - 1):
-            vector, observation = _linearized(model, mean, reading)
-            weight = kalman.gain(belief.covariance, observation, noise)
-            way_back = kalman.wrap_rows(belief.mean - mean, self.params.angles)
-            mean = belief.mean + weight @ (vector - observation @ way_back)
-        if not np.isfinite(mean).all():
+            vector, observation = _linearized(model, after.mean, reading)
+            way_back = kalman.wrap_rows(belief.mean - after.mean, self.params.angles)
+            vector = vector - product(observation, way_back)
+            after = kalman.corrected(belief, vector, observation, noise, self._angles)
+        if not np.isfinite(after.mean).all():
             return belief, innovation._replace(used=False)
-        covariance = kalman.joseph(belief.covariance, weight, observation, noise)
-        return kalman.as_belief(mean, covariance, self.params.angles), innovation
+        if not np.isfinite(after.covariance).all():
+            raise kalman.not_finite(after)
+        return after, innovation
 
 
 def _linearized(model: GaussianMeasurement[Any], mean: FloatArray, reading: Any) -> tuple[FloatArray, FloatArray]:

@@ -13,6 +13,7 @@ from msgspec import Meta
 
 from dynpf.filters.adaptation import log_average, tells_nothing
 from dynpf.params import validated
+from dynpf.portable import exp, hypot
 from dynpf.se2 import FloatArray
 
 __all__ = ["Figures", "Health", "HealthMemory", "HealthParams", "Signs", "Status", "Verdict"]
@@ -228,7 +229,7 @@ class Health:
 def _figures(memory: HealthMemory, signs: Signs) -> Figures:
     xx, xy, yy = (float(signs.covariance[place]) for place in ((0, 0), (0, 1), (1, 1)))
     # The larger eigenvalue of the covariance of the position.
-    variance = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
+    variance = 0.5 * (xx + yy) + hypot(0.5 * (xx - yy), xy)
     known = memory.updates > 0 and memory.log_slow > -math.inf
     return Figures(
         position_sigma=math.sqrt(max(variance, 0.0)),
@@ -236,7 +237,7 @@ def _figures(memory: HealthMemory, signs: Signs) -> Figures:
         mode_mass=math.nan if signs.modes is None else max(signs.modes, default=0.0),
         n_eff_share=signs.n_eff / signs.n,
         log_likelihood=memory.log_fast if memory.updates else math.nan,
-        likelihood_ratio=math.exp(min(memory.log_fast - memory.log_slow, 700.0)) if known else math.nan,
+        likelihood_ratio=exp(min(memory.log_fast - memory.log_slow, 700.0)) if known else math.nan,
         refused_share=memory.refused,
         impossible=memory.impossible,
     )

@@ -12,6 +12,7 @@ from dynpf.filters.adaptation import Doubt, tells_nothing
 from dynpf.filters.cloud import Cloud
 from dynpf.filters.search import Places, Search
 from dynpf.params import validated
+from dynpf.portable import exp, log
 
 __all__ = ["Jump", "JumpMemory", "JumpParams"]
 
@@ -21,6 +22,9 @@ Rate = Annotated[float, Meta(gt=0.0, lt=1.0)]
 
 HALF = 0.5
 """The share of the particles from which on the robot is more likely to have been set down than not."""
+
+_MOST_DOUBLINGS = 60
+"""Of the wait between searches: so many updates never pass."""
 
 
 class JumpParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="jump"):
@@ -105,14 +109,14 @@ class Jump:
         gain, unfit = known.gain, 0.0
         if places.log_likelihood < least:
             gain, unfit = 0.0, known.unfit + 1.0
-        wait = min(2.0**unfit, float(self.params.patience)) - 1.0
+        wait = min(math.ldexp(1.0, min(int(unfit), _MOST_DOUBLINGS)), float(self.params.patience)) - 1.0
         return self._judged(averaged._replace(gain=gain, unfit=unfit, wait=wait), log_evidence, places)
 
     def _judged(self, memory: JumpMemory, log_evidence: float, places: Places) -> Doubt:
         """Return the doubt after a search; what it finds is remembered unless the particles are given up for it."""
         drop, prior = self.params.drop, self.params.probability / (1.0 - self.params.probability)
-        odds = math.log(prior) + memory.gain + places.log_evidence - log_evidence
-        share = 1.0 / (1.0 + math.exp(min(-odds, 700.0)))
+        odds = log(prior) + memory.gain + places.log_evidence - log_evidence
+        share = 1.0 / (1.0 + exp(min(-odds, 700.0)))
         if share > HALF:
             memory = memory._replace(gain=0.0, unfit=0.0, wait=0.0)
         elif memory.unfit == 0.0:

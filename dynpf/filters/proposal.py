@@ -7,12 +7,14 @@ from typing import Any, NamedTuple, Protocol, cast
 import msgspec
 import numpy as np
 
-from dynpf.covariance import cholesky, solve_lower, solve_upper
+from dynpf import kernels
 from dynpf.filters.cloud import Cloud, gathered, normalized_weights
 from dynpf.filters.models import Evidence, Models, Outcome
 from dynpf.filters.resampling import Indices, systematic
+from dynpf.filters.shapes import shaped
 from dynpf.measurement.model import GaussianMeasurement
 from dynpf.motion.model import GaussianMotion
+from dynpf.portable import inverse, log, log_determinant
 from dynpf.rng import Stream
 from dynpf.se2 import FloatArray, Floats
 
@@ -93,7 +95,7 @@ class Auxiliary(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_fie
         particles = models.propagate(gathered(cloud.particles, ancestors), control, stream.part("motion"))
         surprise = models.log_likelihood(particles, evidence) - promise[ancestors]
         return Proposed(
-            particles, surprise + (log_sum - math.log(ancestors.size)), outcomes, _count(evidence), ancestors
+            particles, surprise + (log_sum - log(float(ancestors.size))), outcomes, _count(evidence), ancestors
         )
 
 
@@ -158,43 +160,34 @@ def _guide(
         return Prior().propose(models, cloud, control, readings, stream)
     motion = cast(GaussianMotion[Any], models.motion)
     _require(motion, ("expected", "covariance"), needed_by)
-    expected = motion.expected(cloud.particles, control).astype(np.float64)
+    size, count = cloud.particles.shape
+    expected = shaped("the states that a motion expects", motion.expected(cloud.particles, control), size, count)
     evidence, outcomes = models.believable(expected, cloud.weights, readings)
     if not evidence:
         return Proposed(models.propagate(cloud.particles, control, stream.part("motion")), None, outcomes)
-    root = cholesky(motion.covariance(cloud.particles, control).astype(np.float64))
-    size, count = expected.shape
+    process = shaped("a motion's covariance", motion.covariance(cloud.particles, control), size, size, count)
+    root = np.empty((size, size, count))
+    kernels.proposal.roots(process, root)
     precision = np.zeros((size, size, count))
     precision[np.arange(size), np.arange(size)] = 1.0
-    pull = np.zeros((size, count))
-    log_density = np.zeros(count)
+    pull, log_density = np.zeros((size, count)), np.zeros(count)
     for model, reading, _ in evidence:
         _require(model, ("innovation", "jacobian", "noise"), needed_by)
         gaussian = cast(GaussianMeasurement[Any], model)
-        innovation = gaussian.innovation(expected, reading).astype(np.float64)
-        slope = np.einsum("mdn,den->men", gaussian.jacobian(expected, reading), root)
         noise = np.asarray(gaussian.noise(reading), dtype=np.float64)
-        information = np.linalg.inv(noise)
-        weighted = np.einsum("lm,mdn->ldn", information, slope)
-        precision += np.einsum("lan,lbn->abn", slope, weighted)
-        pull += np.einsum("mdn,mn->dn", weighted, innovation)
-        log_density -= 0.5 * (
-            np.einsum("mn,ml,ln->n", innovation, information, innovation, optimize=False)
-            + np.linalg.slogdet(2.0 * np.pi * noise)[1]
-        )
-    lower = cholesky(precision)
-    whitened = solve_lower(lower, pull)
-    standard = stream.part("motion").normals(size, count).astype(np.float64)
-    noise_drawn = solve_upper(lower, whitened + standard)
-    drawn = expected + np.einsum("den,en->dn", root, noise_drawn)
-    log_root_determinant = np.sum(np.log(lower[np.arange(size), np.arange(size)]), axis=0)
-    log_ratio = 0.5 * np.sum(standard**2 - noise_drawn**2, axis=0) - log_root_determinant
+        rows, log_peak = len(noise), -0.5 * log_determinant(2.0 * math.pi * noise)
+        slopes = shaped("a Jacobian", gaussian.jacobian(expected, reading), rows, size, count)
+        innovation = shaped("an innovation", gaussian.innovation(expected, reading), rows, count)
+        kernels.proposal.add_reading(root, slopes, innovation, inverse(noise), log_peak, precision, pull, log_density)
+    standard = stream.part("motion").normals(size, count)
+    drawn, (gain, log_root_determinant, log_ratio) = np.empty((size, count)), np.empty((3, count))
+    kernels.proposal.draw(expected, root, precision, pull, standard, drawn, gain, log_root_determinant, log_ratio)
     return _Guided(
         np.ascontiguousarray(drawn, dtype=cloud.particles.dtype),
         evidence,
         outcomes,
         log_density,
-        np.sum(whitened**2, axis=0),
+        gain,
         log_root_determinant,
         log_ratio,
     )

@@ -1,5 +1,6 @@
 """Survivors that are copies of one another set apart: draws from a smooth density in place of the particles' own."""
 
+import math
 from typing import Annotated, Protocol
 
 import msgspec
@@ -9,6 +10,7 @@ from msgspec import Meta
 from dynpf.covariance import semidefinite_root
 from dynpf.filters.cloud import Cloud
 from dynpf.filters.estimate import weighted_covariance
+from dynpf.portable import power, product
 from dynpf.rng import Stream
 from dynpf.se2 import FloatArray, Floats, circular_mean, wrap_angle
 
@@ -43,12 +45,12 @@ class GaussianKernel(
         if self.headings:
             mean[2] = circular_mean(cloud.particles[2], cloud.weights)
         covariance = weighted_covariance(self._deviation(cloud.particles, mean), cloud.weights)
-        width = min(self.scale * (4.0 / (count * (size + 2.0))) ** (1.0 / (size + 4.0)), 1.0)
+        width = min(self.scale * power(4.0 / (count * (size + 2.0)), 1.0 / (size + 4.0)), 1.0)
         deviation = self._deviation(survivors, mean)
         if self.shrink:
-            deviation *= np.sqrt(1.0 - width**2)
+            deviation *= math.sqrt(1.0 - width * width)
         root = semidefinite_root(covariance)
-        noise = np.einsum("de,en->dn", width * root, stream.normals(size, count))
+        noise = product(width * root, stream.normals(size, count))
         spread: Floats = (mean[:, None] + deviation + noise).astype(survivors.dtype)
         return spread
 

@@ -19,6 +19,7 @@ from dynpf.filters.resampling import systematic
 from dynpf.maps.occupancy import FREE, OccupancyGrid
 from dynpf.measurement.model import MeasurementModel
 from dynpf.params import validated
+from dynpf.portable import hypot, log, sincos
 from dynpf.rng import Stream
 from dynpf.se2 import Floats, wrap_angle
 
@@ -103,9 +104,9 @@ class Search:
         self._coarse = np.stack([np.tile(x, turns), np.tile(y, turns), np.repeat(headings, x.size)]).astype(np.float32)
         self._levels = []
         for level in range(params.halvings + 1):
-            side, lever = self._side / 2**level, params.lever * self._turn / 2**level
+            side, lever = self._side / (1 << level), params.lever * self._turn / (1 << level)
             # Along any direction: of a square's position by one coordinate, and of a turn at the lever's end.
-            sigma = math.hypot(side, lever) / math.sqrt(12.0)
+            sigma = hypot(side, lever) / math.sqrt(12.0)
             smoothed = {taken: one.smoothed(sigma) for taken, one in able.items()}
             self._levels.append(Models(models.motion, smoothed, models.threads))
 
@@ -121,10 +122,10 @@ class Search:
             scores = self._scores(level + 1, poses, readings)
         scores[~self._is_free(poses)] = -np.inf
         weights, log_sum = normalized_weights(scores)
-        scale = 2**self.params.halvings
-        cells = self._coarse.shape[1] * float(scale) ** 3
+        scale = 1 << self.params.halvings
+        cells = float(self._coarse.shape[1] * scale * scale * scale)
         best = float(np.max(scores))
-        return Places(poses, weights, (self._side / scale, self._turn / scale), log_sum - math.log(cells), best)
+        return Places(poses, weights, (self._side / scale, self._turn / scale), log_sum - log(cells), best)
 
     def _free(self, cells: int) -> tuple[Floats, Floats]:
         """Return the centres in the map's frame of blocks of so many cells a side that are free enough."""
@@ -135,12 +136,12 @@ class Search:
         return self._turned((column + 0.5) * self._side, (row + 0.5) * self._side, *self.grid.origin[:2])
 
     def _turned(self, along: Floats, across: Floats, x: float, y: float) -> tuple[Floats, Floats]:
-        cosine, sine = math.cos(self.grid.origin[2]), math.sin(self.grid.origin[2])
+        sine, cosine = sincos(float(self.grid.origin[2]))
         return x + cosine * along - sine * across, y + sine * along + cosine * across
 
     def _halved(self, poses: Floats, level: int) -> Floats:
         """Return the eight parts of each cell."""
-        side, turn = (full / 2 ** (level + 2) for full in (self._side, self._turn))
+        side, turn = (full / (4 << level) for full in (self._side, self._turn))
         parts = np.array([(a, b, c) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)], dtype=np.float64).T
         dx, dy = self._turned(parts[0] * side, parts[1] * side, 0.0, 0.0)
         offsets = np.stack([dx, dy, parts[2] * turn]).astype(np.float32)
@@ -156,11 +157,12 @@ class Search:
         return np.array(models.log_likelihood(poses, evidence), dtype=np.float32)
 
     def _is_free(self, poses: Floats) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-        column, row = (np.floor(one).astype(np.int64) for one in self.grid.to_cells(poses[0], poses[1]))
+        column, row = self.grid.to_cells(poses[0], poses[1])
         height, width = self.grid.cells.shape
-        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        # Comparisons come before anything is made an integer.
+        inside = (column >= 0.0) & (column < width) & (row >= 0.0) & (row < height)
         free = np.zeros(poses.shape[1], dtype=bool)
-        free[inside] = self.grid.cells[row[inside], column[inside]] == FREE
+        free[inside] = self.grid.cells[row[inside].astype(np.intp), column[inside].astype(np.intp)] == FREE
         return free
 
 
@@ -168,7 +170,7 @@ def _best(poses: Floats, scores: Floats, count: int) -> Floats:
     """Return the poses of the ``count`` best scores, in their order; of equal ones the first."""
     if scores.size <= count:
         return poses
-    least = np.partition(scores, scores.size - count)[scores.size - count]
+    least = np.sort(scores)[scores.size - count]
     better, equal = scores > least, np.flatnonzero(scores == least)
     better[equal[: count - np.count_nonzero(better)]] = True
     return poses[:, better]

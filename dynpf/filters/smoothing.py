@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.filters import kalman
+from dynpf.filters.estimate import weighted_covariance
 from dynpf.filters.extended import ExtendedKalman, ExtendedKalmanParams
 from dynpf.filters.kalman import Gaussian
 from dynpf.motion.model import GaussianMotion
+from dynpf.portable import eigh, product
 from dynpf.se2 import FloatArray, Floats, circular_mean
 
 __all__ = ["Generation", "Smoothed", "extended_rts", "fixed_lag", "rts"]
@@ -62,13 +64,20 @@ def _rts_step(
     before: Gaussian, predicted: Gaussian, transition: FloatArray, after: Gaussian, angles: tuple[int, ...]
 ) -> Gaussian:
     # A state without noise has a singular prediction: the pseudo-inverse learns nothing where nothing is unsure.
-    precision = np.linalg.pinv(predicted.covariance, rtol=len(transition) * np.finfo(np.float64).eps, hermitian=True)
-    weight = before.covariance @ transition.T @ precision
-    mean = before.mean + weight @ kalman.wrap_rows(after.mean - predicted.mean, angles)
+    weight = product(before.covariance, transition.T, _pseudo_inverse(predicted.covariance))
+    mean = before.mean + product(weight, kalman.wrap_rows(after.mean - predicted.mean, angles))
     # P + G (P_after - P_predicted) G^T, as a sum of squares.
-    process = predicted.covariance - transition @ before.covariance @ transition.T
+    process = predicted.covariance - product(transition, before.covariance, transition.T)
     covariance = kalman.joseph(before.covariance, weight, transition, process + after.covariance)
     return kalman.as_belief(mean, covariance, angles)
+
+
+def _pseudo_inverse(covariance: FloatArray) -> FloatArray:
+    """Return the inverse of a covariance (D, D), zero in the directions where that is nothing but rounding."""
+    variances, directions = eigh(covariance)
+    known = np.abs(variances) > len(variances) * np.finfo(np.float64).eps * np.max(np.abs(variances))
+    inverses = np.where(known, 1.0, 0.0) / np.where(known, variances, 1.0)
+    return product(directions * inverses, directions.T)
 
 
 class Generation(NamedTuple):
@@ -127,8 +136,7 @@ def _smoothed(window: Sequence[Generation], angles: tuple[int, ...]) -> Smoothed
     for row in angles:
         mean[row] = circular_mean(states[row], weights)
     deviation = kalman.wrap_rows(states - mean[:, None], angles)
-    covariance = np.einsum("in,jn->ij", weights * deviation, deviation)
-    return Smoothed(mean, covariance, int(np.unique(lineage).size))
+    return Smoothed(mean, weighted_covariance(deviation, weights), int(np.unique(lineage).size))
 
 
 def _float64(values: Any) -> FloatArray:

@@ -20,12 +20,15 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from dynpf import kernels
+from dynpf.covariance import negative_eigenvalue
 from dynpf.filters import kalman
 from dynpf.filters.kalman import Gaussian, Innovation
+from dynpf.filters.shapes import shaped
 from dynpf.measurement.model import GaussianMeasurement
 from dynpf.motion.model import GaussianMotion
 from dynpf.params import validated
-from dynpf.se2 import FloatArray, wrap_angle
+from dynpf.se2 import FloatArray
 
 __all__ = ["UnscentedKalman", "UnscentedKalmanParams"]
 
@@ -58,73 +61,71 @@ class UnscentedKalman(Generic[ControlT]):
         self.motion = motion
         self.measurements = dict(measurements)
         self.params = validated(params or UnscentedKalmanParams())
-        self._curvature = self.params.beta - self.params.alpha**2
+        self._angles = np.array(self.params.angles, dtype=np.int64)
+        squared = self.params.alpha * self.params.alpha
+        self._curvature = self.params.beta - squared
         if self._curvature < 0.0:
-            raise ValueError(
-                f"UnscentedKalmanParams.beta = {self.params.beta}: expected at least alpha^2 = {self.params.alpha**2}"
-            )
+            raise ValueError(f"UnscentedKalmanParams.beta = {self.params.beta}: expected at least alpha^2 = {squared}")
 
     def predict(self, belief: Gaussian, control: ControlT) -> Gaussian:
         """Return the belief after the control; raises ValueError when it is not finite.
 
         Headings may spread up to a deviation of pi / (alpha sqrt(D + kappa)); beyond that the points meet behind.
         """
-        spread, offsets = self._offsets(belief)
-        moved = np.asarray(self.motion.expected(_around(belief.mean, offsets), control), dtype=np.float64)
-        process = np.asarray(self.motion.covariance(belief.mean[:, None], control), dtype=np.float64)[:, :, 0]
-        differences = kalman.wrap_rows(moved[:, 1:] - moved[:, :1], self.params.angles)
-        shift = differences.sum(axis=1) / (2.0 * spread)
-        covariance = self._covariance(differences, shift, spread) + process
-        return kalman.as_belief(moved[:, 0] + shift, covariance, self.params.angles)
+        spread, _, points = self._points(belief)
+        size = belief.mean.size
+        moved = shaped("the states that a motion expects", self.motion.expected(points, control), *points.shape)
+        process = shaped("a process covariance", self.motion.covariance(belief.mean[:, None], control), size, size, 1)
+        after = Gaussian(np.empty(size), np.empty((size, size)))
+        settings = spread, self._curvature, process[:, :, 0], self._angles
+        if not kernels.gaussian.unscented_predict(moved, *settings, *after):
+            raise kalman.not_finite(after)
+        return after
 
     def update(self, belief: Gaussian, reading: object, gate: float | None = None) -> tuple[Gaussian, Innovation]:
         """Return the belief given the reading, and the innovation.
 
         The belief stays as it was when the measurement model admits nothing, when the innovation is not finite, or when
         its squared Mahalanobis distance exceeds ``gate``. Raises KeyError for a type of reading that has no model,
-        numpy.linalg.LinAlgError when the innovation covariance is singular.
+        SingularMatrixError when the innovation covariance is singular.
         """
         model = self.measurements[type(reading)]
         reading = kalman.admitted(model, belief, reading)
         if reading is None:
             return belief, kalman.NOTHING_ADMITTED
-        noise = np.asarray(model.noise(reading), dtype=np.float64)
-        spread, offsets = self._offsets(belief)
-        innovations = np.asarray(model.innovation(_around(belief.mean, offsets), reading), dtype=np.float64)
+        spread, offsets, points = self._points(belief)
+        angular = np.array(model.angular(reading), dtype=np.bool_)
+        rows = angular.size
+        noise = shaped("a measurement covariance", model.noise(reading), rows, rows)
+        innovations = shaped("innovations", model.innovation(points, reading), rows, points.shape[1])
         if not np.isfinite(innovations).all():
             return belief, kalman.judged(innovations[:, 0], np.full_like(noise, np.nan), gate)
-        angular = model.angular(reading)
-        differences = innovations[:, 1:] - innovations[:, :1]
-        differences[angular] = wrap_angle(differences[angular])
-        shift = differences.sum(axis=1) / (2.0 * spread)
-        vector = innovations[:, 0] + shift
-        vector[angular] = wrap_angle(vector[angular])
-        innovation_covariance = self._covariance(differences, shift, spread) + noise
-        innovation = kalman.judged(vector, innovation_covariance, gate)
+        # Of what the points expect: how much it differs from what the mean does, and the mean of that.
+        differences, shift = np.empty((rows, offsets.shape[1])), np.empty(rows)
+        vector, covariance = np.empty(rows), np.empty((rows, rows))
+        settings, found = (spread, self._curvature, noise), (differences, shift, vector, covariance)
+        told = kernels.gaussian.unscented_expect(innovations, angular, *settings, *found)
+        innovation = kalman.weighed(vector, covariance, told, gate)
         if not innovation.used:
             return belief, innovation
-        # The innovation is the measured minus the expected: it falls where the expectation rises.
-        cross = -(offsets @ differences.T) / (2.0 * spread)
-        weight = np.linalg.solve(innovation_covariance, cross.T).T
-        # As in Joseph's form, a sum of squares.
-        covariance = (
-            self._covariance(offsets + weight @ differences, weight @ shift, spread) + weight @ noise @ weight.T
-        )
-        return kalman.as_belief(belief.mean + weight @ vector, covariance, self.params.angles), innovation
+        after = Gaussian(np.empty(belief.mean.shape), np.empty(belief.covariance.shape))
+        mean = np.ascontiguousarray(points[:, 0])
+        if not kernels.gaussian.unscented_correct(mean, offsets, *settings, *found, self._angles, *after):
+            raise kalman.not_finite(after)
+        return after, innovation
 
-    def _offsets(self, belief: Gaussian) -> tuple[float, FloatArray]:
-        """Return D + lambda, and the points' offsets from the mean, shape (D, 2 D)."""
+    def _points(self, belief: Gaussian) -> tuple[float, FloatArray, FloatArray]:
+        """Return D + lambda, the points' offsets from the mean (D, 2 D), and the points (D, 2 D + 1), the mean first.
+
+        Raises ValueError for a kappa that does not suit D, and for a covariance with a negative eigenvalue.
+        """
         dimension = belief.mean.size
         if dimension + self.params.kappa <= 0.0:
             raise ValueError(f"kappa = {self.params.kappa}: expected more than minus the state's {dimension} rows")
-        spread = self.params.alpha**2 * (dimension + self.params.kappa)
-        return spread, kalman.symmetric_offsets(belief.covariance, spread)
-
-    def _covariance(self, differences: FloatArray, shift: FloatArray, spread: float) -> FloatArray:
-        covariance: FloatArray = differences @ differences.T / (2.0 * spread)
-        return covariance + self._curvature * np.outer(shift, shift)
-
-
-def _around(mean: FloatArray, offsets: FloatArray) -> FloatArray:
-    """Return the points, shape (D, 2 D + 1), the mean first."""
-    return mean[:, None] + np.concatenate((np.zeros((mean.size, 1)), offsets), axis=1)
+        spread = self.params.alpha * self.params.alpha * (dimension + self.params.kappa)
+        offsets, points = np.empty((dimension, 2 * dimension)), np.empty((dimension, 2 * dimension + 1))
+        mean = shaped("a mean", belief.mean, dimension)
+        covariance = shaped("a covariance", belief.covariance, dimension, dimension)
+        if not kernels.gaussian.sigma_points(mean, covariance, spread, offsets, points):
+            raise negative_eigenvalue(covariance)
+        return spread, offsets, points

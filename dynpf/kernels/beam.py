@@ -6,7 +6,7 @@ from dynpf.kernels.compiler import kernel
 from dynpf.kernels.elementary import exp, log, sincos
 from dynpf.kernels.rays import FIELDS, LANES, trace
 
-__all__ = ["fill_log_densities", "sum_over_beams"]
+__all__ = ["fill_log_densities", "log_mixture", "sum_over_beams"]
 
 _f, _i, _u = np.float32, np.int32, np.uint64
 _ZERO, _ONE, _MINUS_HALF, _IMPOSSIBLE = _f(0.0), _f(1.0), _f(-0.5), _f(-np.inf)
@@ -29,6 +29,14 @@ def fill_log_densities(ranges, lengths, hit, short, rest, scales, out):
             density = hit[k] * exp(_MINUS_HALF * error * error) + others
             density += short[k] * early if reading <= lengths[k] else _ZERO
             row[k] = log(density)
+
+
+@kernel
+def log_mixture(deviations, share, uniform, out):
+    """Write the logarithm of (1 - share) exp(-d^2 / 2) + share uniform to ``out``, of deviations d (N,) float32."""
+    hit, rest = _ONE - _f(share), _f(share) * _f(uniform)
+    for i in range(deviations.size):
+        out[i] = log(hit * exp(_MINUS_HALF * (deviations[i] * deviations[i])) + rest)
 
 
 @kernel

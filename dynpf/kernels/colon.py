@@ -6,10 +6,21 @@ only that the wall is farther.
 
 import numpy as np
 
+from dynpf.kernels.cloud import normalize
 from dynpf.kernels.compiler import device, kernel
 from dynpf.kernels.elementary import exp, log, sincos
 
-__all__ = ["bulged", "changed", "follow_walls", "listed"]
+__all__ = [
+    "bearable",
+    "bulged",
+    "bulges_given_way",
+    "changed",
+    "displaced",
+    "follow_walls",
+    "given_way",
+    "listed",
+    "weighed",
+]
 
 _f, _i = np.float32, np.int32
 _ZERO, _HALF, _ONE, _TWO = _f(0.0), _f(0.5), _f(1.0), _f(2.0)
@@ -23,6 +34,8 @@ _SLANT = _i(3)  # px over which the wall's slope is taken
 _LEAST_REACH, _OVER_FULL_REACH = _f(0.05), _f(4.0)
 _FAR = _f(1e6)  # steep: beyond the least reach at once
 _TINY, _LEAST_BLAME = _f(1e-30), _f(1e-3)
+_IMPOSSIBLE = _f(-np.inf)
+_HALVINGS = 16
 
 
 @device
@@ -305,3 +318,129 @@ def follow_walls(blame, stopped_at, noise, places, shares, following, weights, d
             chances[n] = _f(np.float64(chances[n]) + (observed[n] - seen[n] * np.float64(chances[n])) / total)
         if blamed > np.float64(_LEAST_BLAME) * total:
             condition(covariance, observed / blamed, noisy / blamed * total / blamed)
+
+
+@kernel
+def given_way(maps, since, transition, reading, maps_now, since_now, fresh):
+    """Let maps give way to one another: write their probabilities (K, N), since when, and what of each has just begun.
+
+    ``transition`` (K, K): from the row's map to the column's. ``since``: (K, N), and ``reading``: the number of the one
+    from which on what begins now holds. ``fresh`` (N,): of the last map, the share that has just begun.
+    """
+    count, particles = maps.shape
+    last = count - 1
+    for to in range(count):
+        for i in range(particles):
+            maps_now[to, i] = _ZERO
+        for of in range(count):
+            chance = transition[of, to]
+            for i in range(particles):
+                maps_now[to, i] += maps[of, i] * chance
+        stays = transition[to, to]
+        for i in range(particles):
+            begun = _ONE - stays * maps[to, i] / max(maps_now[to, i], _TINY)
+            since_now[to, i] = since[to, i] + begun * (reading - since[to, i])
+            if to == last:
+                fresh[i] = begun
+
+
+@kernel
+def bulges_given_way(log_shapes, heights, variances, fresh, begun, height, variance, growth):
+    """Mix bulges (see ``bulged``) with those that have just begun, of probability ``fresh`` (N,): by their moments.
+
+    In place: ``log_shapes`` (N, S + 1), ``heights`` and ``variances`` (N, S). ``begun`` (S + 1,): log-probabilities of
+    those that begin, ``height`` and ``variance`` of each. ``growth``: variance by which every height also moves on.
+    """
+    height, variance, growth = _f(height), _f(variance), _f(growth)
+    count, bulges = heights.shape
+    kept = np.empty(bulges + 1, dtype=np.float32)
+    new = np.empty(bulges + 1, dtype=np.float32)
+    for s in range(bulges + 1):
+        new[s] = exp(begun[s])
+    for i in range(count):
+        stays = _ONE - fresh[i]
+        for s in range(bulges + 1):
+            old = stays * exp(log_shapes[i, s])
+            mixed = old + fresh[i] * new[s] + _TINY
+            kept[s] = old / mixed
+            log_shapes[i, s] = log(mixed)
+        for s in range(bulges):
+            share = kept[s]
+            off = heights[i, s] - height
+            variances[i, s] = share * variances[i, s] + (_ONE - share) * (variance + share * (off * off)) + growth
+            heights[i, s] = height + share * off
+
+
+@kernel
+def weighed(maps, ancestors, log_likelihood, posterior, total):
+    """Weigh maps by what ranges say: write their probabilities (K, N) at particles, and the log-likelihood of all (N,).
+
+    ``maps`` (K, M): their probabilities before, of which ``ancestors`` (N,) tells each particle's; ``log_likelihood``
+    (K, N) under each of them. A map of probability zero keeps it.
+    """
+    count, particles = log_likelihood.shape
+    most = np.full(particles, _IMPOSSIBLE)
+    for k in range(count):
+        for i in range(particles):
+            before = maps[k, ancestors[i]]
+            joint = log(before) + log_likelihood[k, i] if before > _ZERO else _IMPOSSIBLE
+            posterior[k, i] = joint
+            most[i] = max(most[i], joint)
+    for i in range(particles):
+        total[i] = _ZERO
+    for k in range(count):
+        for i in range(particles):
+            posterior[k, i] = exp(posterior[k, i] - most[i])
+            total[i] += posterior[k, i]
+    for k in range(count):
+        for i in range(particles):
+            posterior[k, i] /= total[i]
+    for i in range(particles):
+        total[i] = most[i] + log(total[i])
+
+
+@kernel
+def displaced(unlisted, log_shapes, heights, displacement, chances, shapes, out):
+    """Write how far nodes are expected to have moved where the walls are none that is listed, to ``out`` (J,).
+
+    ``unlisted`` (N,): weights of particles there, float64. The sum of the displacement without a shape (N, J), where a
+    node has more likely moved than not by its ``chances`` (J,), and of the bulges (see ``bulged``).
+    """
+    count, bulges = heights.shape
+    nodes = chances.size
+    expected = np.zeros(bulges)
+    for n in range(nodes):
+        out[n] = 0.0
+    for i in range(count):
+        for s in range(bulges):
+            expected[s] += unlisted[i] * np.float64(exp(log_shapes[i, s]) * heights[i, s])
+        shapeless = unlisted[i] * np.float64(exp(log_shapes[i, bulges]))
+        for n in range(nodes):
+            out[n] += shapeless * np.float64(displacement[i, n])
+    for n in range(nodes):
+        out[n] = out[n] if chances[n] > _HALF else 0.0
+    for s in range(bulges):
+        for n in range(nodes):
+            out[n] += expected[s] * np.float64(shapes[s, n])
+
+
+@kernel
+def bearable(log_weights, log_likelihood, left, kept):
+    """Return the largest share, up to ``left``, of log-likelihoods (N,) that leaves N_eff at ``kept`` of N: by halving.
+
+    0.0 where weights (N,) as they are leave less than that.
+    """
+    shared, weights = np.empty_like(log_weights), np.empty_like(log_weights)
+    low, high, share = 0.0, left, left
+    for _ in range(_HALVINGS + 1):
+        for i in range(log_weights.size):
+            shared[i] = log_weights[i] + _f(share) * log_likelihood[i]
+        _, total, squares = normalize(shared, weights)
+        if not total * total < kept * log_weights.size * squares:
+            low = share
+            if share == left:
+                break
+        else:
+            high = share
+        share = 0.5 * (low + high)
+    return low

@@ -2,14 +2,15 @@
 
 Only additions, multiplications, divisions, square roots and roundings that IEEE 754 fixes, in a fixed order. The
 coefficients are those of fdlibm (Sun Microsystems, 1993). Errors in units in the last place, over the ranges stated:
-exp and log 0.9, sine and cosine 0.8, atan2 1.5, tangent 2.2, hypot 1.2, log1p 1.5, erf 20.
+exp and log 0.9, sine and cosine 0.8, atan2 1.5, tangent 2.2, hypot 1.2, log1p 1.5,
+expm1 3, erf 20.
 """
 
 import numpy as np
 
 from dynpf.kernels.compiler import device
 
-__all__ = ["atan2", "erf", "exp", "hypot", "log", "log1p", "sincos", "tan"]
+__all__ = ["atan2", "erf", "exp", "expm1", "hypot", "log", "log1p", "sincos", "tan"]
 
 _f, _i = np.float64, np.int64
 
@@ -145,6 +146,16 @@ def log1p(value):
     # What the sum has lost, to first order.
     lost = (value - (whole - 1.0)) / whole
     return log(whole) + lost if abs(value) < 1.0 else log(whole)
+
+
+@device
+def expm1(value):
+    """Return e^value - 1, accurate for small values, too (Kahan): what rounding did to e^value its logarithm knows."""
+    power = exp(value)
+    less = power - 1.0
+    near = abs(value) < 1.0 and less != 0.0
+    result = less * (value / (log(power) if near else 1.0)) if near else less
+    return value if less == 0.0 else result
 
 
 @device

@@ -9,7 +9,7 @@ import numpy as np
 from dynpf.kernels.compiler import device, kernel
 from dynpf.kernels.elementary import atan2, sincos, wrap
 
-__all__ = ["pose_moments"]
+__all__ = ["pose_moments", "scatter"]
 
 _LANES = 128
 _f, _d = np.float32, np.float64
@@ -87,3 +87,26 @@ def pose_moments(x, y, theta, weights, mean, covariance):
     covariance[1, 1] -= off_y * off_y
     # A sum that is finite has finite terms.
     return np.isfinite(mean[0] + mean[1] + covariance[0, 0] + covariance[1, 1] + covariance[2, 2])
+
+
+@device
+def _add_products(lanes, weights, first, second):
+    """Add weights times first times second, each (n,), to the first n lanes."""
+    for j in range(weights.size):
+        lanes[j] += (_d(weights[j]) * _d(first[j])) * _d(second[j])
+
+
+@kernel
+def scatter(deviation, weights, out):
+    """Write sum w d d^T of ``deviation`` d (D, N) and ``weights`` w (N,) to ``out`` (D, D), of either precision."""
+    size, count = deviation.shape
+    lanes = np.empty(_LANES)
+    for row in range(size):
+        for column in range(row + 1):
+            for j in range(_LANES):
+                lanes[j] = 0.0
+            first, second = deviation[row], deviation[column]
+            for start in range(0, count, _LANES):
+                stop = min(start + _LANES, count)
+                _add_products(lanes, weights[start:stop], first[start:stop], second[start:stop])
+            out[row, column] = out[column, row] = _total(lanes)

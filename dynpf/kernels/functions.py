@@ -14,6 +14,8 @@ __all__ = [
     "erf_one",
     "exp_all",
     "exp_one",
+    "expm1_all",
+    "expm1_one",
     "hypot_all",
     "hypot_one",
     "log1p_all",
@@ -31,6 +33,7 @@ __all__ = [
 
 _sincos, _tan, _exp, _log = elementary64.sincos, elementary64.tan, elementary64.exp, elementary64.log
 _log1p, _atan2, _hypot, _erf = elementary64.log1p, elementary64.atan2, elementary64.hypot, elementary64.erf
+_expm1 = elementary64.expm1
 _TWO_PI = 2.0 * np.pi
 
 
@@ -74,6 +77,12 @@ def log_one(value):
 def log1p_one(value):
     """Return log(1 + value) of one number."""
     return _log1p(value)
+
+
+@kernel
+def expm1_one(value):
+    """Return e^value - 1 of one number."""
+    return _expm1(value)
 
 
 @kernel
@@ -141,6 +150,13 @@ def log1p_all(values, out):
     """Fill ``out`` (N,) with log(1 + value) of ``values`` (N,)."""
     for i in range(values.size):
         out[i] = _log1p(values[i])
+
+
+@kernel
+def expm1_all(values, out):
+    """Fill ``out`` (N,) with e^value - 1 of ``values`` (N,)."""
+    for i in range(values.size):
+        out[i] = _expm1(values[i])
 
 
 @kernel

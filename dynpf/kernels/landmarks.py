@@ -2,13 +2,16 @@
 
 import numpy as np
 
+from dynpf.kernels import elementary64
 from dynpf.kernels.compiler import device, kernel
 from dynpf.kernels.elementary import atan2, exp, log, wrap
 from dynpf.kernels.philox import BLOCK
 
-__all__ = ["distances", "log_likelihood", "log_likelihood_unlabelled"]
+__all__ = ["distances", "innovations", "log_likelihood", "log_likelihood_unlabelled", "slopes"]
 
 _f = np.float32
+_hypot, _direction = elementary64.hypot, elementary64.atan2
+_WHOLE_TURN, _NEAREST = 2.0 * np.pi, 1e-300
 _HALF, _ONE, _TWO_PI, _INFINITY = _f(0.5), _f(1.0), _f(2.0 * np.pi), _f(np.inf)
 _LARGEST, _LN_2 = _f(3.0e38), _f(0.6931471805599453)
 _FRACTION, _EXPONENT_ONE = np.int32(0x007FFFFF), np.int32(0x3F800000)
@@ -295,3 +298,42 @@ def log_likelihood_unlabelled(
             _add_log(total[:size], best, share, peak, floor)
         for i in range(size):
             out[start + i] = tempering * total[i] if _finite(px[i], py[i], heading[i]) else -_INFINITY
+
+
+@kernel
+def innovations(states, easts, norths, ranges, bearings, bias_row, scale_row, out):
+    """Fill ``out`` (2 K, N) with ranges and bearings (K,) less what ``states`` (D, N) expect, bearings the short way.
+
+    Landmarks are at ``easts`` and ``norths`` (K,). Rows of the states are added to bearings and multiply ranges, if
+    they are not negative. Everything is float64.
+    """
+    for k in range(ranges.size):
+        for i in range(states.shape[1]):
+            along, across = easts[k] - states[0, i], norths[k] - states[1, i]
+            scale = states[scale_row, i] if scale_row >= 0 else 1.0
+            bias = states[bias_row, i] if bias_row >= 0 else 0.0
+            out[2 * k, i] = ranges[k] - scale * _hypot(along, across)
+            turned = bearings[k] - _direction(across, along) + states[2, i] - bias
+            out[2 * k + 1, i] = turned - _WHOLE_TURN * np.rint(turned / _WHOLE_TURN)
+
+
+@kernel
+def slopes(states, easts, norths, bias_row, scale_row, out):
+    """Fill ``out`` (2 K, D, N), zeros, with the derivatives of the expectations of ranges and bearings by the states.
+
+    Landmarks and rows as in ``innovations``. At a landmark the derivatives by x and y are zero.
+    """
+    for k in range(easts.size):
+        for i in range(states.shape[1]):
+            along, across = easts[k] - states[0, i], norths[k] - states[1, i]
+            length = _hypot(along, across)
+            distance = max(length, _NEAREST)
+            cosine, sine = along / distance, across / distance
+            scale = states[scale_row, i] if scale_row >= 0 else 1.0
+            out[2 * k, 0, i], out[2 * k, 1, i] = -scale * cosine, -scale * sine
+            out[2 * k + 1, 0, i], out[2 * k + 1, 1, i] = sine / distance, -cosine / distance
+            out[2 * k + 1, 2, i] = -1.0
+            if scale_row >= 0:
+                out[2 * k, scale_row, i] = length
+            if bias_row >= 0:
+                out[2 * k + 1, bias_row, i] = 1.0

@@ -3,14 +3,14 @@
 import numpy as np
 
 from dynpf.kernels.compiler import device, kernel
-from dynpf.kernels.elementary import sincos
+from dynpf.kernels.elementary import log, sincos
 from dynpf.kernels.philox import BLOCK
 
-__all__ = ["find_beam_ends", "sum_over_beams"]
+__all__ = ["find_beam_ends", "log_of_one_more", "sum_over_beams"]
 
 _f = np.float32
 _TOGETHER = 4  # beams whose cells are looked up in one pass
-_ZERO, _FAR, _IMPOSSIBLE = _f(0.0), _f(1e30), _f(-np.inf)
+_ZERO, _ONE, _FAR, _IMPOSSIBLE = _f(0.0), _f(1.0), _f(1e30), _f(-np.inf)
 
 
 @kernel
@@ -91,6 +91,14 @@ def sum_over_beams(x, y, theta, ends_x, ends_y, table, frame, out):
                 total[i] += cells[first[i]]
         for i in range(size):
             result[i] = total[i]
+
+
+@kernel
+def log_of_one_more(total):
+    """Replace each of ``total`` (N,) by log(1 + it), where it is not negative; -inf stays."""
+    for i in range(total.size):
+        more = log(_ONE + max(total[i], _ZERO))
+        total[i] = _IMPOSSIBLE if total[i] == _IMPOSSIBLE else more
 
 
 @device

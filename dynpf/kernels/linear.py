@@ -7,14 +7,14 @@ import numpy as np
 
 from dynpf.kernels.compiler import device, kernel
 
-__all__ = ["eigen", "product", "products", "singular", "solve"]
+__all__ = ["eigen", "eliminate", "multiply", "product", "products", "singular", "solve", "substitute"]
 
 _MOST_SWEEPS = 60
 _ROUNDING = 2.0**-52
 
 
 @device
-def _multiply(left, right, out):
+def multiply(left, right, out):
     """Fill ``out`` (M, N) with the product of ``left`` (M, K) and ``right`` (K, N), summed in order."""
     rows, inner = left.shape
     columns = right.shape[1]
@@ -31,7 +31,7 @@ def _multiply(left, right, out):
 def product(left, right):
     """Return the product (M, N) of ``left`` (M, K) and ``right`` (K, N)."""
     out = np.empty((left.shape[0], right.shape[1]))
-    _multiply(left, right, out)
+    multiply(left, right, out)
     return out
 
 
@@ -39,11 +39,11 @@ def product(left, right):
 def products(left, right, out):
     """Fill ``out`` (B, M, N) with the products of ``left`` (B, M, K) and ``right`` (B, K, N)."""
     for b in range(len(left)):
-        _multiply(left[b], right[b], out[b])
+        multiply(left[b], right[b], out[b])
 
 
 @device
-def _eliminate(matrix, right):
+def eliminate(matrix, right):
     """Make ``matrix`` (N, N) upper triangular, and the same of ``right`` (N, M); return whether it has an inverse."""
     size, columns = right.shape
     for k in range(size):
@@ -68,7 +68,7 @@ def _eliminate(matrix, right):
 
 
 @device
-def _substitute(upper, right):
+def substitute(upper, right):
     """Replace ``right`` (N, M) by the solution of U X = right, U (N, N) upper triangular."""
     size, columns = right.shape
     for i in range(size - 1, -1, -1):
@@ -87,9 +87,9 @@ def solve(matrices, right):
     matrix, -1 if there is none.
     """
     for b in range(len(matrices)):
-        if not _eliminate(matrices[b], right[b]):
+        if not eliminate(matrices[b], right[b]):
             return b
-        _substitute(matrices[b], right[b])
+        substitute(matrices[b], right[b])
     return -1
 
 

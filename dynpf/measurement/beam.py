@@ -15,6 +15,7 @@ from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.maps.raycast import RayCaster
 from dynpf.measurement.scan import Scan
 from dynpf.params import validated
+from dynpf.portable import erf, exp, expm1
 from dynpf.se2 import FloatArray, Floats
 
 __all__ = ["BeamModel", "BeamParams", "BeamTable", "densities", "share_within"]
@@ -46,8 +47,9 @@ class BeamParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     def __post_init__(self) -> None:
         """Check what no single range can say."""
         shares = (self.z_hit, self.z_short, self.z_max, self.z_rand)
-        if not abs(sum(shares) - 1.0) <= 1e-6:
-            raise ValueError(f"BeamParams: z_hit, z_short, z_max, z_rand = {shares} sum to {sum(shares)}, must to 1")
+        total = math.fsum(shares)
+        if not abs(total - 1.0) <= 1e-6:
+            raise ValueError(f"BeamParams: z_hit, z_short, z_max, z_rand = {shares} sum to {total}, must to 1")
 
 
 class BeamTable(NamedTuple):
@@ -147,22 +149,14 @@ def densities(
     """
     error = (ranges - expected) / sigma_hit
     within = share_within(-expected / sigma_hit, (range_max - expected) / sigma_hit)
-    hit = np.exp(-0.5 * error**2) / (math.sqrt(2.0 * math.pi) * sigma_hit * within)
-    before = -np.expm1(-lambda_short * expected)
+    hit = exp(-0.5 * error**2) / (math.sqrt(2.0 * math.pi) * sigma_hit * within)
+    before = -expm1(-lambda_short * expected)
     possible = (ranges <= expected) & (before > 0.0)
-    short = np.where(possible, lambda_short * np.exp(-lambda_short * ranges), 0.0) / np.where(possible, before, 1.0)
+    short = np.where(possible, lambda_short * exp(-lambda_short * ranges), 0.0) / np.where(possible, before, 1.0)
     at_max = ranges >= range_max
     return np.stack((hit, short, np.where(at_max, 1.0, 0.0), np.where(at_max, 0.0, 1.0 / range_max)))
 
 
 def share_within(low: FloatArray, high: FloatArray) -> FloatArray:
     """Return the probability that a standard normal number lies between ``low`` <= 0 and ``high`` >= 0, both (n,)."""
-    return 0.5 * (_erf(high / math.sqrt(2.0)) - _erf(low / math.sqrt(2.0)))
-
-
-def _erf(values: FloatArray) -> FloatArray:
-    """Return the error function: one in float64 from 6 on."""
-    result = np.sign(values)
-    near = np.abs(values) < 6.0
-    result[near] = [math.erf(value) for value in values[near].tolist()]
-    return result
+    return 0.5 * (erf(high / math.sqrt(2.0)) - erf(low / math.sqrt(2.0)))

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from dynpf.measurement.beam import BeamParams, densities, share_within
 from dynpf.params import validated
+from dynpf.portable import exp, expm1, log
 from dynpf.se2 import FloatArray
 
 __all__ = ["BeamFit", "fit_beam"]
@@ -66,7 +67,7 @@ def fit_beam(
         total = np.sum(parts, axis=0)
         if not (total > 0.0).all():
             raise ValueError(f"fit_beam: range {z[np.argmin(total)]} m is impossible under the parameters {params}")
-        history.append(float(np.sum(np.log(total))))
+        history.append(float(np.sum(log(total))))
         converged = len(history) > 1 and history[-1] - history[-2] < tolerance * z.size
         if converged or len(history) > max_iterations:
             break
@@ -103,8 +104,8 @@ def _sigma_hit(share: FloatArray, z: FloatArray, length: FloatArray, range_max: 
     low, high = -length / sigma, (range_max - length) / sigma
     within = share_within(low, high)
     # The integral of t^2 phi(t) outside [low, high] is 1 - within + high phi(high) - low phi(low).
-    edges = (high * np.exp(-0.5 * high**2) - low * np.exp(-0.5 * low**2)) / math.sqrt(2.0 * math.pi)
-    thrown_away = sigma**2 * (1.0 - within + edges) / within
+    edges = (high * exp(-0.5 * high**2) - low * exp(-0.5 * low**2)) / math.sqrt(2.0 * math.pi)
+    thrown_away = sigma * sigma * (1.0 - within + edges) / within
     count = float(np.sum(share / within))
     if count < 1e-9:
         return sigma
@@ -113,8 +114,8 @@ def _sigma_hit(share: FloatArray, z: FloatArray, length: FloatArray, range_max: 
 
 def _lambda_short(share: FloatArray, z: FloatArray, length: FloatArray, decay: float) -> float:
     """Return the next lambda_short, given how much of each reading is too short; truncation as for sigma_hit."""
-    before = -np.expm1(-decay * length)
-    beyond = np.exp(-decay * length) / before
+    before = -expm1(-decay * length)
+    beyond = exp(-decay * length) / before
     count = float(np.sum(share / before))
     metres = float(np.sum(share * (z + beyond * (length + 1.0 / decay))))
     if count < 1e-9:

@@ -17,6 +17,7 @@ from dynpf.maps.distance import distance_field
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.measurement.scan import Scan
 from dynpf.params import validated
+from dynpf.portable import exp, hypot, log
 from dynpf.se2 import Floats
 
 __all__ = ["LikelihoodField", "LikelihoodFieldParams"]
@@ -95,7 +96,7 @@ class LikelihoodField:
     def smoothed(self, sigma: float) -> "LikelihoodField":
         """Return the model for poses whose error moves the ends of beams by ``sigma`` metres, of the same field."""
         made = copy.copy(self)
-        made.params = msgspec.structs.replace(self.params, sigma_hit=math.hypot(self.params.sigma_hit, sigma))
+        made.params = msgspec.structs.replace(self.params, sigma_hit=hypot(float(self.params.sigma_hit), float(sigma)))
         made._kept = None
         return made
 
@@ -117,7 +118,8 @@ class LikelihoodField:
             return np.zeros(particles.shape[1], dtype=np.float32)
         total = self._sum(particles, ends, self._table(ends.range_max))
         if self.params.aggregation == "cubes":
-            return np.where(np.isneginf(total), total, np.log1p(np.maximum(total, np.float32(0.0))))
+            kernels.likelihood_field.log_of_one_more(total)
+            return total
         if self.params.tempering != 1.0:
             total *= np.float32(self.params.tempering)
         return total
@@ -157,10 +159,10 @@ class LikelihoodField:
         """Return what each cell adds to the sum for a beam that ends there, with a border for the world outside."""
         if self._kept is None or self._kept[0] != range_max:
             params = self.params
-            peak = params.z_hit / (np.sqrt(2.0 * np.pi) * params.sigma_hit)
+            peak = params.z_hit / (math.sqrt(2.0 * math.pi) * params.sigma_hit)
             distances = np.full(self._padded_shape, np.inf)
             distances[1:-1, 1:-1] = self._distances
-            likelihood = peak * np.exp(-0.5 * (distances / params.sigma_hit) ** 2) + params.z_rand / range_max
-            cell = np.log(likelihood) if params.aggregation == "product" else likelihood**3
+            likelihood = peak * exp(-0.5 * (distances / params.sigma_hit) ** 2) + params.z_rand / range_max
+            cell = log(likelihood) if params.aggregation == "product" else likelihood * likelihood * likelihood
             self._kept = (range_max, cell.astype(np.float32))
         return self._kept[1]

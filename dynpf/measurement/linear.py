@@ -1,10 +1,14 @@
 """A reading that depends linearly on the state, with Gaussian noise: z = H x + v."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynpf import kernels
+from dynpf.portable import inverse, log
+from dynpf.portable.functions import as_values
 from dynpf.se2 import FloatArray, Floats
 
 __all__ = ["LinearMeasurement", "Observation"]
@@ -32,12 +36,11 @@ class LinearMeasurement:
             raise ValueError(f"covariance of shape {self.covariance.shape} for {rows} rows; expected {(rows, rows)}")
         if not np.array_equal(self.covariance, self.covariance.T):
             raise ValueError(f"covariance is not symmetric: {self.covariance.tolist()}")
-        try:
-            root = np.linalg.cholesky(self.covariance)
-        except np.linalg.LinAlgError:
-            raise ValueError(f"covariance is not positive definite: {self.covariance.tolist()}") from None
-        self._whitening = np.linalg.inv(root)
-        self._log_peak = -0.5 * rows * np.log(2.0 * np.pi) - float(np.sum(np.log(np.diag(root))))
+        root = np.empty(self.covariance.shape)
+        if not (kernels.gaussian.root(as_values(self.covariance), root) and (np.diag(root) > 0.0).all()):
+            raise ValueError(f"covariance is not positive definite: {self.covariance.tolist()}")
+        self._whitening = inverse(root)
+        self._log_peak = -0.5 * rows * log(2.0 * math.pi) - float(np.sum(log(np.diag(root))))
 
     def admit(self, particles: Floats, weights: Floats, reading: Observation) -> Observation | None:  # noqa: ARG002
         """Return the observation, None unless every number of it is finite and there is one."""

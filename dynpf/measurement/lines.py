@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dynpf import kernels
 from dynpf.maps.segments import SegmentMap
 from dynpf.params import validated
+from dynpf.portable import log, sincos
 from dynpf.se2 import Floats
 
 __all__ = ["Lines", "PolarLines", "PolarLinesParams"]
@@ -63,15 +64,16 @@ class PolarLines:
         rho, alpha = segment_map.rho, segment_map.alpha
         longest = segment_map.lengths + params.length_tolerance
         middles = segment_map.segments.reshape(-1, 2, 2).mean(axis=1)
-        centres = middles[:, 1] * np.cos(alpha) - middles[:, 0] * np.sin(alpha)
-        columns = (rho, alpha, np.cos(alpha), np.sin(alpha), longest, centres)
+        sine, cosine = sincos(alpha)
+        centres = middles[:, 1] * cosine - middles[:, 0] * sine
+        columns = (rho, alpha, cosine, sine, longest, centres)
         self._segments = tuple(column.astype(np.float32) for column in columns)
 
     @property
     def log_outlier(self) -> np.float32:
         """The log-density of a line that is of nothing in the map; -inf where there is no share of those."""
         fraction = self.params.outlier_fraction
-        return np.float32(math.log(fraction / (math.tau * self.params.outlier_rho)) if fraction > 0.0 else -math.inf)
+        return np.float32(log(fraction / (math.tau * self.params.outlier_rho)) if fraction > 0.0 else -math.inf)
 
     def admit(self, particles: Floats, weights: Floats, reading: Lines) -> Lines | None:  # noqa: ARG002
         """Return the lines that are finite and not too long for every segment of the map, None if there is none."""

@@ -1,5 +1,6 @@
 """A position measured directly, with Gaussian noise: satellite navigation, an overhead camera (PARTS section 3)."""
 
+import math
 from typing import Annotated, NamedTuple
 
 import msgspec
@@ -8,6 +9,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from dynpf.params import validated
+from dynpf.portable import log
 from dynpf.se2 import Floats
 
 __all__ = ["GaussianPosition", "GaussianPositionParams", "Position"]
@@ -41,8 +43,12 @@ class GaussianPosition:
     def __init__(self, params: GaussianPositionParams) -> None:
         """Raises ValueError for a parameter out of its range, or a covariance that is not positive definite."""
         self.params = validated(params)
-        self._xx, self._xy, self._yy = params.covariance or (params.sigma**2, 0.0, params.sigma**2)
-        self._determinant = self._xx * self._yy - self._xy**2
+        self._xx, self._xy, self._yy = params.covariance or (
+            params.sigma * params.sigma,
+            0.0,
+            params.sigma * params.sigma,
+        )
+        self._determinant = self._xx * self._yy - self._xy * self._xy
         if not self._determinant > 0.0:
             raise ValueError(
                 f"GaussianPositionParams.covariance = {params.covariance}: expected a positive definite matrix"
@@ -62,7 +68,7 @@ class GaussianPosition:
         x, y = self.innovation(particles, reading)
         with np.errstate(over="ignore", invalid="ignore"):
             squared = (self._yy * x**2 - 2.0 * self._xy * x * y + self._xx * y**2) / self._determinant
-        log_peak = -np.log(2.0 * np.pi) - 0.5 * np.log(self._determinant)
+        log_peak = -log(2.0 * math.pi) - 0.5 * log(self._determinant)
         return np.asarray(log_peak - 0.5 * squared, dtype=particles.dtype)
 
     def innovation(self, states: Floats, reading: Position) -> Floats:

@@ -1,6 +1,5 @@
 """Ranges and bearings to landmarks whose identities the readings tell (LANDMARK section 5)."""
 
-import math
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, NamedTuple
 
@@ -12,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from dynpf import kernels
 from dynpf.maps.landmarks import LandmarkMap
 from dynpf.params import validated
+from dynpf.portable import hypot, sincos
+from dynpf.portable.functions import as_values
 from dynpf.rng import Stream
 from dynpf.se2 import FloatArray, Floats, wrap_angle
 
@@ -132,12 +133,15 @@ class RangeBearing:
 
         Row 2k is the range of reading k and row 2k + 1 its bearing. Raises KeyError for a landmark outside the map.
         """
-        along, across = self._offsets(states, reading)
-        scale, bias = self._calibration(states)
-        errors = np.empty((2 * len(along), states.shape[1]), dtype=states.dtype)
-        errors[0::2] = np.asarray(reading.ranges)[:, None] - scale * np.hypot(along, across)
-        errors[1::2] = wrap_angle(np.asarray(reading.bearings)[:, None] - np.arctan2(across, along) + states[2] - bias)
-        return errors
+        ranges, bearings = as_values(reading.ranges), as_values(reading.bearings)
+        if ranges.shape != bearings.shape:
+            raise ValueError(
+                f"ranges of shape {ranges.shape} and bearings of shape {bearings.shape}: expected one shape"
+            )
+        errors = np.empty((2 * ranges.size, states.shape[1]))
+        where = _poses(states), *self._places(reading)
+        kernels.landmarks.innovations(*where, ranges, bearings, *self._calibrated(states), errors)
+        return errors.astype(states.dtype, copy=False)
 
     def jacobian(self, states: Floats, reading: RangeBearingReadings) -> Floats:
         """Return the derivatives of the expectations by the states (D, N), shape (2K, D, N); rows as in innovation.
@@ -145,18 +149,9 @@ class RangeBearing:
         At a landmark, where they do not exist, those by x and y are zero. Raises KeyError for a landmark outside the
         map.
         """
-        along, across = self._offsets(states, reading)
-        distance = np.maximum(np.hypot(along, across), np.finfo(states.dtype).tiny)
-        cosine, sine = along / distance, across / distance
-        derivatives = np.zeros((2 * len(along), *states.shape), dtype=states.dtype)
-        scale, _ = self._calibration(states)
-        derivatives[0::2, 0], derivatives[0::2, 1] = -scale * cosine, -scale * sine
-        derivatives[1::2, 0], derivatives[1::2, 1] = sine / distance, -cosine / distance
-        derivatives[1::2, 2] = -1.0
-        if self.rows is not None:
-            derivatives[0::2, self.rows.range_scale] = np.hypot(along, across)
-            derivatives[1::2, self.rows.bearing_bias] = 1.0
-        return derivatives
+        derivatives = np.zeros((2 * len(reading.ranges), *states.shape))
+        kernels.landmarks.slopes(_poses(states), *self._places(reading), *self._calibrated(states), derivatives)
+        return derivatives.astype(states.dtype, copy=False)
 
     def noise(self, reading: RangeBearingReadings) -> Floats:
         """Return the covariance (m^2, rad^2) of the readings, shape (2K, 2K), outliers left aside.
@@ -165,8 +160,10 @@ class RangeBearing:
         """
         params = self.params
         variances = np.empty(2 * len(reading.ranges))
-        variances[0::2] = params.sigma_range**2 + (params.sigma_range_per_m * np.asarray(reading.ranges)) ** 2
-        variances[1::2] = params.sigma_bearing**2
+        variances[0::2] = (
+            params.sigma_range * params.sigma_range + (params.sigma_range_per_m * np.asarray(reading.ranges)) ** 2
+        )
+        variances[1::2] = params.sigma_bearing * params.sigma_bearing
         return np.diag(variances / params.tempering)
 
     def angular(self, reading: RangeBearingReadings) -> NDArray[np.bool_]:
@@ -186,9 +183,10 @@ class RangeBearing:
         params = self.params
         noise = stream.normals(2, count).astype(np.float64)
         direction = 2.0 * np.pi * stream.part("ring").uniforms(1, count)[0].astype(np.float64)
-        distances = distance + math.hypot(params.sigma_range, params.sigma_range_per_m * distance) * noise[0]
+        distances = distance + hypot(params.sigma_range, float(params.sigma_range_per_m * distance)) * noise[0]
         east, north = self._places(reading.only(np.arange(len(reading.ranges)) == telling[0]))[:, 0]
-        x, y = east - distances * np.cos(direction), north - distances * np.sin(direction)
+        sine, cosine = sincos(direction)
+        x, y = east - distances * cosine, north - distances * sine
         theta = wrap_angle(direction - bearing - params.sigma_bearing * noise[1])
         return np.stack((x, y, theta)).astype(np.float32)
 
@@ -249,10 +247,9 @@ class RangeBearing:
         known |= _moving(reading)
         return known & np.isfinite(ranges) & np.isfinite(bearings)
 
-    def _offsets(self, states: Floats, reading: RangeBearingReadings) -> tuple[Floats, Floats]:
-        """Return how far along x and y each landmark lies from each state, shapes (K, N), in the states' precision."""
-        east, north = self._places(reading).astype(states.dtype)[:, :, None]
-        return east - states[0], north - states[1]
+    def _calibrated(self, states: Floats) -> tuple[int, int]:
+        """Return the rows of the states by which bearings are off and ranges scaled; -1 where they have none."""
+        return (-1, -1) if self.rows is None or len(states) <= max(self.rows) else self.rows
 
     def _places(self, reading: RangeBearingReadings) -> FloatArray:
         """Return where the landmark of each reading is, shape (2, K); raises KeyError for one outside the map."""
@@ -277,6 +274,13 @@ class RangeBearing:
             added = own, *np.asarray(reading.places[:, moving], dtype=np.float32)
             where = [np.concatenate(both) for both in zip(where, added, strict=True)]
         return [ids, ranges, bearings], where
+
+
+def _poses(states: Floats) -> FloatArray:
+    """Return states (D, N) as the kernels take them; raises ValueError where there is no heading among them."""
+    if len(states) < 3:
+        raise ValueError(f"states of shape {states.shape}: expected x, y and theta at least")
+    return as_values(states)
 
 
 def _moving(reading: RangeBearingReadings) -> NDArray[np.bool_]:

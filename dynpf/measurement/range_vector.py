@@ -8,6 +8,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from dynpf import kernels
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.maps.raycast import RayCaster
 from dynpf.params import validated
@@ -110,11 +111,12 @@ class RangeVectorModel:
 
     def _log_beam(self, deviation: Floats) -> Floats:
         share = np.float32(self.params.outlier_fraction)
-        log_density = np.float32(-0.5) * deviation**2
         if not share:
+            log_density: Floats = np.float32(-0.5) * deviation**2
             return log_density
         uniform = np.float32(math.sqrt(2.0 * math.pi) * self.params.sigma / self.params.range_max)
-        mixed: Floats = np.log((1 - share) * np.exp(log_density) + share * uniform)
+        mixed = np.empty(deviation.size, dtype=np.float32)
+        kernels.beam.log_mixture(deviation, share, uniform, mixed)
         return mixed
 
 

@@ -1,6 +1,5 @@
 """Lines extracted from a scan and matched with the segments of a map: TURTLEBOT's whole weighting step."""
 
-import math
 from typing import Annotated
 
 import msgspec
@@ -13,6 +12,7 @@ from dynpf.measurement.lines import Lines, PolarLines, PolarLinesParams
 from dynpf.measurement.scan import Scan
 from dynpf.measurement.split_and_merge import SplitAndMergeParams, extract_lines
 from dynpf.params import validated
+from dynpf.portable import atan2, cos, hypot
 from dynpf.se2 import Floats
 
 __all__ = ["ScanLines", "ScanLinesParams"]
@@ -75,7 +75,7 @@ class ScanLines:
         assert line.middles is not None
         likelihood = self.polar.log_likelihood(particles, line)
         rho, alpha, middle = float(line.rho[0]), float(line.alpha[0]), float(line.middles[0])
-        distance, bearing = math.hypot(rho, middle), alpha + math.atan2(middle, rho)
+        distance, bearing = hypot(rho, middle), alpha + atan2(middle, rho)
         nearest = distance - self.params.hidden
         if nearest <= 0.0:
             return likelihood
@@ -86,4 +86,4 @@ class ScanLines:
     def example(self) -> Scan:
         """Return a scan of a wall 1 m ahead."""
         angles = np.linspace(-0.5, 0.5, 51, dtype=np.float32)
-        return Scan(angles, (1.0 / np.cos(angles)).astype(np.float32), 0.0, 10.0)
+        return Scan(angles, (1.0 / cos(angles)).astype(np.float32), 0.0, 10.0)

@@ -15,6 +15,7 @@ from msgspec import Meta
 
 from dynpf.measurement.lines import Lines
 from dynpf.measurement.scan import Scan
+from dynpf.portable import atan2, hypot, sincos
 from dynpf.se2 import FloatArray
 
 __all__ = ["SplitAndMergeParams", "extract_lines", "fit_line"]
@@ -40,7 +41,8 @@ def extract_lines(scan: Scan, params: SplitAndMergeParams) -> Lines:
     angles, ranges = scan.beams()
     seen = np.isfinite(angles) & (ranges >= scan.range_min) & (ranges > 0.0) & (ranges < scan.range_max)
     at, far = angles[seen].astype(np.float64), ranges[seen].astype(np.float64)
-    points = far * np.stack([np.cos(at), np.sin(at)])
+    sine, cosine = sincos(at)
+    points = far * np.stack([cosine, sine])
     pieces = [piece for chain in _chains(points, at, far, params) for piece in _split(points, *chain, params)]
     found = [_polar(points[:, first:last]) for first, last in _merged(points, pieces, params)]
     kept = [line for line in found if line[2] >= params.min_length]
@@ -51,8 +53,9 @@ def fit_line(points: FloatArray) -> tuple[float, float]:
     """Return (rho, alpha) of the line with the least squared distances from points (2, K), K >= 2; rho may be < 0."""
     x, y = points.mean(axis=1)
     dx, dy = points[0] - x, points[1] - y
-    alpha = 0.5 * math.atan2(-2.0 * float(np.sum(dx * dy)), float(np.sum(dy * dy) - np.sum(dx * dx)))
-    return float(x * math.cos(alpha) + y * math.sin(alpha)), alpha
+    alpha = 0.5 * atan2(-2.0 * float(np.sum(dx * dy)), float(np.sum(dy * dy) - np.sum(dx * dx)))
+    sine, cosine = sincos(alpha)
+    return float(x * cosine + y * sine), alpha
 
 
 def _chains(
@@ -61,8 +64,9 @@ def _chains(
     """Yield where chains of neighbouring points begin and end."""
     if ranges.size < 2:
         return
-    step = np.median(np.abs(np.diff(angles)))
-    far = np.hypot(*np.diff(points)) > params.gap + params.gap_beams * step * np.minimum(ranges[1:], ranges[:-1])
+    steps = np.sort(np.abs(np.diff(angles)))
+    step = 0.5 * (steps[(steps.size - 1) // 2] + steps[steps.size // 2])  # the median
+    far = hypot(*np.diff(points)) > params.gap + params.gap_beams * step * np.minimum(ranges[1:], ranges[:-1])
     ends = [0, *(np.flatnonzero(far) + 1).tolist(), ranges.size]
     yield from ((first, last) for first, last in pairwise(ends) if last - first >= 2)
 
@@ -73,12 +77,10 @@ def _split(points: FloatArray, first: int, last: int, params: SplitAndMergeParam
         return
     start, end = points[:, first], points[:, last - 1]
     along = end - start
-    length = math.hypot(*along)
+    length = hypot(*along.tolist())
     from_start = points[:, first:last] - start[:, None]
-    if length > 0.0:
-        off = np.abs(along[0] * from_start[1] - along[1] * from_start[0]) / length
-    else:
-        off = np.hypot(*from_start)
+    beside = np.abs(along[0] * from_start[1] - along[1] * from_start[0])
+    off = beside / length if length > 0.0 else hypot(*from_start)
     worst = int(np.argmax(off))
     if off[worst] <= params.split:
         yield first, last
@@ -107,7 +109,8 @@ def _merged(
 
 def _is_straight(points: FloatArray, most: float) -> bool:
     rho, alpha = fit_line(points)
-    return bool(np.max(np.abs(points[0] * math.cos(alpha) + points[1] * math.sin(alpha) - rho)) <= most)
+    sine, cosine = sincos(alpha)
+    return bool(np.max(np.abs(points[0] * cosine + points[1] * sine - rho)) <= most)
 
 
 def _polar(points: FloatArray) -> tuple[float, float, float, float]:
@@ -115,6 +118,7 @@ def _polar(points: FloatArray) -> tuple[float, float, float, float]:
     rho, alpha = fit_line(points)
     if rho < 0.0:
         rho, alpha = -rho, alpha + math.pi
-    along = points[1] * math.cos(alpha) - points[0] * math.sin(alpha)
+    sine, cosine = sincos(alpha)
+    along = points[1] * cosine - points[0] * sine
     first, last = float(along.min()), float(along.max())
     return rho, math.remainder(alpha, math.tau), last - first, 0.5 * (first + last)

@@ -2,20 +2,15 @@
 
 import math
 from collections.abc import Callable
-from statistics import NormalDist
 
 import numpy as np
+
+from dynpf.portable import normal_quantile
 
 __all__ = ["chi_square_quantile", "normal_quantile", "student_t_quantile"]
 
 _EPSILON = 2.0**-53
 _TINY = 1e-300
-
-
-def normal_quantile(probability: float) -> float:
-    """Return the number that a standard normal variable stays below with ``probability`` in (0, 1)."""
-    _check(probability)
-    return NormalDist().inv_cdf(probability)
 
 
 def chi_square_quantile(probability: float, degrees: float) -> float:

@@ -11,6 +11,7 @@ from dynpf import kernels
 from dynpf.motion.gaussian import draw, float32_rows, identities, noise_covariance
 from dynpf.motion.model import Twist
 from dynpf.params import validated
+from dynpf.portable import sincos
 from dynpf.rng import Stream
 from dynpf.se2 import Floats, arc_chord
 
@@ -118,12 +119,14 @@ def arc_slopes(states: Floats, length: float | Floats, turn: float | Floats) -> 
 
 def _chord(states: Floats, length: float | Floats, turn: float | Floats) -> tuple[Floats, Floats, Floats]:
     direction = states[2] + 0.5 * np.asarray(turn)
-    return arc_chord(length, turn), np.cos(direction), np.sin(direction)
+    sine, cosine = sincos(direction)
+    return arc_chord(length, turn), cosine, sine
 
 
 def _sinc_slope(angle: Floats) -> Floats:
     """Return the derivative of sin(angle) / angle; by its series where the quotient would cancel."""
     near = np.abs(angle) < 1e-3
     divisor = np.where(near, 1.0, angle)
-    slope: Floats = np.where(near, -angle / 3.0, (np.cos(angle) - np.sin(angle) / divisor) / divisor)
+    sine, cosine = sincos(angle)
+    slope: Floats = np.where(near, -angle / 3.0, (cosine - sine / divisor) / divisor)
     return slope

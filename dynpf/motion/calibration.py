@@ -123,7 +123,7 @@ class CalibratedArcs:
         covariance = noise_covariance(slopes, arc_noise(self.params, control))
         if _moves(control):
             for row, walk in enumerate(self._walks[:, 0].tolist(), start=TURN_SCALE):
-                covariance[row, row] = walk**2 * control.duration
+                covariance[row, row] = walk * walk * control.duration
         return covariance
 
     def _uncorrected(self, states: Floats, control: Twist) -> tuple[float | Floats, float | Floats]:

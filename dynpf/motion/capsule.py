@@ -9,6 +9,7 @@ from msgspec import Meta
 from dynpf import kernels
 from dynpf.motion.gaussian import draw, float32_rows, identities
 from dynpf.params import validated
+from dynpf.portable import sincos
 from dynpf.rng import Stream
 from dynpf.se2 import Floats
 
@@ -55,21 +56,22 @@ class CapsuleStep:
         """Return the states (D, N) after the step; headings are not wrapped."""
         moved = states.copy()
         moved[2] += control.turn
-        moved[0] += control.rho * np.cos(moved[2])
-        moved[1] += control.rho * np.sin(moved[2])
+        sine, cosine = sincos(moved[2])
+        moved[0] += control.rho * cosine
+        moved[1] += control.rho * sine
         return moved
 
     def jacobian(self, states: Floats, control: CapsuleMotion) -> Floats:
         """Return the derivative of ``expected`` by the state, shape (D, D, N)."""
-        heading = states[2] + control.turn
+        sine, cosine = sincos(states[2] + control.turn)
         jacobian = identities(states)
-        jacobian[0, 2] = -control.rho * np.sin(heading)
-        jacobian[1, 2] = control.rho * np.cos(heading)
+        jacobian[0, 2] = -control.rho * sine
+        jacobian[1, 2] = control.rho * cosine
         return jacobian
 
     def covariance(self, states: Floats, control: CapsuleMotion) -> Floats:  # noqa: ARG002
         """Return the noise's covariance, the same everywhere, shape (D, D, N)."""
         covariance = np.zeros((len(states), *states.shape), dtype=states.dtype)
-        covariance[0, 0] = covariance[1, 1] = self.params.sigma**2
-        covariance[2, 2] = self.params.sigma_theta**2
+        covariance[0, 0] = covariance[1, 1] = self.params.sigma * self.params.sigma
+        covariance[2, 2] = self.params.sigma_theta * self.params.sigma_theta
         return covariance

@@ -10,8 +10,9 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from dynpf.filters.kalman import Gaussian, gain, joseph
+from dynpf.filters.kalman import Gaussian, corrected
 from dynpf.params import validated
+from dynpf.portable import product
 
 __all__ = ["GyroOdometry", "GyroOdometryParams"]
 
@@ -48,17 +49,15 @@ class GyroOdometry:
     def update(self, belief: Gaussian, wheels: float, gyro: float, duration: float) -> Gaussian:
         """Return the belief after both readings (rad/s), ``duration`` seconds after the last ones."""
         p = self.params
-        drift = np.diag([p.turn_change**2, p.scale_drift**2 * duration, p.bias_drift**2 * duration])
-        covariance = belief.covariance + drift
+        drift = np.array([p.turn_change, p.scale_drift, p.bias_drift]) ** 2 * np.array([1.0, duration, duration])
+        covariance = belief.covariance + np.diag(drift)
         # The gyro tells nearly what the rate is: about that the product of rate and factor is made linear.
         _, scale, bias = belief.mean
         rate = gyro - bias
         observation = np.array([[scale, rate, 0.0], [1.0, 0.0, 1.0]])
         noise = np.diag([p.wheel_sigma, p.gyro_sigma]) ** 2
-        weight = gain(covariance, observation, noise)
         prior = np.array([rate, scale, bias])
         expected = np.array([scale * rate, rate + bias])
         # Linearized at a point other than the mean: h(prior) + H (mean - prior).
-        innovation = np.array([wheels, gyro]) - expected - observation @ (belief.mean - prior)
-        mean = belief.mean + weight @ innovation
-        return Gaussian(mean, joseph(covariance, weight, observation, noise))
+        innovation = np.array([wheels, gyro]) - expected - product(observation, belief.mean - prior)
+        return corrected(Gaussian(belief.mean, covariance), innovation, observation, noise)

@@ -11,6 +11,7 @@ from dynpf import kernels
 from dynpf.motion.gaussian import draw, float32_rows, identities, noise_covariance
 from dynpf.motion.model import Displacement
 from dynpf.params import validated
+from dynpf.portable import atan2, hypot, sincos
 from dynpf.rng import Stream
 from dynpf.se2 import Floats
 
@@ -67,28 +68,28 @@ class OdometryMotion:
     def expected(self, states: Floats, control: Displacement) -> Floats:
         """Return the states (D, N) composed with the displacement; headings are not wrapped."""
         made = steps(control)
-        direction = states[2] + made.first
+        sine, cosine = sincos(states[2] + made.first)
         moved = states.copy()
-        moved[0] += made.way * np.cos(direction)
-        moved[1] += made.way * np.sin(direction)
+        moved[0] += made.way * cosine
+        moved[1] += made.way * sine
         moved[2] += control.turn
         return moved
 
     def jacobian(self, states: Floats, control: Displacement) -> Floats:
         """Return the derivative of ``expected`` by the state, shape (D, D, N)."""
         made = steps(control)
-        direction = states[2] + made.first
+        sine, cosine = sincos(states[2] + made.first)
         jacobian = identities(states)
-        jacobian[0, 2] = -made.way * np.sin(direction)
-        jacobian[1, 2] = made.way * np.cos(direction)
+        jacobian[0, 2] = -made.way * sine
+        jacobian[1, 2] = made.way * cosine
         return jacobian
 
     def covariance(self, states: Floats, control: Displacement) -> Floats:
         """Return the noise's covariance to first order, shape (D, D, N)."""
         made = steps(control)
-        direction = states[2] + made.first
+        sine, cosine = sincos(states[2] + made.first)
         by_first, by_way, by_second = np.zeros((3, *states.shape), dtype=states.dtype)
-        by_way[0], by_way[1] = np.cos(direction), np.sin(direction)
+        by_way[0], by_way[1] = cosine, sine
         by_first[0], by_first[1] = -made.way * by_way[1], made.way * by_way[0]
         by_first[2] = by_second[2] = 1.0
         return noise_covariance((by_first, by_way, by_second), self._variances(control, made))
@@ -96,7 +97,7 @@ class OdometryMotion:
     def _variances(self, control: Displacement, made: Steps) -> Steps:
         p = self.params
         told = abs(made.way) >= SHORTEST_WAY_M
-        first, way, second = (x**2 for x in (made if told else Steps(0.0, made.way, control.turn)))
+        first, way, second = (one * one for one in (made if told else Steps(0.0, made.way, control.turn)))
         return Steps(
             first=p.alpha_1 * first + p.alpha_2 * way,
             way=p.alpha_3 * way + p.alpha_4 * (first + second),
@@ -107,6 +108,6 @@ class OdometryMotion:
 def steps(displacement: Displacement) -> Steps:
     """Return the displacement as rotation, translation, rotation; the first at most a quarter turn."""
     ahead = -1.0 if displacement.dx < 0.0 else 1.0
-    first = math.atan2(ahead * displacement.dy, abs(displacement.dx))
-    way = ahead * math.hypot(displacement.dx, displacement.dy)
+    first = atan2(ahead * displacement.dy, abs(displacement.dx))
+    way = ahead * hypot(displacement.dx, displacement.dy)
     return Steps(first, way, math.remainder(displacement.turn - first, 2.0 * math.pi))

@@ -71,7 +71,7 @@ class Velocity:
 
     def _variances(self, control: Twist) -> tuple[float, float, float]:
         """Return the variances of the arc's length (m^2), of its turn and of the final rotation (rad^2)."""
-        p, v, w, squared = self.params, abs(control.v), abs(control.w), control.duration**2
+        p, v, w, squared = self.params, abs(control.v), abs(control.w), control.duration * control.duration
         return (
             (p.alpha_1 * v + p.alpha_2 * w) * squared,
             (p.alpha_3 * v + p.alpha_4 * w) * squared,

@@ -5,6 +5,7 @@ The errors in units in the last place stand in ``dynpf.kernels.elementary64``.
 
 import math
 from collections.abc import Callable
+from functools import reduce
 from typing import Any, overload
 
 import numpy as np
@@ -21,16 +22,19 @@ __all__ = [
     "dist",
     "erf",
     "exp",
+    "expm1",
     "hypot",
     "log",
     "log1p",
     "logaddexp",
     "logsumexp",
+    "normal_quantile",
     "power",
     "sin",
     "sinc",
     "sincos",
     "tan",
+    "whole",
 ]
 
 FloatArray = NDArray[np.float64]
@@ -122,6 +126,16 @@ def log1p(value: Any) -> Any:
 
 
 @overload
+def expm1(value: float) -> float: ...
+@overload
+def expm1(value: NDArray[Any]) -> FloatArray: ...
+def expm1(value: Any) -> Any:
+    """Return e^value - 1, accurate for small values."""
+    functions = kernels.functions
+    return functions.expm1_one(value) if isinstance(value, float) else _mapped(functions.expm1_all, value)
+
+
+@overload
 def atan2(y: float, x: float) -> float: ...
 @overload
 def atan2(y: ArrayLike, x: ArrayLike) -> FloatArray: ...
@@ -160,6 +174,9 @@ def acos(value: Any) -> Any:
 
 def sinc(value: Any) -> Any:
     """Return sin(pi x) / (pi x), 1 at zero."""
+    if isinstance(value, float):
+        angle = math.pi * value
+        return sin(angle) / angle if angle != 0.0 else 1.0
     turned = math.pi * np.asarray(value, dtype=np.float64)
     somewhere = np.where(turned == 0.0, 1.0, turned)
     return np.where(turned == 0.0, 1.0, sin(somewhere) / somewhere)
@@ -174,9 +191,12 @@ def power(base: Any, exponent: float) -> Any:
 
 
 def logaddexp(first: Any, second: Any) -> Any:
-    """Return log(e^first + e^second) without overflow; -infinity where both are."""
+    """Return log(e^first + e^second) without overflow; infinite where the larger is, -infinity where both are."""
+    if isinstance(first, float) and isinstance(second, float):
+        most, least = (second, first) if first < second else (first, second)
+        return most if math.isinf(most) else most + log1p(exp(least - most))
     larger, smaller = np.maximum(first, second), np.minimum(first, second)
-    known = np.where(np.isneginf(larger), 0.0, larger)
+    known = np.where(np.isinf(larger), 0.0, larger)
     return larger + log1p(exp(smaller - known))
 
 
@@ -186,6 +206,67 @@ def logsumexp(values: FloatArray, axis: int) -> FloatArray:
     known = np.where(np.isfinite(largest), largest, 0.0)
     total: FloatArray = log(np.sum(exp(values - known), axis=axis)) + np.squeeze(known, axis=axis)
     return total
+
+
+def whole(values: ArrayLike, low: int, high: int) -> NDArray[np.int64]:
+    """Return values as whole numbers within [low, high], towards zero; NaN becomes ``low``.
+
+    What a plain cast makes of NaN, and of what does not fit, each processor answers in its own way.
+    """
+    known = np.where(np.isnan(values), low, values)
+    return np.clip(known, low, high).astype(np.int64)
+
+
+# Wichura, Algorithm AS 241 (1988): ratios of polynomials, the constant first, for the middle and either part of a tail.
+_MIDDLE = (
+    (
+        *(3.3871328727963666080e0, 1.3314166789178437745e2, 1.9715909503065514427e3, 1.3731693765509461125e4),
+        *(4.5921953931549871457e4, 6.7265770927008700853e4, 3.3430575583588128105e4, 2.5090809287301226727e3),
+    ),
+    (
+        *(1.0, 4.2313330701600911252e1, 6.8718700749205790830e2, 5.3941960214247511077e3),
+        *(2.1213794301586595867e4, 3.9307895800092710610e4, 2.8729085735721942674e4, 5.2264952788528545610e3),
+    ),
+)
+_NEAR = (
+    (
+        *(1.42343711074968357734e0, 4.63033784615654529590e0, 5.76949722146069140550e0, 3.64784832476320460504e0),
+        *(1.27045825245236838258e0, 2.41780725177450611770e-1, 2.27238449892691845833e-2, 7.74545014278341407640e-4),
+    ),
+    (
+        *(1.0, 2.05319162663775882187e0, 1.67638483018380384940e0, 6.89767334985100004550e-1),
+        *(1.48103976427480074590e-1, 1.51986665636164571966e-2, 5.47593808499534494600e-4, 1.05075007164441684324e-9),
+    ),
+)
+_FAR = (
+    (
+        *(6.65790464350110377720e0, 5.46378491116411436990e0, 1.78482653991729133580e0, 2.96560571828504891230e-1),
+        *(2.65321895265761230930e-2, 1.24266094738807843860e-3, 2.71155556874348757815e-5, 2.01033439929228813265e-7),
+    ),
+    (
+        *(1.0, 5.99832206555887937690e-1, 1.36929880922735805310e-1, 1.48753612908506148525e-2),
+        *(7.86869131145613259100e-4, 1.84631831751005468180e-5, 1.42151175831644588870e-7, 2.04426310338993978564e-15),
+    ),
+)
+
+
+def normal_quantile(probability: float) -> float:
+    """Return what a standard normal variable stays below with ``probability`` in (0, 1), to about 1e-15 of it.
+
+    Raises ValueError for a probability out of range.
+    """
+    if not 0.0 < probability < 1.0:
+        raise ValueError(f"probability = {probability}: expected more than 0 and less than 1")
+    aside = probability - 0.5
+    if abs(aside) <= 0.425:
+        return aside * _ratio(_MIDDLE, 0.180625 - aside * aside)
+    depth = math.sqrt(-log(float(probability if aside < 0.0 else 1.0 - probability)))
+    return math.copysign(_ratio(_NEAR, depth - 1.6) if depth <= 5.0 else _ratio(_FAR, depth - 5.0), aside)
+
+
+def _ratio(polynomials: tuple[tuple[float, ...], tuple[float, ...]], value: float) -> float:
+    above, below = (reduce(lambda total, one: total * value + one, reversed(series)) for series in polynomials)
+    return above / below
 
 
 def _root(value: Any) -> Any:

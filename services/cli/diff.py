@@ -31,10 +31,14 @@ def print_difference(a: "Recording", b: "Recording", a_name: str, b_name: str, *
 
     from services.metrics import differing
     from services.recording.diff import diff
+    from services.recording.provenance import told_where_bytes_differ
 
     difference, metrics = diff(a, b), differing(a, b)
+    apart = ""
+    if not difference.same and a.header.scenario == b.header.scenario:
+        apart = told_where_bytes_differ(a.header.provenance, b.header.provenance, b_name)
     if as_json:
-        print(json.dumps({**msgspec.to_builtins(difference), "metrics": metrics}))
+        print(json.dumps({**msgspec.to_builtins(difference), "metrics": metrics, "platform": apart}))
         return 0 if difference.same else 1
     first = difference.first
     if first is None:
@@ -48,4 +52,6 @@ def print_difference(a: "Recording", b: "Recording", a_name: str, b_name: str, *
         print(f"  {topic}: {count.a} and {count.b} messages, {count.differ} differ")
     for name, (left, right) in metrics.items():
         print(f"  {name}: {left} and {right}")
+    if apart:
+        print(apart)
     return 1

@@ -1,4 +1,4 @@
-"""dynpf doctor: what is wrong with a recording."""
+"""dynpf doctor: what is wrong with a recording, and what code it names."""
 
 import argparse
 
@@ -15,16 +15,20 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def run(args: argparse.Namespace) -> int:
     import msgspec
 
-    from services.recording.doctor import Severity, examine
+    from services.recording.code import code_in_words, described_code
+    from services.recording.doctor import Severity, diagnose
 
-    findings = examine(args.recording)
+    findings, named = diagnose(args.recording)
+    code = described_code(named)
     if args.json:
-        print(msgspec.json.encode({"healthy": not findings, "findings": findings}).decode())
-    elif not findings:
-        print(f"{args.recording}: whole and complete")
+        print(msgspec.json.encode({"healthy": not findings, "findings": findings, "code": code}).decode())
     else:
+        if not findings:
+            print(f"{args.recording}: whole and complete")
         for finding in findings:
             print(f"{finding.severity}: {finding.where}: {finding.what}")
+        for line in code_in_words(code):
+            print(line)
     if any(finding.severity is Severity.UNREADABLE for finding in findings):
         return 2
     return 1 if findings else 0

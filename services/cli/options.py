@@ -1,15 +1,16 @@
-"""Options that several commands share: the scenario, its overrides, and the log that it plays."""
+"""Options that several commands share: the scenario, its overrides, the log that it plays, and what code may be run."""
 
 import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from services.scenario import Scenario, load_scenario
+from services.user_code import MODULE_NAME
 
 if TYPE_CHECKING:
     from services.played_log import PlayedLog
 
-__all__ = ["add_scenario_options", "load_log", "scenario_from"]
+__all__ = ["add_allow_code", "add_scenario_options", "load_log", "scenario_from"]
 
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
@@ -25,6 +26,25 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
         help="override one key of the scenario, such as estimator.n=500; may be repeated",
     )
     parser.add_argument("--log", type=Path, metavar="IN.mcap", help="imported log that the sensors process plays")
+
+
+def add_allow_code(parser: argparse.ArgumentParser) -> None:
+    """Add --allow-code, which a command needs that runs what a recording names."""
+    parser.add_argument(
+        "--allow-code",
+        action="append",
+        default=[],
+        type=_module,
+        metavar="MODULE",
+        help="import this module, such as mylab.models, where the recording names a class of it; the recording does "
+        "not hold its code: it is taken from your Python path; may be repeated (default: no code of yours is run)",
+    )
+
+
+def _module(text: str) -> str:
+    if MODULE_NAME.fullmatch(text) is None:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected the name of a module, such as mylab.models")
+    return text
 
 
 def load_log(options: argparse.Namespace) -> "PlayedLog | None":

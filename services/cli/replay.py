@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from services.cli.options import add_allow_code
 from services.errors import UsageError
 
 if TYPE_CHECKING:
@@ -24,11 +25,13 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
         help="re-execute nodes from a recording and compare",
         description="Each node gets its recorded inputs and is compared with its recorded output. With --set, nodes "
         "run with other settings: with --node, that node alone, and the differences are printed; without, the whole "
-        "run anew from its source.",
+        "run anew from its source. Code that the recording names is run only with --allow-code, and files come from "
+        "the recording, save those that --set names.",
     )
     parser.add_argument("recording", type=Path, metavar="RUN.mcap")
     parser.add_argument("--node", metavar="NAME", help="only this node (default: all of them)")
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE")
+    add_allow_code(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="NEW.mcap", help="write the replayed run")
     parser.add_argument("--json", action="store_true")
     parser.set_defaults(run=run)
@@ -37,11 +40,14 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
 def run(options: argparse.Namespace) -> int:
     from services.recording.reader import read_recording
     from services.recording.scenario import recorded_scenario
+    from services.user_code import check_allowed
 
     recording = read_recording(options.recording)
     if options.output is not None and options.output.exists():
         raise UsageError(f"{options.output}: the file exists; choose another name")
-    scenario = recorded_scenario(recording, options.overrides)
+    scenario = recorded_scenario(recording, options.overrides, options.allow_code)
+    if options.node is None or options.node == "estimator":
+        check_allowed(scenario.user_classes, scenario.user_code, str(options.recording))
     _tell_changed_code(recording, scenario)
     if options.overrides and options.node is None:
         return _closed_loop(options, recording, scenario)
@@ -54,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _tell_changed_code(recording: "Recording", scenario: "Scenario") -> None:
     """Say which modules of the user's are not those that the recorded run was made with: differences may be theirs."""
-    recorded = json.loads(recording.header.scenario).get("user_code", {})
+    recorded = _recorded_digests(recording)
     for module, digest in scenario.user_code.items():
         if (then := recorded.get(module)) not in (None, digest):
             print(
@@ -64,45 +70,58 @@ def _tell_changed_code(recording: "Recording", scenario: "Scenario") -> None:
             )
 
 
+def _recorded_digests(recording: "Recording") -> dict[str, str]:
+    """Return the digests of the user's modules with which the recorded run was made, by module."""
+    return dict(json.loads(recording.header.scenario).get("user_code", {}))
+
+
 def _each_alone(options: argparse.Namespace, recording: "Recording", scenario: "Scenario") -> int:
-    from services.nodes import build_nodes
+    from services.nodes import build_node, build_nodes
     from services.runners.replay import replay_node
 
-    nodes = build_nodes(scenario)
-    chosen = [options.node] if options.node else list(scenario.nodes)
+    nodes = {options.node: build_node(scenario, options.node)} if options.node else build_nodes(scenario)
     keep = options.output is not None or bool(options.overrides)
-    outcomes = [replay_node(recording, nodes[name], scenario.state_digest_ticks, keep=keep) for name in chosen]
+    outcomes = [replay_node(recording, node, scenario.state_digest_ticks, keep=keep) for node in nodes.values()]
     if options.overrides:
         return _compare(options, recording, lambda path: _write(recording, scenario, outcomes, path))
     if options.output is not None:
         _write(recording, scenario, outcomes, options.output)
-    _print_outcomes(outcomes, as_json=options.json)
+    _print_outcomes(recording, outcomes, as_json=options.json)
     return 0 if all(outcome.mismatch is None for outcome in outcomes) else 1
 
 
 def _write(recording: "Recording", scenario: "Scenario", outcomes: Sequence["Replayed"], path: Path) -> None:
+    import msgspec
+
     from services.recorder.host import run_header
     from services.recording.scenario import attachments_of
     from services.recording.writer import RecordingWriter
     from services.runners.replay import write_replayed
 
+    recorded = _recorded_digests(recording)
+    # Of code that was not run now, the digest says with which the rest of the recording was made.
+    known = {one.module: digest for one in scenario.user_classes if (digest := recorded.get(one.module))}
+    scenario = msgspec.structs.replace(scenario, user_code={**known, **scenario.user_code})
     with RecordingWriter(path, run_header(scenario), attachments_of(scenario, recording.attachments)) as writer:
         write_replayed(recording, outcomes, writer)
         whole = recording.end is not None and recording.end.complete
         writer.close(complete=whole, reason=f"replayed from {recording.path.name}")
 
 
-def _print_outcomes(outcomes: Sequence["Replayed"], *, as_json: bool) -> None:
+def _print_outcomes(recording: "Recording", outcomes: Sequence["Replayed"], *, as_json: bool) -> None:
+    from services.recording.provenance import collect, told_where_bytes_differ
+
     # The first difference of the run is the one of the earliest tick, and in it of the first node in tick order.
     found = [outcome.mismatch for outcome in outcomes if outcome.mismatch is not None]
     first = min(found, key=lambda one: one.tick) if found else None
+    apart = told_where_bytes_differ(recording.header.provenance, collect()) if found else ""
     if as_json:
         counts = {one.node: {"steps": one.steps, "messages": one.messages, "digests": one.digests} for one in outcomes}
         told = None
         if first is not None:
             told = {**first._asdict(), "a": first.recorded, "b": first.replayed}
             del told["recorded"], told["replayed"]
-        print(json.dumps({"same": first is None, "first": told, "counts": counts}))
+        print(json.dumps({"same": first is None, "first": told, "counts": counts, "platform": apart}))
         return
     for one in outcomes:
         verdict = "same" if one.mismatch is None else "DIFFERS"
@@ -112,6 +131,8 @@ def _print_outcomes(outcomes: Sequence["Replayed"], *, as_json: bool) -> None:
             f"first difference: node {first.node}, tick {first.tick}, {first.topic} {first.sequence}, {first.field}: "
             f"recorded {first.recorded!r}, replayed {first.replayed!r}"
         )
+    if apart:
+        print(apart)
 
 
 def _closed_loop(options: argparse.Namespace, recording: "Recording", scenario: "Scenario") -> int:

@@ -15,6 +15,7 @@ from dynpf.filters.resampling import Indices
 from dynpf.filters.start import Uniform, UniformStart
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.motion.capsule import CapsuleMotion
+from dynpf.portable import hypot
 from dynpf.rng import Stream
 from dynpf.se2 import FloatArray, Floats
 from services.colon import ColonWorld
@@ -234,7 +235,7 @@ def _nodes(grid: OccupancyGrid, places: Indices, following: Indices) -> tuple[Fl
     at = np.stack(grid.to_map(*(places + 0.5)))
     along = at[:, following] - at
     left = np.stack((-along[1], along[0]))
-    return at, left / np.maximum(np.hypot(*left), 1e-9)
+    return at, left / np.maximum(hypot(*left), 1e-9)
 
 
 def _thawed(state: Mapping[str, Any]) -> Cloud:

@@ -48,6 +48,7 @@ from dynpf.motion.linear import LinearGaussian, LinearGaussianParams
 from dynpf.motion.model import Displacement, GaussianMotion, MotionModel, Twist
 from dynpf.motion.odometry import OdometryMotion, OdometryParams
 from dynpf.motion.velocity import Velocity, VelocityParams
+from dynpf.portable import hypot
 from dynpf.se2 import arc_chord, arc_displacement
 from services.errors import ScenarioError
 from services.estimator.config import GradientFlowTable, LocalizationConfig, SirParams, UserComponent
@@ -278,7 +279,7 @@ def _twist(moved: Twist | Moved) -> Twist:
     if isinstance(moved, Twist):
         return moved
     (dx, dy, turn), duration = moved
-    chord = math.copysign(math.hypot(dx, dy), dx)
+    chord = math.copysign(hypot(dx, dy), dx)
     return Twist(chord / float(arc_chord(1.0, turn)) / duration, turn / duration, duration)
 
 

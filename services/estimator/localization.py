@@ -1,6 +1,5 @@
 """Localization in a known map: odometry moves the belief, readings of any sensors correct it."""
 
-import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -14,6 +13,7 @@ from dynpf.filters.start import FromReadingsStart, KnownStart, Start, UniformSta
 from dynpf.measurement.range_bearing import RangeBearingReadings
 from dynpf.measurement.scan import Scan
 from dynpf.motion.model import Displacement, Twist
+from dynpf.portable import hypot
 from dynpf.rng import Stream
 from dynpf.se2 import FloatArray, arc_displacement, compose, relative
 from protocol import frames
@@ -353,7 +353,7 @@ class LocalizationEstimator:
             if isinstance(one, Twist):
                 way, angle = one.v * one.duration, one.w * one.duration
             else:
-                way, angle = math.hypot(one.displacement.dx, one.displacement.dy), one.displacement.turn
+                way, angle = hypot(one.displacement.dx, one.displacement.dy), one.displacement.turn
             travel, turn = travel + abs(way), turn + abs(angle)
         return travel, turn
 

@@ -8,13 +8,14 @@ import numpy as np
 
 from dynpf.filters import kalman
 from dynpf.filters.cloud import Cloud
-from dynpf.filters.estimate import PoseEstimate, modes, pose_estimate
+from dynpf.filters.estimate import PoseEstimate, modes, pose_estimate, weighted_covariance
 from dynpf.filters.extended import ExtendedKalman
 from dynpf.filters.kalman import Gaussian
 from dynpf.filters.models import Outcome
 from dynpf.filters.particle import ParticleFilter, Report
 from dynpf.filters.resampling import systematic
 from dynpf.filters.unscented import UnscentedKalman
+from dynpf.portable import log_determinant
 from dynpf.rng import Stream
 from dynpf.se2 import Floats
 
@@ -146,7 +147,8 @@ class GaussianLocalizer:
         pose = pose_estimate(states, np.full(states.shape[1], 1.0 / states.shape[1]))
         mean = np.concatenate([pose.mean, states[3:].mean(axis=1)])
         deviation = kalman.wrap_rows(states - mean[:, None], (2,))
-        return Gaussian(mean, np.einsum("in,jn->ij", deviation, deviation) / states.shape[1])
+        count = states.shape[1]
+        return Gaussian(mean, weighted_covariance(deviation, np.ones(count)) / count)
 
     def predict(self, belief: Gaussian, control: Any, stream: Stream) -> Gaussian:  # noqa: ARG002
         return self.filter.predict(belief, control)
@@ -159,7 +161,7 @@ class GaussianLocalizer:
             belief, innovation = self.filter.update(belief, reading)
             outcomes.append(Outcome.USED if innovation.used else Outcome.REFUSED)
             if innovation.used:
-                evidence -= 0.5 * (innovation.nis + np.linalg.slogdet(2.0 * math.pi * innovation.covariance)[1])
+                evidence -= 0.5 * (innovation.nis + log_determinant(2.0 * math.pi * innovation.covariance))
                 numbers += innovation.vector.size
         found = self.find(belief)._replace(outcomes=outcomes, readings=numbers)
         return belief, found._replace(log_evidence=float(evidence)) if numbers else found

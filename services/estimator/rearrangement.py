@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.filters.association import associate
+from dynpf.portable import log, sincos
 from dynpf.rng import Stream
 from protocol import frames
 from protocol.messages import (
@@ -62,7 +63,9 @@ class RearrangementEstimator:
         self._parts = np.zeros((count, 2))
         self._variances = np.full(count, config.prior_variance)
         expected = [config.robot_grey, *[config.part_grey] * count]
-        self._greys = np.array([np.nan if grey is None else grey for grey in expected])
+        # Of an object whose grey is not known yet, zero.
+        self._greys = np.array([0.0 if grey is None else grey for grey in expected])
+        self._toned = np.array([grey is not None for grey in expected])
         self._missed = np.zeros(count + 1, dtype=np.int64)
         self._seen = np.zeros(count, dtype=bool)
         self._located = np.zeros(count, dtype=bool)
@@ -107,6 +110,7 @@ class RearrangementEstimator:
             "parts": self._parts.copy(),
             "variances": self._variances.copy(),
             "greys": self._greys.copy(),
+            "toned": self._toned.copy(),
             "missed": self._missed.copy(),
             "seen": self._seen.copy(),
             "located": self._located.copy(),
@@ -121,7 +125,7 @@ class RearrangementEstimator:
     def thaw(self, state: State) -> None:
         self._robot = None if state["robot"] is None else Belief.thaw(state["robot"])
         self._parts, self._variances = state["parts"].copy(), state["variances"].copy()
-        self._greys, self._missed = state["greys"].copy(), state["missed"].copy()
+        self._greys, self._toned, self._missed = (state[name].copy() for name in ("greys", "toned", "missed"))
         self._seen, self._located = state["seen"].copy(), state["located"].copy()
         self._stamp_ns = state["stamp_ns"]
         self._command = msgspec.convert(state["command"], Command)
@@ -168,11 +172,10 @@ class RearrangementEstimator:
         aside, ahead = (measured.centres[:, axis] - predicted[:, axis, None] for axis in (0, 1))
         distance = (aside * aside + ahead * ahead) / innovation_variance
         radius_error = measured.radii - self._radii[:, None]
-        grey_error = measured.greys - self._greys[:, None]
-        grey_error[np.isnan(grey_error)] = 0.0
+        grey_error = np.where(self._toned[:, None], measured.greys - self._greys[:, None], 0.0)
         costs: FloatArray = 0.5 * (
             distance
-            + 2.0 * np.log(innovation_variance)
+            + 2.0 * log(innovation_variance)
             + (radius_error / config.radius_sigma) ** 2
             + (grey_error / config.grey_sigma) ** 2
         )
@@ -184,7 +187,8 @@ class RearrangementEstimator:
         found = matches >= 0
         greys = measured.greys[matches[found]]
         known = self._greys[found]
-        self._greys[found] = np.where(np.isnan(known), greys, 0.9 * known + 0.1 * greys)
+        self._greys[found] = np.where(self._toned[found], 0.9 * known + 0.1 * greys, greys)
+        self._toned = self._toned | found
         self._located = self._located | self._seen
         if self._held >= 0:  # robot and held part tell where each other is
             found[[ROBOT, self._held + 1]] = found[ROBOT] or found[self._held + 1]
@@ -217,11 +221,13 @@ class RearrangementEstimator:
 
     def _grip_offset(self, part: int) -> FloatArray:
         distance = self._layout.grip_distance(part)
-        return np.array([distance * math.cos(self._theta), distance * math.sin(self._theta)])
+        sine, cosine = sincos(self._theta)
+        return np.array([distance * cosine, distance * sine])
 
     def _swing_variance(self, part: int) -> float:
         """Return the variance that the gripper's angle adds to where a part is against the robot, across the arm."""
-        return self._config.encoder_variance * self._layout.grip_distance(part) ** 2
+        distance = self._layout.grip_distance(part)
+        return self._config.encoder_variance * (distance * distance)
 
     def _outputs(self, robot: Belief, step: Step) -> tuple[Output, ...]:
         x, y = robot.mean.tolist()

@@ -14,6 +14,7 @@ from dynpf.measurement.range_bearing import RangeBearingReadings
 from dynpf.measurement.range_vector import RangeVector, RangeVectorModel
 from dynpf.measurement.scan import Scan
 from dynpf.measurement.unknown_landmarks import UnlabelledReadings
+from dynpf.portable import atan2, hypot
 from dynpf.se2 import Floats
 from protocol import frames
 from protocol.messages import (
@@ -69,8 +70,8 @@ def _message(kind: type, maps: Maps, pose: Floats, beams: int, range_max: float)
             readings=tuple(
                 LandmarkReading(
                     landmark=one,
-                    range=math.hypot(dx, dy),
-                    bearing=math.remainder(math.atan2(dy, dx) - theta, math.tau),
+                    range=hypot(float(dx), float(dy)),
+                    bearing=math.remainder(atan2(float(dy), float(dx)) - theta, math.tau),
                 )
                 for one, dx, dy in seen
             )

@@ -92,7 +92,7 @@ def fused(seen: list[Seen]) -> Seen | None:
     if len(seen) < 2:
         return seen[0] if seen else None
     information = [1.0 / one.variance for one in seen]
-    total = sum(information)
+    total = math.fsum(information)
     position = np.add.reduce([one.position * share for one, share in zip(seen, information, strict=True)]) / total
     return Seen(position, 1.0 / total)
 
@@ -145,7 +145,7 @@ def _independent(cloud: Cloud, families: Indices) -> float:
     """
     deviation = cloud.particles - np.sum(cloud.weights * cloud.particles, axis=1, keepdims=True)
     weighted = cloud.weights * deviation
-    of_mean = sum(float(np.sum(np.bincount(families, row) ** 2)) for row in weighted)
+    of_mean = math.fsum(float(np.sum(np.bincount(families, row) ** 2)) for row in weighted)
     of_one = float(np.sum(weighted * deviation))
     return of_one / of_mean if of_mean > 0.0 else math.inf
 

@@ -18,32 +18,45 @@ def made(table: UserComponent, key: str, roles: tuple[type, ...], classes: Class
     """Return an object of the user's class that can play one of the ``roles``, Protocols.
 
     ``Name(Params(...))`` if the class has a msgspec struct ``Params``, else ``Name(**keys)``; and the facts of the run
-    that its attribute ``uses`` names, such as the map's "grid", as keywords. Raises ScenarioError that names the key,
-    the value and what is missing.
+    that its attribute ``uses`` names, such as the map's "grid", as keywords. A class that cannot play any of the roles
+    is not called. Raises ScenarioError that names the key, the value and what is missing.
     """
     kind = classes[table.name]
     what = f"{key}.kind: {table.name!r}"
+    _check_role(kind, what, roles)
+    params = getattr(kind, "Params", None)
+    if params is not None and not (isinstance(params, type) and issubclass(params, msgspec.Struct)):
+        raise ScenarioError(f"{what} has Params = {params!r}; expected a msgspec struct, or no Params")
+    uses = getattr(kind, "uses", ())
+    if not isinstance(uses, tuple | list) or not all(isinstance(name, str) for name in uses):
+        raise ScenarioError(f"{what} has uses = {uses!r}; expected a tuple of names")
     keywords = {}
-    for name in getattr(kind, "uses", ()):
+    for name in uses:
         if name not in facts:
             raise ScenarioError(f"{what} uses {name!r}; what there is to use: {', '.join(facts)}")
         if facts[name] is None:
             raise ScenarioError(f"{what} uses {name!r}, which this run lacks: {_LACKING.get(name, 'it has none')}")
         keywords[name] = facts[name]
-    params = getattr(kind, "Params", None)
     try:
-        if isinstance(params, type) and issubclass(params, msgspec.Struct):
-            component = kind(_checked(table, key, params), **keywords)
-        else:
-            component = kind(**table.parameters, **keywords)
+        if params is not None:
+            return kind(_checked(table, key, params), **keywords)
+        return kind(**table.parameters, **keywords)
     except (TypeError, ValueError) as error:
         raise ScenarioError(f"{what} cannot be made of the table's keys: {error}") from error
-    lacks = {role: [name for name in required_methods(role) if not hasattr(component, name)] for role in roles}
-    if all(lacks.values()):
-        missing = " or ".join(", ".join(names) for names in lacks.values())
+
+
+def _check_role(kind: type, what: str, roles: tuple[type, ...]) -> None:
+    """Raise ScenarioError for a class without the methods of any of the roles; nothing of it is called to find out."""
+    lacks = [[name for name in required_methods(role) if not _has_method(kind, name)] for role in roles]
+    if all(lacks):
+        missing = " or ".join(", ".join(names) for names in lacks)
         asked = " or ".join(f"a {role.__name__}, which has {', '.join(required_methods(role))}" for role in roles)
         raise ScenarioError(f"{what} lacks {missing}; expected {asked}")
-    return component
+
+
+def _has_method(kind: type, name: str) -> bool:
+    found = next((vars(base)[name] for base in kind.__mro__ if name in vars(base)), None)
+    return callable(found) or isinstance(found, classmethod)
 
 
 def required_methods(role: type) -> list[str]:

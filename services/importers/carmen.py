@@ -15,6 +15,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from dynpf.portable import hypot
 from protocol.messages import OdometryPose, RobotState
 from services.importers.errors import ImportFailedError
 from services.importers.log import Record
@@ -147,7 +148,7 @@ def _take_param(params: dict[str, float], name: str, text: str) -> None:
 
 
 def _far(a: Pose, b: Pose) -> bool:
-    return math.hypot(a[0] - b[0], a[1] - b[1]) > DEPARTED_M or abs(wrapped(a[2] - b[2])) > DEPARTED_RAD
+    return hypot(a[0] - b[0], a[1] - b[1]) > DEPARTED_M or abs(wrapped(a[2] - b[2])) > DEPARTED_RAD
 
 
 class _Chain:

@@ -11,6 +11,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from dynpf.portable import atan2, hypot, product
 from dynpf.se2 import FloatArray
 
 __all__ = ["FlattenParams", "flatten", "points_of"]
@@ -66,11 +67,11 @@ def flatten(
     ``points`` (N, 3) in the cloud's frame, which ``transform`` (4, 4) places on the robot; ``sensor`` is where the
     scan's origin and axis lie on the robot (m, m, rad).
     """
-    places = points @ transform[:3, :3].T + transform[:3, 3]
-    places = places[(places[:, 2] >= params.low) & (places[:, 2] <= params.high)]
+    places = product(points, transform[:3, :3].T) + transform[:3, 3]
+    places = places[np.isfinite(places).all(axis=1) & (places[:, 2] >= params.low) & (places[:, 2] <= params.high)]
     dx, dy = places[:, 0] - sensor[0], places[:, 1] - sensor[1]
-    distance = np.hypot(dx, dy)
-    bearing = np.mod(np.arctan2(dy, dx) - sensor[2] + np.pi, 2 * np.pi) - np.pi
+    distance = hypot(dx, dy)
+    bearing = np.mod(atan2(dy, dx) - sensor[2] + np.pi, 2 * np.pi) - np.pi
     step = params.field_of_view / (params.beams - 1)
     beam = np.rint((bearing + params.field_of_view / 2) / step).astype(np.int64)
     kept = (beam >= 0) & (beam < params.beams) & (distance >= params.range_min) & (distance <= params.range_max)

@@ -7,6 +7,8 @@ as long as the swap lasts. A wheeled robot cannot drive sideways: there the head
 import numpy as np
 from numpy.typing import NDArray
 
+from dynpf.portable import atan2, hypot
+
 __all__ = ["heading_faults"]
 
 Floats = NDArray[np.float64]
@@ -50,9 +52,9 @@ def _offset(time: Floats, pose: Floats, backwards: Bools) -> tuple[Floats, Bools
     before = np.maximum(np.searchsorted(time, time - HALF_CHORD_S), first)
     after = np.minimum(np.searchsorted(time, time + HALF_CHORD_S, side="right") - 1, last)
     chord = pose[after, :2] - pose[before, :2]
-    travel = np.arctan2(chord[:, 1], chord[:, 0]) + np.where(backwards, np.pi, 0.0)
+    travel = atan2(chord[:, 1], chord[:, 0]) + np.where(backwards, np.pi, 0.0)
     offset = np.mod(pose[:, 2] - travel + np.pi, 2 * np.pi) - np.pi
-    return offset, np.hypot(chord[:, 0], chord[:, 1]) >= SHORTEST_CHORD_M
+    return offset, hypot(chord[:, 0], chord[:, 1]) >= SHORTEST_CHORD_M
 
 
 def _runs(time: Floats, suspects: NDArray[np.intp]) -> list[tuple[int, int]]:

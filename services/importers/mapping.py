@@ -4,12 +4,14 @@ A cell counts how often a beam ended in it and how often one went through it, at
 where the share of the ends is large, free where it was gone through otherwise, unknown where nobody looked.
 """
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynpf.portable import sincos
 from dynpf.se2 import FloatArray
 from protocol.messages import LaserScan, RobotState, heading
 from services.importers.errors import ImportFailedError
@@ -94,7 +96,8 @@ def _beams(pose: Pose, scan: LaserScan) -> _Beams:
     lengths = np.array(scan.ranges)
     angles = theta + np.linspace(scan.start_angle, scan.end_angle, len(lengths))
     kept = (lengths > 0.0) & (lengths < min(FAR_M, float(lengths.max())))
-    directions = np.stack([np.cos(angles[kept]), np.sin(angles[kept])], axis=1)
+    sines, cosines = sincos(angles[kept])
+    directions = np.stack([cosines, sines], axis=1)
     return _Beams(np.array([x, y]), directions, lengths[kept])
 
 
@@ -104,6 +107,8 @@ def _ends(beams: _Beams) -> FloatArray:
 
 def _passed(beams: _Beams, resolution: float) -> FloatArray:
     """Return points half a cell apart along the beams, up to a cell before their ends, shape (P, 2)."""
-    steps = np.arange(0.0, max(float(beams.lengths.max(initial=0.0)) - resolution, 0.0), resolution / 2)
+    step_m = resolution / 2
+    farthest = max(float(beams.lengths.max(initial=0.0)) - resolution, 0.0)
+    steps = step_m * np.arange(math.ceil(farthest / step_m))
     beam, step = np.nonzero(steps[None, :] < beams.lengths[:, None] - resolution)
     return beams.origin + steps[step, None] * beams.directions[beam]

@@ -2,6 +2,8 @@
 
 import math
 
+from dynpf.portable import sincos
+
 __all__ = ["Pose", "compose", "inverse", "relative", "wrapped"]
 
 Pose = tuple[float, float, float]
@@ -14,7 +16,7 @@ def wrapped(angle: float) -> float:
 
 def compose(pose: Pose, step: Pose) -> Pose:
     """Return ``step``, given in the frame of ``pose``, in the frame of ``pose`` itself."""
-    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+    sine, cosine = sincos(pose[2])
     x = pose[0] + cosine * step[0] - sine * step[1]
     y = pose[1] + sine * step[0] + cosine * step[1]
     return x, y, wrapped(pose[2] + step[2])
@@ -22,12 +24,12 @@ def compose(pose: Pose, step: Pose) -> Pose:
 
 def inverse(pose: Pose) -> Pose:
     """Return where the frame of ``pose`` is seen from ``pose``."""
-    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+    sine, cosine = sincos(pose[2])
     return -cosine * pose[0] - sine * pose[1], sine * pose[0] - cosine * pose[1], wrapped(-pose[2])
 
 
 def relative(start: Pose, end: Pose) -> Pose:
     """Return ``end`` in the frame of ``start``, both being in one frame."""
     dx, dy = end[0] - start[0], end[1] - start[1]
-    cosine, sine = math.cos(start[2]), math.sin(start[2])
+    sine, cosine = sincos(start[2])
     return cosine * dx + sine * dy, cosine * dy - sine * dx, wrapped(end[2] - start[2])

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
+from dynpf.portable import product
 from dynpf.se2 import FloatArray
 from protocol.messages import LaserScan, OdometryPose, RobotState
 from services.importers.bags import Bag, Message, open_bag
@@ -215,7 +216,7 @@ def _mount(plan: _Plan) -> Pose:
         return planar(plan.mount)
     turned = plan.mount.copy()
     if abs(turned[2, 2]) < 0.5:  # its z axis lies flat: an optical frame, which looks along z
-        turned[:3, :3] = turned[:3, :3] @ OPTICAL.T
+        turned[:3, :3] = product(turned[:3, :3], OPTICAL.T)
     return planar(turned)
 
 

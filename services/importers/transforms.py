@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from dynpf.portable import atan2, product
 from dynpf.se2 import FloatArray
 from services.importers.poses import Pose
 
@@ -39,7 +40,7 @@ def matrix(translation: Any, rotation: Any) -> FloatArray | None:
 def planar(transform: FloatArray) -> Pose:
     """Return where the origin and the x axis of a frame (4, 4) lie, seen from above: m, m, rad."""
     x, y = transform[:2, 3].tolist()
-    return x, y, math.atan2(transform[1, 0], transform[0, 0])
+    return x, y, atan2(float(transform[1, 0]), float(transform[0, 0]))
 
 
 class TransformTree:
@@ -66,8 +67,7 @@ class TransformTree:
         for frame, transform in up:
             for other, back in down:
                 if frame == other:
-                    found: FloatArray = np.linalg.inv(back) @ transform
-                    return found
+                    return product(_inverse(back), transform)
         return None
 
     def _ancestors(self, frame: str) -> Sequence[tuple[str, FloatArray]]:
@@ -76,5 +76,13 @@ class TransformTree:
         while found[-1][0] in self._parents and len(found) <= len(self._parents):
             name, transform = found[-1]
             parent, step = self._parents[name]
-            found.append((parent, step @ transform))
+            found.append((parent, product(step, transform)))
         return found
+
+
+def _inverse(transform: FloatArray) -> FloatArray:
+    """Return a rotation and translation (4, 4) undone."""
+    found = np.eye(4)
+    found[:3, :3] = transform[:3, :3].T
+    found[:3, 3] = -product(found[:3, :3], transform[:3, 3])
+    return found

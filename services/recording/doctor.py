@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 
@@ -11,10 +12,12 @@ from protocol.codec import decode
 from protocol.errors import BadMessageError
 from protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
 from protocol.topics import NODES, TOPICS
+from services.recording.code import recorded_code
 from services.recording.errors import RecordingError
 from services.recording.reader import Recording, Source, load
+from services.user_code import UserClass
 
-__all__ = ["Finding", "Severity", "examine"]
+__all__ = ["Diagnosis", "Finding", "Severity", "diagnose", "examine"]
 
 
 class Severity(StrEnum):
@@ -31,22 +34,34 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     where: str
 
 
+class Diagnosis(NamedTuple):
+    """What is wrong with a file, and what code a replay of it would import and run if it were allowed to."""
+
+    findings: list[Finding]
+    code: tuple[UserClass, ...] = ()
+
+
 def examine(path: Path | str) -> list[Finding]:
-    """Return everything that is wrong with a file; an empty list for a whole and complete recording.
+    """Return everything that is wrong with a file; an empty list for a whole and complete recording."""
+    return diagnose(path).findings
+
+
+def diagnose(path: Path | str) -> Diagnosis:
+    """Return everything that is wrong with a file, and the code that it names, none of which is imported.
 
     Never raises for what a file holds: a file that is no recording has one finding that says so.
     """
     try:
         recording, damage = load(path)
     except RecordingError as error:
-        return [Finding(severity=Severity.UNREADABLE, what=str(error), where=str(path))]
+        return Diagnosis([Finding(severity=Severity.UNREADABLE, what=str(error), where=str(path))])
     findings = [
         Finding(severity=Severity.ERROR, what=f"{found.kind}: {found.text}", where=f"byte {found.offset}")
         for found in damage
     ]
     for check in (_end, _senders, _gaps, _repetitions, _payloads, _journals):
         findings.extend(check(recording))
-    return findings
+    return Diagnosis(findings, recorded_code(recording))
 
 
 def _error(what: str, where: str) -> Finding:

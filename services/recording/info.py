@@ -5,7 +5,9 @@ from typing import Any
 import msgspec
 
 from protocol.journal import JOURNAL_PREFIX
+from services.recording.code import code_in_words, described_code, recorded_code
 from services.recording.digest import content_digest
+from services.recording.provenance import collect, told_apart
 from services.recording.reader import Recording
 
 __all__ = ["describe", "text"]
@@ -39,11 +41,13 @@ def describe(recording: Recording) -> dict[str, Any]:
         "topics": dict(sorted(topics.items())),
         "nodes": {node: len(recording.boots(node)) for node in sorted({source.node for source in recording.sources})},
         "attachments": {item.name: len(item.data) for item in recording.attachments},
+        "code": described_code(recorded_code(recording)),
         "schema_version": recording.header.schema_version,
         "dynpf_version": provenance.dynpf_version,
         "code_digest": provenance.code_digest,
         "packages": provenance.packages,
         "platform": provenance.platform,
+        "platform_differs": told_apart(provenance, collect()),
     }
 
 
@@ -60,7 +64,9 @@ def text(summary: dict[str, Any]) -> str:
         f"schema version {summary['schema_version']}",
         f"  {', '.join(f'{name} {version}' for name, version in summary['packages'].items())}",
         *(f"  {name}: {value}" for name, value in summary["platform"].items()),
+        *(f"  {line}" for line in (summary["platform_differs"],) if line),
         *(f"  attachment {name}: {size} bytes" for name, size in summary["attachments"].items()),
+        *(f"  {line}" for line in code_in_words(summary["code"])),
     ]
     width = max((len(topic) for topic in summary["topics"]), default=0)
     lines += [

@@ -1,13 +1,14 @@
 """What of a scenario travels in a recording beside its text, and how a scenario comes out of a recording again."""
 
-from collections.abc import Iterable, Sequence
+import errno
+from collections.abc import Container, Iterable, Sequence
 from pathlib import Path
 
 import msgspec
 
 from services.recording.header import Attachment
 from services.recording.reader import Recording
-from services.scenario import Scenario, override_resolved, with_what_it_names
+from services.scenario import File, Scenario, override_resolved, with_files, with_user_code
 
 __all__ = ["FOLDER", "attached", "attachments_of", "is_file", "recorded_scenario"]
 
@@ -21,18 +22,30 @@ def attachments_of(scenario: Scenario, others: Iterable[Attachment] = ()) -> tup
     return (*(one for one in others if not is_file(one)), *named)
 
 
-def recorded_scenario(recording: Recording, overrides: Sequence[str] = ()) -> Scenario:
-    """Return the scenario of a recording, ready to be run again: its files with their content, and the user's modules
-    with the digests that they have here and now.
+def recorded_scenario(recording: Recording, overrides: Sequence[str] = (), allow_code: Container[str] = ()) -> Scenario:
+    """Return the scenario of a recording, ready to be run again.
 
-    Raises ScenarioError for an override that does not fit, and for a module that is not there.
+    Files are the recording's attachments, whatever their paths say; of the disk only those are opened that
+    ``overrides`` name, and the images of such maps. Of the user's modules, those that ``allow_code`` names have the
+    digests in it that they have here and now; the others cannot be imported.
+
+    Raises ScenarioError for an override that does not fit, for a file that did not come along, and for an allowed
+    module that is not there.
     """
+    where, text = str(recording.path), recording.header.scenario
+    recorded = override_resolved(text, (), where)
+    scenario = override_resolved(text, overrides, where) if overrides else recorded
+    wished = {*scenario.paths} - {*recorded.paths}
     contents = {one.name.removeprefix(FOLDER): one.data for one in recording.attachments if is_file(one)}
-    where = str(recording.path)
-    scenario = override_resolved(recording.header.scenario, overrides, where)
-    files = {name: msgspec.structs.replace(file, data=contents.get(name, b"")) for name, file in scenario.files.items()}
-    scenario = msgspec.structs.replace(scenario, files=files)
-    return with_what_it_names(scenario, where, lambda path: Path(path).read_bytes())
+
+    def read(path: str, named: str) -> bytes:
+        if named in wished and named not in contents:
+            return Path(path).read_bytes()
+        raise FileNotFoundError(errno.ENOENT, "the recording has no such file attached")
+
+    files = {name: File(sha256="", data=data) for name, data in contents.items()}
+    scenario = with_user_code(msgspec.structs.replace(scenario, files=files), where, allow_code)
+    return with_files(scenario, where, read)
 
 
 def attached(name: str, data: bytes) -> Attachment:

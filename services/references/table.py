@@ -1,6 +1,5 @@
 """The table of the reference recordings, and the files beside it."""
 
-import hashlib
 import json
 import tomllib
 from collections.abc import Sequence
@@ -9,13 +8,10 @@ from pathlib import Path
 import msgspec
 
 from services.errors import UsageError
-from services.recording.header import Provenance
 
-__all__ = ["CHECKOUT", "Entry", "Made", "made_by", "read_table", "recording_file", "render_table", "table_file"]
+__all__ = ["CHECKOUT", "Entry", "Made", "read_table", "recording_file", "render_table", "table_file"]
 
 CHECKOUT = Path(__file__).parents[2]
-
-_BYTES_DEPEND_ON = ("numpy", "numba", "llvmlite", "opencv-python-headless", "msgspec")
 
 
 class Made(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -23,7 +19,6 @@ class Made(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
     digest: str  # content digest
     dynpf: str  # version
-    platform: str  # digest of the platform fingerprint
 
 
 class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -81,10 +76,3 @@ def _keys(row: Entry | Made) -> list[str]:
     values = {name: getattr(row, name) for name in defaults if name != "made"}
     # JSON's numbers, strings and lists of strings are TOML's too.
     return [f"{name} = {json.dumps(value)}" for name, value in values.items() if value != defaults[name]]
-
-
-def made_by(provenance: Provenance) -> str:
-    """Return the digest of what a run's bytes depend on beside the code: platform, and packages that compute."""
-    packages = {name: provenance.packages.get(name, "") for name in _BYTES_DEPEND_ON}
-    facts = msgspec.json.encode([provenance.platform, packages], order="sorted")
-    return hashlib.sha256(facts).hexdigest()[:16]

@@ -17,16 +17,7 @@ from services.recording.provenance import collect
 from services.recording.reader import Recording, read_recording
 from services.references.check import FILE, check_part, parts
 from services.references.runs import has_data, resolve, run_anew
-from services.references.table import (
-    CHECKOUT,
-    Entry,
-    Made,
-    made_by,
-    read_table,
-    recording_file,
-    render_table,
-    table_file,
-)
+from services.references.table import CHECKOUT, Entry, Made, read_table, recording_file, render_table, table_file
 from services.scenario import resolved_json
 
 __all__ = ["MAX_BYTES", "Change", "first_differences", "git_status", "report_file", "update"]
@@ -110,10 +101,10 @@ def _make(entry: Entry, checkout: Path, path: Path) -> Change | None:
     size = path.stat().st_size
     if size > MAX_BYTES and not entry.log:
         raise UsageError(f"{entry.name}: {size} bytes; a reference recording has at most {MAX_BYTES}: make it shorter")
-    digest, provenance = content_digest(anew), collect()
+    digest = content_digest(anew)
     if entry.made is not None and entry.made.digest == digest and (entry.log or not note):
         return None
-    made = Made(digest=digest, dynpf=provenance.dynpf_version, platform=made_by(provenance))
+    made = Made(digest=digest, dynpf=collect().dynpf_version)
     before = measure(old) if old is not None else {}
     after = measure(anew)
     measures = tuple(
@@ -146,8 +137,7 @@ def _old(entry: Entry, checkout: Path) -> tuple[Recording | None, str]:
 
 def _still_replays(entry: Entry, old: Recording, checkout: Path) -> bool:
     same = all(check_part(entry, part, checkout).verdict == "same" for part in parts(entry))
-    here = entry.made is not None and entry.made.platform == made_by(collect())
-    return same and here and old.header.scenario == resolved_json(resolve(entry))
+    return same and old.header.scenario == resolved_json(resolve(entry))
 
 
 def _replay_differences(entry: Entry, checkout: Path) -> tuple[FirstDifference, ...]:
@@ -211,7 +201,7 @@ def _report(reason: str, changes: Sequence[Change], entries: Iterable[Entry]) ->
         f"Reason: {reason.strip()}",
         "",
         f"Made by dynpf {provenance.dynpf_version}, code {provenance.code_digest[:12]}; {packages}.",
-        f"Platform {made_by(provenance)}: {platform}.",
+        f"Platform: {platform}.",
         "",
         f"Unchanged: {unchanged}.",
     ]

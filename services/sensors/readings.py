@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.measurement.ray import ray_discs, ray_segments
+from dynpf.portable import atan2, hypot, sincos
 from dynpf.rng import Draws
 from protocol import frames
 from protocol.messages import (
@@ -60,10 +61,8 @@ Rays = Callable[[Floats, Floats], Floats]
 def read_odometry(sensor: OdometrySensor, robot: RobotState, rng: Draws) -> Odometry:
     noise_v, noise_w = rng.standard_normal(2).tolist()
     return Odometry(
-        v=robot.v + sensor.v_bias + math.hypot(sensor.v_std, sensor.v_std_per_unit * robot.v) * noise_v,
-        w=sensor.w_scale * robot.w
-        + sensor.w_bias
-        + math.hypot(sensor.w_std, sensor.w_std_per_unit * robot.w) * noise_w,
+        v=robot.v + sensor.v_bias + hypot(sensor.v_std, sensor.v_std_per_unit * robot.v) * noise_v,
+        w=sensor.w_scale * robot.w + sensor.w_bias + hypot(sensor.w_std, sensor.w_std_per_unit * robot.w) * noise_w,
     )
 
 
@@ -76,7 +75,7 @@ def read_gripper(
 ) -> Gripper:
     """The switch is closed while a part is held, or while one is no farther from the robot's rim than the gripper."""
     within = task.robot_radius + task.reach + sensor.tolerance
-    touching = any(math.hypot(part.x - robot.x, part.y - robot.y) - part.radius <= within for part in parts.parts)
+    touching = any(hypot(part.x - robot.x, part.y - robot.y) - part.radius <= within for part in parts.parts)
     theta = robot.theta + sensor.theta_std * float(rng.standard_normal())
     return Gripper(contact=parts.held >= 0 or touching, theta=math.remainder(theta, math.tau))
 
@@ -90,11 +89,11 @@ def read_landmarks(
     swap = rng.integers(1, max(len(landmarks), 2), size=len(landmarks)).tolist()
     readings = []
     for index, landmark in enumerate(landmarks):
-        distance = math.hypot(landmark.x - robot.x, landmark.y - robot.y)
-        bearing = math.remainder(math.atan2(landmark.y - robot.y, landmark.x - robot.x) - robot.theta, math.tau)
+        distance = hypot(landmark.x - robot.x, landmark.y - robot.y)
+        bearing = math.remainder(atan2(landmark.y - robot.y, landmark.x - robot.x) - robot.theta, math.tau)
         if distance > sensor.max_range or abs(bearing) > sensor.field_of_view / 2:
             continue
-        std = math.hypot(sensor.range_std, sensor.range_std_per_metre * distance)
+        std = hypot(sensor.range_std, sensor.range_std_per_metre * distance)
         seen_as = landmarks[(index + swap[index]) % len(landmarks)] if misread[index] else landmark
         readings.append(
             LandmarkReading(
@@ -159,13 +158,14 @@ def read_lines(sensor: LineSensor, robot: RobotState, walls: Floats, rng: Draws)
         wall, first, last = int(met[beams[0]]), beams[0], beams[-1]
         if wall < 0 or len(beams) < sensor.min_beams:
             continue
-        ends = distance[[first, last]] * np.array([np.cos(angles[[first, last]]), np.sin(angles[[first, last]])])
+        sine, cosine = sincos(angles[[first, last]])
+        ends = distance[[first, last]] * np.array([cosine, sine])
         (dx, dy), (x, y) = ends[:, 1] - ends[:, 0], ends[:, 0]
-        length = math.hypot(dx, dy)
+        length = hypot(dx, dy)
         if length < max(sensor.min_length, 1e-9):
             continue
         rho = (x * dy - y * dx) / length + noise[wall, 0]
-        alpha = math.atan2(-dx, dy) + noise[wall, 1]
+        alpha = atan2(-dx, dy) + noise[wall, 1]
         if rho < 0.0:
             rho, alpha = -rho, alpha + math.pi
         readings.append(LineReading(rho=float(rho), alpha=math.remainder(alpha, math.tau), length=length))

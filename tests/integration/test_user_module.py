@@ -69,13 +69,17 @@ def test_a_users_models_run_on_the_bus_inline_and_in_a_replay(tmp_path, dynpf, h
     monkeypatch.syspath_prepend(str(lab))
     assert here("run", *WORDS, "--runner", "inline", "-o", inline).code == 0
     assert content_digest(read_recording(inline)) == content_digest(read_recording(on_bus))
-    replayed = here("replay", on_bus, "--json")
+    replayed = here("replay", on_bus, "--json", "--allow-code", "lab_of_mine")
     assert replayed.code == 0, replayed.out
     assert json.loads(replayed.out)["counts"]["estimator"]["steps"] == TICKS
 
-    without = dynpf("replay", on_bus)
+    without = dynpf("replay", on_bus, "--allow-code", "lab_of_mine")
     assert without.wait() == 2
     assert_told(without.stderr)
+    # Processes that need none of it do not ask for it, and what it was made with stays told.
+    part = tmp_path / "part.mcap"
+    assert here("replay", on_bus, "--node", "simulator", "-o", part).code == 0
+    assert recorded_digests(part) == recorded_digests(on_bus)
 
 
 def test_a_module_that_is_not_on_the_path_is_told_in_one_line(tmp_path, dynpf):
@@ -84,6 +88,10 @@ def test_a_module_that_is_not_on_the_path_is_told_in_one_line(tmp_path, dynpf):
     assert run.wait() == 2
     assert_told(run.stderr)
     assert not path.exists()
+
+
+def recorded_digests(path):
+    return json.loads(read_recording(path).header.scenario)["user_code"]
 
 
 def assert_told(words: str) -> None:

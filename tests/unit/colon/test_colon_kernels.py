@@ -175,3 +175,70 @@ def test_two_beams_into_one_bulge_are_as_likely_as_their_joint_gaussian() -> Non
     precision = 1 / 225 + 1 / 9 + 0.6**2 / 4
     assert variances[0, 0] == pytest.approx(1 / precision, rel=1e-3)
     assert heights[0, 0] == pytest.approx((40 / 225 + 36 / 9 + 0.6 * 20 / 4) / precision, rel=1e-4)
+
+
+def test_maps_give_way_as_a_markov_chain_does() -> None:
+    rng = np.random.default_rng(1)
+    maps, since = rng.dirichlet(np.ones(3), COUNT).T.astype(np.float32), rng.uniform(0, 5, (3, COUNT))
+    transition = rng.dirichlet(np.ones(3), 3).astype(np.float32)
+    now, begun, fresh = np.empty((3, COUNT), np.float32), np.empty((3, COUNT), np.float32), np.empty(COUNT, np.float32)
+    since = since.astype(np.float32)
+    kernels.colon.given_way(maps, since, transition, np.float32(6.0), now, begun, fresh)
+    told = transition.T @ maps
+    stayed = np.diag(transition)[:, None] * maps / told
+    np.testing.assert_allclose(now, told, rtol=1e-6)
+    np.testing.assert_allclose(begun, stayed * since + (1 - stayed) * 6.0, rtol=1e-5)
+    np.testing.assert_allclose(fresh, 1 - stayed[-1], atol=1e-6)
+
+
+def test_bulges_that_begin_are_mixed_in_by_their_moments() -> None:
+    rng = np.random.default_rng(2)
+    log_shapes = np.log(rng.dirichlet(np.ones(5), COUNT)).astype(np.float32)
+    heights, variances = rng.normal(40, 10, (COUNT, 4)), rng.uniform(20, 200, (COUNT, 4))
+    heights, variances = heights.astype(np.float32), variances.astype(np.float32)
+    fresh, begun = rng.uniform(0, 1, COUNT).astype(np.float32), np.log(rng.dirichlet(np.ones(5))).astype(np.float32)
+    old, new = (1 - fresh)[:, None] * np.exp(log_shapes), fresh[:, None] * np.exp(begun)
+    kept = (old / (old + new))[:, :-1]
+    mean = kept * heights + (1 - kept) * 30.0
+    second = kept * (variances + heights**2) + (1 - kept) * (100.0 + 30.0**2)
+    kernels.colon.bulges_given_way(log_shapes, heights, variances, fresh, begun, 30.0, 100.0, 4.0)
+    np.testing.assert_allclose(log_shapes, np.log(old + new), atol=2e-6)
+    np.testing.assert_allclose(heights, mean, rtol=1e-5)
+    np.testing.assert_allclose(variances, second - mean**2 + 4.0, rtol=1e-3)
+
+
+def test_maps_are_weighed_by_bayes_rule_and_one_that_is_impossible_stays_so() -> None:
+    rng = np.random.default_rng(3)
+    maps = rng.dirichlet(np.ones(3), COUNT).T.astype(np.float32)
+    maps[:, 0] = 0.0, 1.0, 0.0
+    ancestors = rng.permutation(COUNT).astype(np.int32)
+    likelihood = rng.normal(-300.0, 5.0, (3, COUNT)).astype(np.float32)
+    posterior, total = np.empty((3, COUNT), np.float32), np.empty(COUNT, np.float32)
+    kernels.colon.weighed(maps, ancestors, likelihood, posterior, total)
+    with np.errstate(divide="ignore"):
+        joint = np.log(maps[:, ancestors].astype(float)) + likelihood
+    np.testing.assert_allclose(total, np.logaddexp.reduce(joint, axis=0), rtol=1e-6)
+    np.testing.assert_allclose(posterior, np.exp(joint - np.logaddexp.reduce(joint, axis=0)), atol=1e-4)
+    assert posterior[:, ancestors == 0].ravel().tolist() == [0.0, 1.0, 0.0]
+
+
+def test_walls_are_expected_where_bulges_and_what_has_no_shape_together_put_them() -> None:
+    rng = np.random.default_rng(4)
+    held, unlisted = walls(rng), rng.dirichlet(np.ones(COUNT))
+    shares, heights = rng.dirichlet(np.ones(5), COUNT), rng.normal(40, 10, (COUNT, 4)).astype(np.float32)
+    shapes, out = rng.uniform(0.0, 1.0, (4, NODES)).astype(np.float32), np.empty(NODES)
+    log_shapes = np.log(shares).astype(np.float32)
+    kernels.colon.displaced(unlisted, log_shapes, heights, held.displacement, held.chances, shapes, out)
+    shapeless = np.where(held.chances > 0.5, (unlisted * shares[:, -1]) @ held.displacement, 0.0)
+    np.testing.assert_allclose(out, shapeless + unlisted @ (shares[:, :-1] * heights) @ shapes, rtol=1e-5)
+
+
+def test_the_bearable_share_of_a_likelihood_leaves_the_effective_particles_that_it_is_to_leave() -> None:
+    rng = np.random.default_rng(5)
+    log_weights, likelihood = np.zeros(200, np.float32), rng.normal(0.0, 30.0, 200).astype(np.float32)
+    share = kernels.colon.bearable(log_weights, likelihood, 1.0, 0.5)
+    weights = np.exp(share * likelihood.astype(float))
+    assert 0.0 < share < 1.0
+    assert weights.sum() ** 2 / np.sum(weights**2) == pytest.approx(100.0, rel=1e-3)
+    assert kernels.colon.bearable(log_weights, 0.001 * likelihood, 1.0, 0.5) == 1.0
+    assert kernels.colon.bearable(log_weights, 1e30 * likelihood, 1.0, 0.5) == 0.0

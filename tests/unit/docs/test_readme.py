@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import dynpf
+from docs.readme import README, printed_by_make_run, with_figures
 from dynpf.se2 import wrap_angle
 
 ROOT = Path(__file__).parents[3]
@@ -27,6 +28,11 @@ def test_the_filter_of_the_readme_follows_its_robot():
     # An arc of half a metre that turns by 0.1 rad.
     np.testing.assert_allclose(names["report"].estimate.mean, [0.499, 0.025, 0.1], atol=0.1)
     assert names["report"].n_eff > 10.0
+
+
+def test_the_readme_shows_what_its_first_command_prints():
+    page = README.read_text()
+    assert with_figures(page, printed_by_make_run()) == page, "make docs writes the figures anew"
 
 
 class Bearing(NamedTuple):

@@ -48,7 +48,7 @@ def test_the_bound_keeps_what_it_promises() -> None:
     """Of draws from a known distribution over k cells, about 1 - probability diverge by more than epsilon."""
     cells, epsilon, probability = 50, 0.05, 0.9
     count = math.ceil(kld_bound(cells, epsilon, NormalDist().inv_cdf(probability)))
-    shares = generator(1, "test", 0).multinomial(count, np.full(cells, 1.0 / cells), size=2000) / count
+    shares = np.random.default_rng(1).multinomial(count, np.full(cells, 1.0 / cells), size=2000) / count
     divergence = np.sum(np.where(shares > 0.0, shares * np.log(np.maximum(shares, 1e-9) * cells), 0.0), axis=1)
     assert np.mean(divergence > epsilon) == pytest.approx(1.0 - probability, abs=0.03)
 

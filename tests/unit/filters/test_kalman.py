@@ -5,6 +5,7 @@ import pytest
 
 from dynpf.filters import kalman
 from dynpf.filters.kalman import Gaussian
+from dynpf.portable import SingularMatrixError
 
 I2 = np.eye(2)
 
@@ -46,7 +47,7 @@ def test_what_is_not_observed_is_learnt_through_correlation():
 
 
 def test_a_singular_innovation_is_refused():
-    with pytest.raises(np.linalg.LinAlgError):
+    with pytest.raises(SingularMatrixError, match="no inverse"):
         kalman.update(Gaussian(np.zeros(2), np.zeros((2, 2))), np.ones(2), I2, np.zeros((2, 2)))
 
 

@@ -83,9 +83,10 @@ def write(
     close: bool = True,
     flush_every: int = 0,
     attachments: tuple[Attachment, ...] = (MAP,),
+    header: RunHeader = HEADER,
 ) -> Path:
     """Write what was sent; every ``flush_every`` messages a chunk ends."""
-    writer = RecordingWriter(path, HEADER, attachments)
+    writer = RecordingWriter(path, header, attachments)
     now = 0
     writer.flush_if_due(now)
     for number, (topic, envelope, payload) in enumerate(sent, 1):

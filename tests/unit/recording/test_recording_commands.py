@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
 import pytest
 from mcap.reader import make_reader
 
@@ -11,7 +12,7 @@ from protocol.envelope import Envelope
 from services.cli import diff, doctor, info, recover
 from services.errors import DynpfError
 from services.recording.doctor import Finding, Severity, examine
-from tests.unit.recording.recorded_runs import Sent, changed, lockstep, write
+from tests.unit.recording.recorded_runs import HEADER, Sent, changed, lockstep, write
 
 Run = Callable[..., tuple[int, str]]
 
@@ -43,6 +44,8 @@ def test_info(run: Run, tmp_path: Path) -> None:
     assert code == 0
     assert "Two nodes, seed 7" in printed
     assert summary["content_digest"] in printed
+    assert summary["platform_differs"] in printed
+    assert summary["platform_differs"].startswith("recorded with ")
 
 
 def test_info_tells_that_a_file_was_cut_off(run: Run, tmp_path: Path) -> None:
@@ -56,7 +59,7 @@ def test_info_tells_that_a_file_was_cut_off(run: Run, tmp_path: Path) -> None:
 def test_doctor_of_a_healthy_recording(run: Run, tmp_path: Path) -> None:
     path = write(tmp_path / "run.mcap", lockstep(5))
     assert run("doctor", path) == (0, f"{path}: whole and complete\n")
-    assert json.loads(run("doctor", path, "--json")[1]) == {"healthy": True, "findings": []}
+    assert json.loads(run("doctor", path, "--json")[1]) == {"healthy": True, "findings": [], "code": []}
 
 
 def without(sent: list[Sent], topic: str, sequence: int) -> list[Sent]:
@@ -146,6 +149,22 @@ def test_diff(run: Run, tmp_path: Path) -> None:
         "b": 0.6,
     }
     assert difference["counts"]["truth/robot"] == {"a": 5, "b": 5, "differ": 1}
+    assert difference["platform"] == ""
+
+
+def test_diff_tells_that_runs_of_one_scenario_were_made_on_different_platforms(run: Run, tmp_path: Path) -> None:
+    sent = lockstep(5)
+    other = changed(sent, "truth/robot", 2, lambda one: one._replace(payload=one.payload.replace(b"0.5", b"0.6")))
+    provenance = msgspec.structs.replace(HEADER.provenance, platform={"system": "Plan 9"})
+    header = msgspec.structs.replace(HEADER, provenance=provenance)
+    a, b = write(tmp_path / "a.mcap", sent), write(tmp_path / "b.mcap", other, header=header)
+    told = f"recorded with system Linux, {b} Plan 9; bytes should be the same all the same: please report"
+    assert told in run("diff", a, b)[1]
+    assert json.loads(run("diff", a, b, "--json")[1])["platform"].startswith(told)
+    elsewhere = write(tmp_path / "same.mcap", sent, header=header)
+    assert run("diff", a, elsewhere) == (0, "same: 15 messages\n")
+    another = msgspec.structs.replace(header, scenario='{"title": "Another"}')
+    assert "recorded with" not in run("diff", a, write(tmp_path / "c.mcap", other, header=another))[1]
 
 
 @pytest.mark.parametrize("command", ["info", "recover", "diff"])

@@ -1,6 +1,12 @@
+import json
+import os
+import re
 import resource
+import subprocess
+import sys
 from pathlib import Path
 
+import msgspec
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -14,7 +20,8 @@ from protocol.messages import Gap
 from protocol.schemas import json_schema
 from protocol.topics import TOPICS
 from services.recording.errors import RecordingError, RecordingExistsError
-from services.recording.provenance import code_digest, collect
+from services.recording.header import Provenance
+from services.recording.provenance import code_digest, collect, told_where_bytes_differ
 from services.recording.reader import load, read_recording
 from services.recording.recover import recover
 from services.recording.scan import Region, scan
@@ -226,5 +233,41 @@ def test_provenance_names_code_packages_and_platform() -> None:
     provenance = collect()
     assert provenance.code_digest == code_digest()
     assert {"mcap", "msgspec", "numpy"} <= provenance.packages.keys()
-    assert provenance.platform.keys() == {"system", "machine", "python", "numpy_simd", "opencv_simd"}
+    libraries = {"libm", "blas", "numpy_simd", "opencv_simd", "opencv_ipp", "numba_cpu"}
+    assert provenance.platform.keys() == {"system", "machine", "python"} | libraries
     assert all(provenance.platform.values())
+
+
+def test_provenance_names_what_chooses_kernels_by_the_environment() -> None:
+    told = "from services.recording.provenance import platform_fingerprint as f; import json; print(json.dumps(f()))"
+    chosen = {"OPENBLAS_CORETYPE": "Nehalem", "GLIBC_TUNABLES": "glibc.malloc.check=0", "NUMBA_CPU_NAME": "generic"}
+    ended = subprocess.run(
+        [sys.executable, "-c", told], env={**os.environ, **chosen}, capture_output=True, text=True, check=True
+    )
+    platform = json.loads(ended.stdout)
+    assert platform["libm"].endswith("with GLIBC_TUNABLES=glibc.malloc.check=0")
+    assert platform["numba_cpu"].startswith("generic")
+    if "x86_64" in platform["machine"]:
+        assert platform["blas"].endswith(" Nehalem")
+
+
+MADE = Provenance(dynpf_version="1", code_digest="c", packages={"numpy": "2.4"}, platform={"system": "X", "blas": "A"})
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({}, ""),
+        ({"code_digest": "d"}, ""),
+        ({"platform": {"system": "X", "blas": "A", "libm": "told only here"}}, ""),
+        ({"platform": {"system": "X", "blas": "B"}}, "recorded with BLAS A, here B; bytes should be .* please report"),
+        ({"platform": {"system": "X", "blas": "B"}, "code_digest": "d"}, "BLAS A, here B; .* code differs, too"),
+        ({"platform": {"system": "Y", "blas": "B"}}, "recorded with system X, here Y"),
+        ({"packages": {"numpy": "2.5"}, "platform": {"system": "Y"}}, "numpy 2.4, here 2.5; .* for equal versions"),
+        ({"packages": {}}, "numpy 2.4, here none"),
+    ],
+)
+def test_where_bytes_differ_the_first_difference_of_what_made_them_is_told(changes: dict, told: str) -> None:
+    found = told_where_bytes_differ(MADE, msgspec.structs.replace(MADE, **changes))
+    assert re.search(told, found)
+    assert bool(found) == bool(told)

@@ -1,14 +1,16 @@
 """Membership without a network: a scripted bus tells who appears, who goes, and what comes in between."""
 
 from collections import deque
+from contextlib import nullcontext
+from pathlib import Path
 
 import pytest
 
 from protocol.control import Recorded, Stop, encode_control
 from services.bus import ALIVE, CONTROL, DATA, READY, Arrival
-from services.errors import BrokenOffError
-from services.member import Member, StopSignal
-from services.scenario import load_scenario
+from services.errors import BrokenOffError, DynpfError
+from services.member import Member, StopSignal, join
+from services.scenario import load_scenario, resolved_json
 
 PEERS = ("sensors", "estimator", "controller", "recorder")
 
@@ -120,3 +122,49 @@ def test_somebody_may_ask_to_stop_and_garbage_is_not_heard(capsys: pytest.Captur
     take_all(one)
     assert one.stop_reason == "enough"
     assert "message refused" in capsys.readouterr().err
+
+
+class AnsweringBus(ScriptedBus):
+    """Gives one answer to whoever asks for the scenario."""
+
+    def __init__(self, answer: bytes) -> None:
+        super().__init__()
+        self.answer = answer
+
+    def ask(self, *_: object, **__: object) -> bytes:
+        return self.answer
+
+    def tokens(self, _key: str) -> list[str]:
+        return []
+
+    def wake(self) -> None: ...
+
+    subscribe = watch = ScriptedBus.declare
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        resolved_json(load_scenario("landmark-room"))
+        .replace('"kind":"arcs"', '"kind":"mark_of_a_stranger:X"')
+        .encode(),
+        b'{"map":{"kind":"bitmap","file":"/dev/zero"},"maps":["/etc/passwd"]}',
+        b"\xff\xfe",
+        b"no JSON",
+        b"[" * 100_000,
+        b'{"a":' * 900 + b"1" + b"}" * 900,
+    ],
+)
+def test_a_strangers_scenario_is_refused_and_nothing_that_it_names_is_touched(
+    answer: bytes, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    mark = tmp_path / "mark"
+    (tmp_path / "mark_of_a_stranger.py").write_text(f"open({str(mark)!r}, 'x').close()")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr("services.member.Bus.connect", lambda *_: nullcontext(AnsweringBus(answer)))
+    ours = load_scenario("landmark-room")
+    with pytest.raises(DynpfError, match=r"differs from the router's in|tells a scenario that cannot be read"):
+        join("estimator", ours, "tcp/127.0.0.1:1", StopSignal()).__enter__()
+    assert not mark.exists()
+    monkeypatch.setattr(AnsweringBus, "ask", lambda *_, **__: resolved_json(ours).encode())
+    join("estimator", ours, "tcp/127.0.0.1:1", StopSignal()).__enter__()  # the control: the same one is taken

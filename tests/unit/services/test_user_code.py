@@ -1,5 +1,6 @@
 """A user's own classes in a scenario: found, made, held to their part, and told when anything of that fails."""
 
+import contextlib
 import importlib
 import json
 import sys
@@ -17,7 +18,7 @@ from services.estimator.components import localizer_of, measurements_of, motion_
 from services.estimator.config import LocalizationConfig
 from services.maps import NO_MAPS, Maps
 from services.nodes import user_classes
-from services.scenario import Scenario, load_scenario, override_resolved, resolved_json
+from services.scenario import Scenario, load_scenario, override_resolved, resolved_json, with_user_code
 
 Modules = Callable[..., Path]
 MOTION = Arcs(ArcsParams())
@@ -45,8 +46,19 @@ DRIFT = """
             return particles + self.params.rate
 
     class Plain:
+        called = []
+
         def __init__(self, gain=1.0):
-            self.gain = gain
+            self.called.append(gain)
+
+    class Mover(Plain):
+        particles = propagate = lambda *_: None
+
+    class Strange(Mover):
+        Params = 3
+
+    class Idle(Mover):
+        uses = 3
 
     class Beacon:
         from dynpf.measurement.range_bearing import RangeBearingReadings as reading
@@ -98,6 +110,9 @@ def test_the_keys_of_the_table_are_the_parameters_of_the_class(modules: Modules)
     assert model.params.rate == 0.5
     assert '"motion":{"kind":"lab_a:Drift","rate":0.5}' in resolved_json(scenario)
     again = override_resolved(resolved_json(scenario), ["estimator.motion.rate=0.7"], "")
+    with pytest.raises(ScenarioError, match=r"did not come along; a recording runs no code .*: --allow-code lab_a$"):
+        user_classes(again)
+    again = with_user_code(again, "", ["lab_a"])
     model = motion_of(config(again), NO_MAPS, user_classes(again)).model
     assert model.params.rate == 0.7
 
@@ -127,9 +142,11 @@ def test_a_class_without_params_is_given_the_keys_and_what_it_uses_of_the_run(mo
         ("kind='lab_c:Drift', rate=-1.0", "estimator.motion.rate: expected `float` >= 0.0"),
         ("kind='lab_c:Drift', rat=1.0", "estimator.motion.rat: unknown key; lab_c:Drift knows rate"),
         (
-            "kind='lab_c:Plain', gian=1.0",
-            "estimator.motion.kind: 'lab_c:Plain' cannot be made of the table's keys: .*gian",
+            "kind='lab_c:Mover', gian=1.0",
+            "estimator.motion.kind: 'lab_c:Mover' cannot be made of the table's keys: .*gian",
         ),
+        ("kind='lab_c:Strange'", "'lab_c:Strange' has Params = 3; expected a msgspec struct, or no Params"),
+        ("kind='lab_c:Idle'", "'lab_c:Idle' has uses = 3; expected a tuple of names"),
         (
             "kind='lab_c:Plain'",
             "estimator.motion.kind: 'lab_c:Plain' lacks particles, propagate; expected a MotionModel, "
@@ -148,6 +165,15 @@ def test_what_does_not_fit_is_told_with_its_key(modules: Modules, table: str, to
         motion_of(config(scenario), NO_MAPS, user_classes(scenario))
 
 
+def test_a_class_is_called_only_if_it_has_the_methods_of_its_part(modules: Modules) -> None:
+    modules({"lab_l": DRIFT})
+    for name, calls in (("Plain", []), ("Mover", [2.0])):
+        scenario = with_motion(f"kind='lab_l:{name}', gain=2.0")
+        with contextlib.suppress(ScenarioError):
+            motion_of(config(scenario), NO_MAPS, user_classes(scenario))
+        assert sys.modules["lab_l"].Plain.called == calls
+
+
 @pytest.mark.parametrize(
     ("kind", "told"),
     [
@@ -155,11 +181,14 @@ def test_what_does_not_fit_is_told_with_its_key(modules: Modules, table: str, to
         ("no_such_lab.models:Drift", "there is no module 'no_such_lab' on the Python path; .*PYTHONPATH"),
         ("lab_f.models:Drift", "there is no module 'lab_f.models' on the Python path"),
         ("lab f:Drift", "estimator.motion.kind: 'lab f:Drift'; expected package.module:Name"),
-        ("sys:Drift", "'sys' has no source file"),
+        ("sys:Drift", "sys is a module of Python's own, which holds no component; it is not imported"),
+        ("this:Drift", "this is a module of Python's own"),
+        ("__main__:Drift", "__main__ is a module of Python's own"),
+        ("lab_k.models:Drift", r"the module cannot be imported: ZeroDivisionError: .*lab_k/__init__.py:1\)"),
     ],
 )
 def test_a_module_that_is_not_there_is_told_when_the_scenario_is_read(modules: Modules, kind: str, told: str) -> None:
-    modules({"lab_f/__init__": ""})
+    modules({"lab_f/__init__": "", "lab_k/__init__": "1 / 0"})
     with pytest.raises(ScenarioError, match=rf"landmark-room.toml: estimator.motion.kind: .*{told}|{told}"):
         with_motion(f"kind='{kind}'")
 
@@ -209,18 +238,23 @@ def test_a_run_with_a_users_model_replays_and_tells_when_the_model_has_changed(
     path = tmp_path / "run.mcap"
     words = ["--set", "max_ticks=12", "--set", "estimator.motion={kind='lab_i:Walk', step=0.01}"]
     assert main(["run", "landmark-room", "--runner", "inline", *words, "-o", str(path)]) == 0
-    assert main(["replay", str(path)]) == 0
+    assert main(["replay", str(path), "--allow-code", "lab_i"]) == 0
     assert "lab_i" not in capsys.readouterr().err
+    assert main(["replay", str(path)]) == 2
+    assert capsys.readouterr().err == (
+        f"dynpf replay: {path}: estimator.motion.kind: names the class Walk of the module lab_i, which did not come "
+        "along; a recording runs no code of your computer unless you allow it: --allow-code lab_i\n"
+    )
 
     modules({"lab_i": WALK.replace("self.step = step", "self.step = 2 * step")})
-    assert main(["replay", str(path), "--json"]) == 1
+    assert main(["replay", str(path), "--json", "--allow-code", "lab_i"]) == 1
     told = capsys.readouterr()
     assert "the module lab_i has changed since the run was recorded" in told.err
     assert json.loads(told.out)["first"]["node"] == "estimator"
 
     modules({"lab_i": ""})  # forgotten, too
     (tmp_path / "lab_i.py").unlink()
-    assert main(["replay", str(path)]) == 2
+    assert main(["replay", str(path), "--allow-code", "lab_i"]) == 2
     assert (
         "estimator.motion.kind: 'lab_i:Walk': there is no module 'lab_i' on the Python path" in capsys.readouterr().err
     )

@@ -1,0 +1,279 @@
+"""Finds arithmetic whose bits depend on the machine: `python -m checks.portable_code` prints each finding, exits 1.
+
+By allowing, not by forbidding: in all code that a node can reach, each name of numpy, cv2 and math that is used stands
+in one list with the reason why its bits are the same everywhere. What has no such reason has a counterpart in
+``dynpf.portable``. Also refused, wherever they stand: ``@``, powers but squares, ``sum`` of numbers that may be
+fractions (Python 3.12 compensates), sorting without kind="stable", complex numbers, casts from fractions to whole
+numbers without bounds, iteration over sets, fast-math.
+"""
+
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from checks.portable_names import CASTS, EXACT, METHODS
+from checks.pure_code import bindings, dotted
+
+__all__ = ["PORTABLE", "findings"]
+
+PORTABLE = (
+    "dynpf",
+    "protocol",
+    "services/capsule_scene.py",
+    "services/colon.py",
+    "services/faults.py",
+    "services/maps.py",
+    "services/node.py",
+    "services/steering.py",
+    "services/task.py",
+    "services/controller",
+    "services/estimator",
+    "services/importers",
+    "services/sensors",
+    "services/simulator",
+    "services/vision",
+)
+APART = ("dynpf/__init__.py", "dynpf/filters/smoothing.py", "dynpf/metrics/", "dynpf/reference/")
+"""What no node reaches, which is checked, too: measures of runs, smoothers, and the twins that kernels are held to."""
+
+MODULES = ("numpy", "cv2", "math", "cmath", "statistics", "random", "decimal", "scipy")
+_NAMES = {name for names in EXACT.values() for name in names}
+_INTEGERS = {
+    "int",
+    *(f"numpy.{kind}{bits}" for kind in ("int", "uint") for bits in (8, 16, 32, 64)),
+    *("numpy.intp", "numpy.int_", "numpy.integer"),
+}
+_SAFE_CASTS = {"no", "equiv", "safe", "same_kind"}
+_STABLE = {"numpy.sort", "numpy.argsort"}
+Finding = tuple[int, str]
+
+
+def findings(source: str, file: str) -> list[str]:
+    """Return one line for each thing that is not portable in the source of a file, named relative to the repository."""
+    tree = ast.parse(source, file)
+    bound = bindings(tree) | _aliases(tree, bindings(tree))
+    in_kernel = file.startswith("dynpf/kernels/")
+    found = {
+        *_names(tree, bound, in_kernel),
+        *_operators(tree),
+        *_calls(tree, bound),
+        *_casts(tree, bound, file, in_kernel),
+        *_sets(tree),
+        *_imports(tree),
+    }
+    return [f"{file}:{line}: {what}" for line, what in sorted(found)]
+
+
+def _aliases(tree: ast.AST, bound: dict[str, str]) -> dict[str, str]:
+    """Map names that a module gives to types, such as ``_f = np.float32``, to what they stand for."""
+    found = {}
+    for node in ast.walk(tree):
+        match node:
+            case ast.Assign(targets=[target], value=value):
+                pairs = [(target, value)]
+                if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
+                    pairs = list(zip(target.elts, value.elts, strict=False))
+                for name, meant in pairs:
+                    root, *rest = dotted(meant)
+                    if isinstance(name, ast.Name) and root in bound:
+                        found[name.id] = ".".join((bound[root], *rest))
+    return found
+
+
+def _names(tree: ast.AST, bound: dict[str, str], in_kernel: bool) -> Iterator[Finding]:
+    inner = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Attribute | ast.Name) or not isinstance(node.ctx, ast.Load) or id(node) in inner:
+            continue
+        root, *rest = dotted(node)
+        if isinstance(node, ast.Attribute) and node.attr in METHODS and root not in bound:
+            yield node.lineno, f".{node.attr}: {METHODS[node.attr]}"
+        name = ".".join((bound.get(root, ""), *rest))
+        if name.partition(".")[0] not in MODULES:
+            continue
+        if name not in _NAMES:
+            yield node.lineno, f"{name}: its bits are not known to be the same on every machine; see dynpf.portable"
+        elif in_kernel and name.startswith("math."):
+            yield (
+                node.lineno,
+                f"{name}: in kernels NumPy's name is meant, which numba makes the processor's own operation",
+            )
+
+
+def _operators(tree: ast.AST) -> Iterator[Finding]:
+    for node in ast.walk(tree):
+        match node:
+            case ast.BinOp(op=ast.MatMult()) | ast.AugAssign(op=ast.MatMult()):
+                yield node.lineno, "@: BLAS sums in an order of its own; take dynpf.portable.product"
+            case ast.BinOp(left=base, op=ast.Pow(), right=exponent):
+                if not (_literal(exponent, 2) or _literal(base, 2) or (_number(base) and _number(exponent))):
+                    yield node.lineno, "**: only a square is exact; multiply, or take dynpf.portable.power"
+            case ast.AugAssign(op=ast.Pow(), value=exponent) if not _literal(exponent, 2):
+                yield node.lineno, "**=: only a square is exact; multiply, or take dynpf.portable.power"
+            case ast.Constant(value=complex()):
+                yield (
+                    node.lineno,
+                    "a complex number: products of such are rounded once or twice, as the processor has it",
+                )
+
+
+def _calls(tree: ast.AST, bound: dict[str, str]) -> Iterator[Finding]:
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call):
+            continue
+        keywords = {keyword.arg: keyword.value for keyword in node.keywords}
+        for flag in ("fastmath", "parallel"):
+            if flag in keywords:
+                yield node.lineno, f"{flag}: may change the order of operations"
+        root, *rest = dotted(node.func)
+        name = ".".join((bound.get(root, root), *rest))
+        sorts = name in _STABLE or (isinstance(node.func, ast.Attribute) and node.func.attr == "argsort")
+        if sorts and not _literal(keywords.get("kind"), "stable"):
+            yield node.lineno, 'sorting without kind="stable": the order of equal values is the processor\'s'
+        if name == "sum" and node.args and not _whole(node.args[0]):
+            yield (
+                node.lineno,
+                "sum: Python 3.12 adds fractions otherwise; take math.fsum, numpy.sum, or int(...) of whole ones",
+            )
+        if name == "numpy.arange" and any(_fraction(argument) for argument in node.args):
+            yield node.lineno, "numpy.arange of fractions: rounded once or twice; multiply whole numbers instead"
+        if name in {"complex", "numpy.vectorize"}:
+            yield node.lineno, f"{name}: is not known to give the same bits on every machine"
+
+
+def _casts(tree: ast.AST, bound: dict[str, str], file: str, in_kernel: bool) -> Iterator[Finding]:
+    """Find casts to whole numbers: out of range, and of NaN, each processor has its own answer."""
+    for function, node in _within_functions(tree):
+        if not isinstance(node, ast.Call):
+            continue
+        keywords = {keyword.arg: keyword.value for keyword in node.keywords}
+        if isinstance(node.func, ast.Attribute) and node.func.attr == "astype" and node.args:
+            safe = any(_literal(keywords.get("casting"), casting) for casting in _SAFE_CASTS)
+            if _type(node.args[0], bound) in _INTEGERS and not safe:
+                yield (
+                    node.lineno,
+                    'astype to whole numbers: take dynpf.portable.whole, or casting="same_kind" of whole ones',
+                )
+        kind = _type(node.func, bound)
+        if kind in _INTEGERS - {"int"} and node.args and not _number(node.args[0]) and (file, function) not in CASTS:
+            yield node.lineno, f"{kind}(...) in {function}: bound it, and give the reason in checks/portable_names.py"
+        if in_kernel and kind == "int" and node.args and not _number(node.args[0]) and (file, function) not in CASTS:
+            yield node.lineno, f"int(...) in {function}: bound it, and give the reason in checks/portable_names.py"
+
+
+def _sets(tree: ast.AST) -> Iterator[Finding]:
+    """Find where the order of a set, which differs between processes, can come to light."""
+    named = {
+        target.id
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Assign) and _is_set(node.value, frozenset())
+        for target in node.targets
+        if isinstance(target, ast.Name)
+    }
+    for node in ast.walk(tree):
+        match node:
+            case ast.For(iter=source) | ast.comprehension(iter=source):
+                ordered = [source]
+            case ast.Call(func=ast.Name(id="list" | "tuple" | "enumerate" | "iter" | "next"), args=[source, *_]):
+                ordered = [source]
+            case ast.Starred(value=source):
+                ordered = [source]
+            case _:
+                continue
+        for source in ordered:
+            if _is_set(source, frozenset(named)):
+                yield source.lineno, "the order of a set differs between processes: take sorted(...)"
+
+
+def _imports(tree: ast.AST) -> Iterator[Finding]:
+    apart = tuple(name.removesuffix(".py").replace("/", ".") for name in APART if "__init__" not in name)
+    for node in ast.walk(tree):
+        match node:
+            case ast.ImportFrom(module=str(module), names=aliases):
+                names = [f"{module}.{alias.name}" for alias in aliases]
+            case ast.Import(names=aliases):
+                names = [alias.name for alias in aliases]
+            case _:
+                continue
+        for name in names:
+            if name.startswith(apart):
+                yield node.lineno, f"{name}: is not held to be portable; a node may not reach it"
+
+
+def _within_functions(tree: ast.AST, function: str = "") -> Iterator[tuple[str, ast.AST]]:
+    for node in ast.iter_child_nodes(tree):
+        inside = node.name if isinstance(node, ast.FunctionDef) and not function else function
+        yield inside, node
+        yield from _within_functions(node, inside)
+
+
+def _type(node: ast.expr, bound: dict[str, str]) -> str:
+    root, *rest = dotted(node)
+    return ".".join((bound.get(root, root), *rest))
+
+
+def _whole(node: ast.expr) -> bool:
+    """Return whether a sum's terms are whole numbers as they stand: counts, lengths, truth values."""
+    if isinstance(node, ast.GeneratorExp | ast.ListComp):
+        return _whole(node.elt)
+    match node:
+        case ast.Constant(value=int()) | ast.Compare() | ast.UnaryOp(op=ast.Not()):
+            return True
+        case ast.Call(func=ast.Name(id="int" | "len" | "bool" | "isinstance")):
+            return True
+        case ast.BinOp(left=left, right=right, op=ast.Add() | ast.Sub() | ast.Mult()):
+            return _whole(left) and _whole(right)
+    return False
+
+
+def _is_set(node: ast.expr, named: frozenset[str]) -> bool:
+    match node:
+        case ast.Set() | ast.SetComp():
+            return True
+        case ast.Call(func=ast.Name(id="set" | "frozenset")):
+            return True
+        case ast.Call(func=ast.Attribute(attr="union" | "intersection" | "difference" | "symmetric_difference")):
+            return True
+        case ast.BinOp(left=left, right=right, op=ast.BitOr() | ast.BitAnd() | ast.Sub() | ast.BitXor()):
+            return _is_set(left, named) or _is_set(right, named)
+        case ast.Name(id=name):
+            return name in named
+    return False
+
+
+def _literal(node: ast.expr | None, value: object) -> bool:
+    return isinstance(node, ast.Constant) and node.value == value
+
+
+def _number(node: ast.expr) -> bool:
+    if isinstance(node, ast.UnaryOp | ast.BinOp):
+        return all(_number(part) for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr))
+    return isinstance(node, ast.Constant)
+
+
+def _fraction(node: ast.expr) -> bool:
+    return any(
+        (isinstance(part, ast.Constant) and isinstance(part.value, float))
+        or (isinstance(part, ast.BinOp) and isinstance(part.op, ast.Div))
+        for part in ast.walk(node)
+    )
+
+
+def main() -> int:
+    root = Path(__file__).parents[1]
+    paths = [
+        path for name in PORTABLE for path in ([root / name] if name.endswith(".py") else (root / name).rglob("*.py"))
+    ]
+    files = {path.relative_to(root).as_posix(): path for path in sorted(paths)}
+    checked = {name: path for name, path in files.items() if not name.startswith(APART)}
+    found = [line for name, path in checked.items() for line in findings(path.read_text(), name)]
+    print(
+        "\n".join(found) or f"Portable code: {len(checked)} files, nothing that depends on the machine.",
+        file=sys.stderr if found else sys.stdout,
+    )
+    return bool(found)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

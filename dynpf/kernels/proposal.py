@@ -1,0 +1,203 @@
+"""The Gaussian that readings leave of the motion's noise, one a particle: its precision, its draws, and their weights.
+
+Arrays have the particles last, so that loops over a block of them become vectors; matrices are small. All is float64.
+"""
+
+import numpy as np
+
+from dynpf.kernels.compiler import device, kernel
+from dynpf.kernels.elementary64 import log
+from dynpf.kernels.philox import BLOCK
+
+__all__ = ["add_reading", "draw", "roots"]
+
+_ROUNDING = 1e-12
+"""Share of its own variance below which a pivot is rounding: the direction is a combination of those before it."""
+
+
+@device
+def _subtract_product(first, second, out):
+    for p in range(out.size):
+        out[p] -= first[p] * second[p]
+
+
+@device
+def _add_product(first, second, out):
+    for p in range(out.size):
+        out[p] += first[p] * second[p]
+
+
+@device
+def _add_multiple(factor, values, out):
+    for p in range(out.size):
+        out[p] += factor * values[p]
+
+
+@device
+def _fill(value, out):
+    for p in range(out.size):
+        out[p] = value
+
+
+@device
+def _copy(values, out):
+    for p in range(out.size):
+        out[p] = values[p]
+
+
+@device
+def _add_constant(value, out):
+    for p in range(out.size):
+        out[p] += value
+
+
+@device
+def _lower_by_half(first, second, out):
+    for p in range(out.size):
+        out[p] -= 0.5 * (first[p] * second[p])
+
+
+@device
+def _divide(divisor, out):
+    for p in range(out.size):
+        out[p] /= divisor[p]
+
+
+@device
+def _add(first, second, out):
+    for p in range(out.size):
+        out[p] = first[p] + np.float64(second[p])
+
+
+@device
+def _add_log(values, out):
+    for p in range(out.size):
+        out[p] += log(values[p])
+
+
+@device
+def _add_half_difference(first, second, out):
+    """Add half the difference of squares."""
+    for p in range(out.size):
+        one = np.float64(first[p])
+        out[p] += 0.5 * (one * one - second[p] * second[p])
+
+
+@device
+def _subtract(values, out):
+    for p in range(out.size):
+        out[p] -= values[p]
+
+
+@device
+def _divide_by_root(pivot, own, out):
+    """Divide by the root of the pivots; zero where a pivot is a rounding of its own element of the diagonal."""
+    for p in range(out.size):
+        flat = pivot[p] <= _ROUNDING * max(own[p], 0.0)
+        out[p] = 0.0 if flat else out[p] / np.sqrt(1.0 if flat else pivot[p])
+
+
+@device
+def _root(matrices, pivot, out):
+    """Fill ``out`` (D, D, n) with lower triangular L, L L^T = A of positive semi-definite ``matrices`` (D, D, n)."""
+    size = len(matrices)
+    for j in range(size):
+        for i in range(j):
+            _fill(0.0, out[i, j])
+        for i in range(j, size):
+            _copy(matrices[i, j], out[i, j])
+            for k in range(j):
+                _subtract_product(out[i, k], out[j, k], out[i, j])
+        _copy(out[j, j], pivot)
+        for i in range(j, size):
+            _divide_by_root(pivot, matrices[j, j], out[i, j])
+
+
+@kernel
+def roots(matrices, out):
+    """Fill ``out`` (D, D, N) with lower triangular L, L L^T = A of positive semi-definite ``matrices`` (D, D, N).
+
+    Columns of directions without variance are zero.
+    """
+    count = matrices.shape[2]
+    pivot = np.empty(BLOCK)
+    for start in range(0, count, BLOCK):
+        stop = min(start + BLOCK, count)
+        _root(matrices[:, :, start:stop], pivot[: stop - start], out[:, :, start:stop])
+
+
+@kernel
+def add_reading(root, jacobian, innovation, information, log_peak, precision, pull, log_density):
+    """Add what a reading tells of the standard normal noise e of a motion f + L e.
+
+    Of ``root`` L (D, D, N) lower triangular, ``jacobian`` H (M, D, N), ``innovation`` v (M, N) and ``information``
+    R^-1 (M, M): A^T R^-1 A with A = H L to ``precision`` (D, D, N), A^T R^-1 v to ``pull`` (D, N), and
+    ``log_peak`` - v^T R^-1 v / 2 to ``log_density`` (N,).
+    """
+    rows, size, count = jacobian.shape
+    slope = np.empty((rows, size, BLOCK))
+    mixed = np.empty(BLOCK)
+    for start in range(0, count, BLOCK):
+        stop = min(start + BLOCK, count)
+        n = stop - start
+        _add_constant(log_peak, log_density[start:stop])
+        for m in range(rows):
+            for e in range(size):
+                along = slope[m, e, :n]
+                _fill(0.0, along)
+                for d in range(e, size):
+                    _add_product(jacobian[m, d, start:stop], root[d, e, start:stop], along)
+        for m in range(rows):
+            _fill(0.0, mixed[:n])
+            for k in range(rows):
+                if information[m, k] != 0.0:
+                    _add_multiple(information[m, k], innovation[k, start:stop], mixed[:n])
+            _lower_by_half(innovation[m, start:stop], mixed[:n], log_density[start:stop])
+            for e in range(size):
+                _add_product(slope[m, e, :n], mixed[:n], pull[e, start:stop])
+            for e in range(size):
+                _fill(0.0, mixed[:n])
+                for k in range(rows):
+                    if information[m, k] != 0.0:
+                        _add_multiple(information[m, k], slope[k, e, :n], mixed[:n])
+                for d in range(size):
+                    _add_product(slope[m, d, :n], mixed[:n], precision[d, e, start:stop])
+
+
+@kernel
+def draw(expected, root, precision, pull, standard, drawn, gain, log_determinant, log_ratio):
+    """Fill ``drawn`` (D, N) with f + L e of ``expected`` f (D, N) and ``root`` L (D, D, N), e drawn from the Gaussian
+    of ``precision`` P (D, D, N) and mean P^-1 b, ``pull`` b (D, N), by standard normal numbers (D, N), float32.
+
+    Fills, each (N,), ``gain`` with b^T P^-1 b, ``log_determinant`` with 0.5 log det P, and ``log_ratio`` with the
+    log-density of e as the motion has it, less that which it was drawn from.
+    """
+    size, count = expected.shape
+    lower, pivot = np.empty((size, size, BLOCK)), np.empty(BLOCK)
+    whitened, noise = np.empty((size, BLOCK)), np.empty((size, BLOCK))
+    for start in range(0, count, BLOCK):
+        stop = min(start + BLOCK, count)
+        n = stop - start
+        _root(precision[:, :, start:stop], pivot[:n], lower[:, :, :n])
+        squared, logs, ratio = gain[start:stop], log_determinant[start:stop], log_ratio[start:stop]
+        _fill(0.0, squared)
+        _fill(0.0, logs)
+        _fill(0.0, ratio)
+        for i in range(size):
+            _copy(pull[i, start:stop], whitened[i, :n])
+            for k in range(i):
+                _subtract_product(lower[i, k, :n], whitened[k, :n], whitened[i, :n])
+            _divide(lower[i, i, :n], whitened[i, :n])
+            _add_product(whitened[i, :n], whitened[i, :n], squared)
+            _add_log(lower[i, i, :n], logs)
+        for i in range(size - 1, -1, -1):
+            _add(whitened[i, :n], standard[i, start:stop], noise[i, :n])
+            for k in range(i + 1, size):
+                _subtract_product(lower[k, i, :n], noise[k, :n], noise[i, :n])
+            _divide(lower[i, i, :n], noise[i, :n])
+        for i in range(size):
+            _add_half_difference(standard[i, start:stop], noise[i, :n], ratio)
+            _copy(expected[i, start:stop], drawn[i, start:stop])
+            for k in range(i + 1):
+                _add_product(root[i, k, start:stop], noise[k, :n], drawn[i, start:stop])
+        _subtract(logs, ratio)
