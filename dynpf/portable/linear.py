@@ -40,7 +40,7 @@ def dot(left: ArrayLike, right: ArrayLike) -> float:
 def norm(vectors: ArrayLike, axis: int | None = None) -> Any:
     """Return the Euclidean length of a vector, or of all vectors along an axis."""
     values = np.asarray(vectors, dtype=np.float64)
-    length = np.sqrt(np.sum(values * values, axis=axis))
+    length = np.sqrt((values * values).sum(axis=axis))
     return float(length) if axis is None else length
 
 

@@ -179,7 +179,7 @@ def test_a_photograph_of_sweets(turn: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_finds_the_discs_of_drawn_scenes_and_invents_none(kind: str) -> None:
-    scenes = [draw_scene(kind, 3, number) for number in range(5)]
+    scenes = [draw_scene(kind, 4, number) for number in range(5)]
     scores = [score(scene, detect_discs(scene.image, DetectionParams())) for scene in scenes]
     found = np.concatenate([one.found for one in scores])
     errors = np.concatenate([one.centre_error_px for one in scores])[found]
