@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.maps.occupancy import OccupancyGrid
-from dynpf.portable import cos, exp, hypot, sin
+from dynpf.portable import cos, exp, hypot, sin, whole
 from dynpf.rng import Draws, generator
 from dynpf.se2 import FloatArray
 
@@ -27,6 +27,7 @@ UNIT = 30.0
 
 _SPACING = 3.0  # px along the centre line
 _SUBPIXEL_BITS = 4
+_FARTHEST = 2**24  # where a wall may be, in parts of a pixel
 _WALL_OFF = 80.0  # px from the centre line, about
 # Where the centre line begins, turns upwards, and ends; the path goes along y = 370 and turns at x = 820.
 _LEFT, _AXIS, _BEND, _BEND_RADIUS, _TOP = 60.0, 370.0, 740.0, 85.0, 575.0
@@ -93,7 +94,7 @@ class Tube(NamedTuple):
         kept = slice(0, int(straight))
         strip = _strip(self.centre[:, kept], self.left[kept], self.right[kept])
         disc = np.zeros_like(strip)
-        centre = np.rint(np.array([end.x, end.y]) * 2**_SUBPIXEL_BITS).astype(int).tolist()
+        centre = [round(place * 2**_SUBPIXEL_BITS) for place in (end.x, end.y)]
         cv2.circle(disc, centre, round(end.radius * 2**_SUBPIXEL_BITS), 1, -1, cv2.LINE_8, _SUBPIXEL_BITS)
         return _grid(strip | disc)
 
@@ -131,7 +132,8 @@ def _centre_line(bow: float, waves: float, phase: float) -> FloatArray:
 
 def _steps(start: float, end: float, step: float) -> FloatArray:
     """Return numbers from ``start`` on, ``step`` apart, up to before ``end``."""
-    return start + step * np.arange(math.ceil((end - start) / step)).astype(np.float64)
+    count = math.ceil((end - start) / step)
+    return start + step * np.arange(count).astype(np.float64)
 
 
 def _between(place: float, places: FloatArray, values: FloatArray) -> float:
@@ -182,7 +184,7 @@ def _strip(centre: FloatArray, left: FloatArray, right: FloatArray) -> NDArray[n
     """Return 1 where a pixel lies between the walls, uint8 (H, W): quadrilaterals between neighbouring points."""
     normal = _normals(centre)
     walls = np.stack((centre + left * normal, centre - right * normal))
-    corners = np.rint(walls * 2**_SUBPIXEL_BITS).astype(np.int32)
+    corners = whole(np.rint(walls * 2**_SUBPIXEL_BITS), -_FARTHEST, _FARTHEST).astype(np.int32, casting="same_kind")
     strip = np.zeros((HEIGHT, WIDTH), dtype=np.uint8)
     for i in range(centre.shape[1] - 1):
         quad = np.stack((corners[0, :, i], corners[0, :, i + 1], corners[1, :, i + 1], corners[1, :, i]))

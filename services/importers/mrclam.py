@@ -202,10 +202,12 @@ def parse_mrclam(
         references=len(truth),
         landmarks=len(landmarks),
         robot_readings=sum(row.place is not None for row in known),
-        dropped_robots=sum(row.subject in ROBOTS and row.subject not in mapped and row.place is None for row in known),
+        dropped_robots=sum(
+            int(row.subject in ROBOTS and row.subject not in mapped and row.place is None) for row in known
+        ),
         dropped_unknown_barcodes=sum(row.subject is None for row in known),
         dropped_unmapped=sum(
-            row.subject is not None and row.subject not in ROBOTS and row.subject not in mapped for row in known
+            int(row.subject is not None and row.subject not in ROBOTS and row.subject not in mapped) for row in known
         ),
         clock_backwards=late,
         reference_gaps=tuple(_since(start, first, last) for first, last in gaps),
@@ -355,7 +357,9 @@ def _checked(references: Sequence[Record], odometry: Sequence[Record]) -> tuple[
         Record("log/truth", record.stamp_ns, msgspec.structs.replace(pose, heading_valid=False) if bad else pose)
         for record, pose, bad in zip(references, poses, faulty.tolist(), strict=True)
     ]
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], faulty, [False]]).astype(np.int8))).tolist()
+    edges = np.flatnonzero(
+        np.diff(np.concatenate([[False], faulty, [False]]).astype(np.int8, casting="same_kind"))
+    ).tolist()
     faults = [
         (references[a].stamp_ns, references[b - 1].stamp_ns) for a, b in zip(edges[::2], edges[1::2], strict=True)
     ]

@@ -240,7 +240,7 @@ def _map(bag: Bag, losses: Losses) -> tuple[Attachment, ...]:
 
 def _records(path: Path, plan: _Plan, choice: BagChoice, losses: Losses) -> Iterator[Record]:
     with open_bag(path, TYPES) as bag:
-        topics = {plan.scan, plan.truth} | (set(plan.transforms) if plan.odometry == TF else {plan.odometry})
+        topics = (plan.scan, plan.truth, *(plan.transforms if plan.odometry == TF else (plan.odometry,)))
         order = Reorder(losses)
         reader = _Reader(plan, choice, losses)
         for message in bag.messages([one for one in topics if one is not None], losses):
