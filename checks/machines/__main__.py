@@ -14,7 +14,7 @@ from checks.machines.interpreters import EMULATED, emulated, further_pythons
 from checks.machines.jobs import LOGS, REFERENCE, chosen
 from checks.machines.report import Row, details, row_of, table, verdict
 from checks.machines.runs import Difference, Outcome, compared, differences, processor, run
-from checks.machines.settings import DEFAULT, Setting, processor_settings, python_settings
+from checks.machines.settings import DEFAULT, Processor, Setting, processor_settings, python_settings
 from checks.machines.worker import Done
 from services.errors import UsageError
 from services.recording.reader import read_recording
@@ -45,12 +45,7 @@ def _matrix(machine: str | None, model: str, jobs: Sequence[str], names: tuple[s
         raise UsageError(f"the default run failed: {default.failure}; {default.folder / 'stderr.txt'} tells more")
     rows = [row_of(default, default._replace(setting=RECORDED), _against_recordings(default))]
     if machine is None:
-        settings = [*processor_settings(processor(default.told)), *python_settings(further_pythons())]
-        unknown = [name for name in names if not any(one.name.startswith(name) for one in settings)]
-        if unknown:
-            known = ", ".join(one.name for one in settings)
-            raise UsageError(f"no setting begins with {', '.join(unknown)}; settings here: {known}")
-        settings = [one for one in settings if not names or one.name.startswith(names)]
+        settings = _settings(processor(default.told), names)
     else:
         other = emulated(machine, model)
         settings = [Setting(other.name, {}, PROCESSOR, other, other.kernels)]
@@ -60,6 +55,21 @@ def _matrix(machine: str | None, model: str, jobs: Sequence[str], names: tuple[s
         if not rows[-1].different:
             shutil.rmtree(outcome.folder)
     return _report(rows, default)
+
+
+def _settings(here: Processor, names: tuple[str, ...]) -> list[Setting]:
+    """Return the settings whose names begin with one of ``names``, all if there is none; raises UsageError."""
+    known = list(processor_settings(here))
+    if not names or _unknown(names, known):  # further Pythons may have to be downloaded
+        known += python_settings(further_pythons())
+    if unknown := _unknown(names, known):
+        told = ", ".join(one.name for one in known)
+        raise UsageError(f"no setting begins with {', '.join(unknown)}; settings here: {told}")
+    return [one for one in known if not names or one.name.startswith(names)]
+
+
+def _unknown(names: tuple[str, ...], settings: Sequence[Setting]) -> list[str]:
+    return [name for name in names if not any(one.name.startswith(name) for one in settings)]
 
 
 def _run(setting: Setting, jobs: Sequence[str], folder: Path) -> Outcome:
@@ -72,9 +82,9 @@ def _run(setting: Setting, jobs: Sequence[str], folder: Path) -> Outcome:
 
 
 def _against_recordings(default: Outcome) -> list[Difference]:
-    """Return the references that the default run itself does not reproduce."""
-    found = []
-    for job in (name for name in default.done if name.startswith(REFERENCE)):
+    """Return the jobs in which the default run failed, and the references that it does not reproduce."""
+    found = [Difference(job, (), done.error) for job, done in default.done.items() if done.error]
+    for job in (name for name, done in default.done.items() if name.startswith(REFERENCE) and done.digest):
         recorded = CHECKOUT / "recordings" / f"{job.removeprefix(REFERENCE)}.mcap"
         if recorded.is_file():
             one = compared(job, read_recording(recorded), read_recording(default.folder / f"{job}.mcap"))
