@@ -2,7 +2,7 @@
 
 By allowing, not by forbidding: in all code that a node can reach, each name of numpy, cv2 and math that is used stands
 in one list with the reason why its bits are the same everywhere. What has no such reason has a counterpart in
-``dynpf.portable``. Also refused, wherever they stand: ``@``, powers but squares, ``sum`` of numbers that may be
+``dynpf.portable``. Also refused, wherever they stand: ``@``, powers, ``sum`` of numbers that may be
 fractions (Python 3.12 compensates), sorting without kind="stable", complex numbers, casts from fractions to whole
 numbers without bounds, iteration over sets, fast-math.
 """
@@ -56,7 +56,7 @@ def findings(source: str, file: str) -> list[str]:
     in_kernel = file.startswith("dynpf/kernels/")
     found = {
         *_names(tree, bound, in_kernel),
-        *_operators(tree),
+        *_operators(tree, in_kernel),
         *_calls(tree, bound),
         *_casts(tree, bound, file, in_kernel),
         *_sets(tree),
@@ -101,16 +101,17 @@ def _names(tree: ast.AST, bound: dict[str, str], in_kernel: bool) -> Iterator[Fi
             )
 
 
-def _operators(tree: ast.AST) -> Iterator[Finding]:
+def _operators(tree: ast.AST, in_kernel: bool) -> Iterator[Finding]:
     for node in ast.walk(tree):
         match node:
             case ast.BinOp(op=ast.MatMult()) | ast.AugAssign(op=ast.MatMult()):
                 yield node.lineno, "@: BLAS sums in an order of its own; take dynpf.portable.product"
             case ast.BinOp(left=base, op=ast.Pow(), right=exponent):
-                if not (_literal(exponent, 2) or _literal(base, 2) or (_number(base) and _number(exponent))):
-                    yield node.lineno, "**: only a square is exact; multiply, or take dynpf.portable.power"
-            case ast.AugAssign(op=ast.Pow(), value=exponent) if not _literal(exponent, 2):
-                yield node.lineno, "**=: only a square is exact; multiply, or take dynpf.portable.power"
+                square = in_kernel and _literal(exponent, 2)  # which numba multiplies
+                if not (square or _literal(base, 2) or (_number(base) and _number(exponent))):
+                    yield node.lineno, "**: a number's square, too, comes from the C library; multiply, or numpy.square"
+            case ast.AugAssign(op=ast.Pow()):
+                yield node.lineno, "**=: a number's square, too, comes from the C library; multiply, or numpy.square"
             case ast.Constant(value=complex()):
                 yield (
                     node.lineno,

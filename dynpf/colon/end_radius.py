@@ -124,6 +124,6 @@ class EndRadius:
     def _finding(self, cloud: Cloud, before: float) -> RadiusFinding:
         weights, radius = cloud.weights.astype(np.float64), cloud.particles[3]
         mean = float(np.sum(weights * radius))
-        deviation = math.sqrt(float(np.sum(weights * (radius - mean) ** 2)))
+        deviation = math.sqrt(float(np.sum(weights * np.square(radius - mean))))
         changed = float(np.sum(weights[np.abs(radius - before) > self.NOTABLE]))
         return RadiusFinding(dominant_mode(cloud).mean, mean, deviation, changed)

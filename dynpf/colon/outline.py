@@ -85,7 +85,7 @@ class Tube(NamedTuple):
             along_wall = _along(wall)
             away = along_wall - _between(bulge.place, along, along_wall)
             side = left if bulge.left else right
-            side += bulge.size * exp(-0.5 * (away / bulge.width) ** 2)
+            side += bulge.size * exp(-0.5 * np.square(away / bulge.width))
         return _grid(_strip(self.centre, left, right))
 
     def round_ended(self, end: RoundEnd) -> OccupancyGrid:
@@ -122,7 +122,7 @@ def tube(family: Family, seed: int) -> Tube:
 def _centre_line(bow: float, waves: float, phase: float) -> FloatArray:
     """Return points (2, M) along the axis, slightly bowed, around the bend, and up."""
     x = _steps(_LEFT, _BEND, _SPACING)
-    fade = np.clip((_BEND - x) / 120.0, 0.0, 1.0) ** 2 * (3.0 - 2.0 * np.clip((_BEND - x) / 120.0, 0.0, 1.0))
+    fade = np.square(np.clip((_BEND - x) / 120.0, 0.0, 1.0)) * (3.0 - 2.0 * np.clip((_BEND - x) / 120.0, 0.0, 1.0))
     straight = np.stack((x, _AXIS + bow * fade * sin(waves * np.pi * (x - _LEFT) / (_BEND - _LEFT) + phase)))
     angle = _steps(0.0, 0.5 * np.pi, _SPACING / _BEND_RADIUS)
     bend = np.stack((_BEND + _BEND_RADIUS * sin(angle), _AXIS + _BEND_RADIUS * (1.0 - cos(angle))))
@@ -160,7 +160,7 @@ def _normals(line: FloatArray) -> FloatArray:
 
 def _folds(along: FloatArray, period: float, start: float, depth: float) -> FloatArray:
     distance = (along - start + 0.5 * period) % period - 0.5 * period
-    return depth * exp(-0.5 * (distance / 9.0) ** 2)
+    return depth * exp(-0.5 * np.square(distance / 9.0))
 
 
 def _waves(along: FloatArray, random: Draws) -> FloatArray:
@@ -176,7 +176,7 @@ def _waves(along: FloatArray, random: Draws) -> FloatArray:
 def _cap(along: FloatArray, half: float) -> FloatArray:
     """Return the factor that rounds both ends."""
     to_end = np.minimum(along, along[-1] - along).clip(max=half) / half
-    cap: FloatArray = np.sqrt(1.0 - (1.0 - to_end) ** 2)
+    cap: FloatArray = np.sqrt(1.0 - np.square(1.0 - to_end))
     return cap
 
 

@@ -107,7 +107,7 @@ def _alike(ring: _Ring, positions: NDArray[np.float64] | NDArray[np.int64], leng
     """Return a bell (P, J) of the distances along a ring between positions (P,), in nodes, and its nodes."""
     steps = np.abs(positions[:, None] - np.arange(ring.nodes))
     distance = np.minimum(steps, ring.nodes - steps) * ring.circumference / ring.nodes
-    alike: NDArray[np.float64] = exp(-0.5 * (distance / length) ** 2)
+    alike: NDArray[np.float64] = exp(-0.5 * np.square(distance / length))
     return alike
 
 

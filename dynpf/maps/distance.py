@@ -20,7 +20,7 @@ def squared_distances(occupied: NDArray[np.bool_]) -> NDArray[np.int32]:
     smaller than FAR.
     """
     height, width = occupied.shape
-    if height**2 + width**2 >= FAR:
+    if height * height + width * width >= FAR:
         raise ValueError(f"{width} x {height} cells; expected sides whose squares add up to less than {FAR}")
     squared: NDArray[np.int32] = kernels.distance.squared_distances(np.array(occupied, dtype=bool, order="C"), FAR)
     return squared

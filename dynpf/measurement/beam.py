@@ -149,7 +149,7 @@ def densities(
     """
     error = (ranges - expected) / sigma_hit
     within = share_within(-expected / sigma_hit, (range_max - expected) / sigma_hit)
-    hit = exp(-0.5 * error**2) / (math.sqrt(2.0 * math.pi) * sigma_hit * within)
+    hit = exp(-0.5 * (error * error)) / (math.sqrt(2.0 * math.pi) * sigma_hit * within)
     before = -expm1(-lambda_short * expected)
     possible = (ranges <= expected) & (before > 0.0)
     short = np.where(possible, lambda_short * exp(-lambda_short * ranges), 0.0) / np.where(possible, before, 1.0)

@@ -104,12 +104,12 @@ def _sigma_hit(share: FloatArray, z: FloatArray, length: FloatArray, range_max: 
     low, high = -length / sigma, (range_max - length) / sigma
     within = share_within(low, high)
     # The integral of t^2 phi(t) outside [low, high] is 1 - within + high phi(high) - low phi(low).
-    edges = (high * exp(-0.5 * high**2) - low * exp(-0.5 * low**2)) / math.sqrt(2.0 * math.pi)
+    edges = (high * exp(-0.5 * (high * high)) - low * exp(-0.5 * (low * low))) / math.sqrt(2.0 * math.pi)
     thrown_away = sigma * sigma * (1.0 - within + edges) / within
     count = float(np.sum(share / within))
     if count < 1e-9:
         return sigma
-    return max(math.sqrt(float(np.sum(share * ((z - length) ** 2 + thrown_away))) / count), SIGMA_LEAST)
+    return max(math.sqrt(float(np.sum(share * (np.square(z - length) + thrown_away))) / count), SIGMA_LEAST)
 
 
 def _lambda_short(share: FloatArray, z: FloatArray, length: FloatArray, decay: float) -> float:

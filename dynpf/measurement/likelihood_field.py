@@ -162,7 +162,7 @@ class LikelihoodField:
             peak = params.z_hit / (math.sqrt(2.0 * math.pi) * params.sigma_hit)
             distances = np.full(self._padded_shape, np.inf)
             distances[1:-1, 1:-1] = self._distances
-            likelihood = peak * exp(-0.5 * (distances / params.sigma_hit) ** 2) + params.z_rand / range_max
+            likelihood = peak * exp(-0.5 * np.square(distances / params.sigma_hit)) + params.z_rand / range_max
             cell = log(likelihood) if params.aggregation == "product" else likelihood * likelihood * likelihood
             self._kept = (range_max, cell.astype(np.float32))
         return self._kept[1]

@@ -55,7 +55,7 @@ class LinearMeasurement:
             return np.zeros(particles.shape[1], dtype=particles.dtype)
         with np.errstate(over="ignore", invalid="ignore"):
             whitened = _product(self._whitening, self.innovation(particles, reading))
-            return np.asarray(self._log_peak - 0.5 * np.sum(whitened**2, axis=0), dtype=particles.dtype)
+            return np.asarray(self._log_peak - 0.5 * np.sum(whitened * whitened, axis=0), dtype=particles.dtype)
 
     def innovation(self, states: Floats, reading: Observation) -> Floats:
         """Return z - H x at the states (D, N), shape (M, N)."""

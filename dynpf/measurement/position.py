@@ -67,7 +67,7 @@ class GaussianPosition:
             return np.zeros(particles.shape[1], dtype=particles.dtype)
         x, y = self.innovation(particles, reading)
         with np.errstate(over="ignore", invalid="ignore"):
-            squared = (self._yy * x**2 - 2.0 * self._xy * x * y + self._xx * y**2) / self._determinant
+            squared = (self._yy * (x * x) - 2.0 * self._xy * x * y + self._xx * (y * y)) / self._determinant
         log_peak = -log(2.0 * math.pi) - 0.5 * log(self._determinant)
         return np.asarray(log_peak - 0.5 * squared, dtype=particles.dtype)
 

@@ -160,8 +160,8 @@ class RangeBearing:
         """
         params = self.params
         variances = np.empty(2 * len(reading.ranges))
-        variances[0::2] = (
-            params.sigma_range * params.sigma_range + (params.sigma_range_per_m * np.asarray(reading.ranges)) ** 2
+        variances[0::2] = params.sigma_range * params.sigma_range + np.square(
+            params.sigma_range_per_m * np.asarray(reading.ranges)
         )
         variances[1::2] = params.sigma_bearing * params.sigma_bearing
         return np.diag(variances / params.tempering)

@@ -114,7 +114,7 @@ class RangeVectorModel:
     def _log_beam(self, deviation: Floats) -> Floats:
         share = np.float32(self.params.outlier_fraction)
         if not share:
-            log_density: Floats = np.float32(-0.5) * deviation**2
+            log_density: Floats = np.float32(-0.5) * (deviation * deviation)
             return log_density
         uniform = np.float32(math.sqrt(2.0 * math.pi) * self.params.sigma / self.params.range_max)
         mixed = np.empty(deviation.size, dtype=np.float32)

@@ -44,18 +44,18 @@ class GyroOdometry:
     def start(self) -> Gaussian:
         """Return the belief before any reading."""
         p = self.params
-        return Gaussian(np.array([0.0, 1.0, 0.0]), np.diag([p.turn_change, p.scale_sigma, p.bias_sigma]) ** 2)
+        return Gaussian(np.array([0.0, 1.0, 0.0]), np.square(np.diag([p.turn_change, p.scale_sigma, p.bias_sigma])))
 
     def update(self, belief: Gaussian, wheels: float, gyro: float, duration: float) -> Gaussian:
         """Return the belief after both readings (rad/s), ``duration`` seconds after the last ones."""
         p = self.params
-        drift = np.array([p.turn_change, p.scale_drift, p.bias_drift]) ** 2 * np.array([1.0, duration, duration])
+        drift = np.square(np.array([p.turn_change, p.scale_drift, p.bias_drift])) * np.array([1.0, duration, duration])
         covariance = belief.covariance + np.diag(drift)
         # The gyro tells nearly what the rate is: about that the product of rate and factor is made linear.
         _, scale, bias = belief.mean
         rate = gyro - bias
         observation = np.array([[scale, rate, 0.0], [1.0, 0.0, 1.0]])
-        noise = np.diag([p.wheel_sigma, p.gyro_sigma]) ** 2
+        noise = np.square(np.diag([p.wheel_sigma, p.gyro_sigma]))
         prior = np.array([rate, scale, bias])
         expected = np.array([scale * rate, rate + bias])
         # Linearized at a point other than the mean: h(prior) + H (mean - prior).

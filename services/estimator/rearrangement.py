@@ -176,8 +176,8 @@ class RearrangementEstimator:
         costs: FloatArray = 0.5 * (
             distance
             + 2.0 * log(innovation_variance)
-            + (radius_error / config.radius_sigma) ** 2
-            + (grey_error / config.grey_sigma) ** 2
+            + np.square(radius_error / config.radius_sigma)
+            + np.square(grey_error / config.grey_sigma)
         )
         costs[(distance > config.gate) | (np.abs(radius_error) > config.radius_gate)] = np.inf
         return costs

@@ -145,7 +145,7 @@ def _independent(cloud: Cloud, families: Indices) -> float:
     """
     deviation = cloud.particles - np.sum(cloud.weights * cloud.particles, axis=1, keepdims=True)
     weighted = cloud.weights * deviation
-    of_mean = math.fsum(float(np.sum(np.bincount(families, row) ** 2)) for row in weighted)
+    of_mean = math.fsum(float(np.sum(np.square(np.bincount(families, row)))) for row in weighted)
     of_one = float(np.sum(weighted * deviation))
     return of_one / of_mean if of_mean > 0.0 else math.inf
 

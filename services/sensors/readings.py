@@ -129,7 +129,7 @@ def read_scan(
         ranges = np.minimum(ranges, np.minimum(ray_discs(origin, angles, people), ray_segments(origin, angles, doors)))
     returned = ranges < sensor.range_max
     true = np.where(returned, ranges, sensor.range_max)
-    std = sensor.range_std + sensor.range_std_per_square_metre * true**2
+    std = sensor.range_std + sensor.range_std_per_square_metre * (true * true)
     read = np.clip(true + std * rng.standard_normal(sensor.beams), 0.0, sensor.range_max)
     ranges = np.where(returned, np.where(true < sensor.range_min, 0.0, read), sensor.range_max)
     return LaserScan(
