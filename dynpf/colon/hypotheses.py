@@ -266,7 +266,7 @@ class Hypotheses:
         sines, cosines = portable.sincos(pose[2] + ANGLES)
         column, row = grid.to_cells(pose[0] + ranges * cosines, pose[1] + ranges * sines)
         height, width = grid.cells.shape
-        nodes = wall.node[row.clip(0, height - 1).astype(int), column.clip(0, width - 1).astype(int)]
+        nodes = wall.node[portable.whole(row, 0, height - 1), portable.whole(column, 0, width - 1)]
         shares = wall.shapes[:, nodes].sum(axis=1) + np.float32(1e-3)
         begun: Floats = exact.log(params.bulge * shares / shares.sum() + 1e-30)
         return begun

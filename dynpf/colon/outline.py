@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.maps.occupancy import OccupancyGrid
-from dynpf.portable import cos, exp, hypot, sin
+from dynpf.portable import cos, exp, hypot, sin, whole
 from dynpf.rng import Draws, generator
 from dynpf.se2 import FloatArray
 
@@ -93,7 +93,7 @@ class Tube(NamedTuple):
         kept = slice(0, int(straight))
         strip = _strip(self.centre[:, kept], self.left[kept], self.right[kept])
         disc = np.zeros_like(strip)
-        centre = np.rint(np.array([end.x, end.y]) * 2**_SUBPIXEL_BITS).astype(int).tolist()
+        centre = [round(place * 2**_SUBPIXEL_BITS) for place in (end.x, end.y)]
         cv2.circle(disc, centre, round(end.radius * 2**_SUBPIXEL_BITS), 1, -1, cv2.LINE_8, _SUBPIXEL_BITS)
         return _grid(strip | disc)
 
@@ -182,7 +182,7 @@ def _strip(centre: FloatArray, left: FloatArray, right: FloatArray) -> NDArray[n
     """Return 1 where a pixel lies between the walls, uint8 (H, W): quadrilaterals between neighbouring points."""
     normal = _normals(centre)
     walls = np.stack((centre + left * normal, centre - right * normal))
-    corners = np.rint(walls * 2**_SUBPIXEL_BITS).astype(np.int32)
+    corners = whole(np.rint(walls * 2**_SUBPIXEL_BITS), -(2**31), 2**31 - 1, np.int32)
     strip = np.zeros((HEIGHT, WIDTH), dtype=np.uint8)
     for i in range(centre.shape[1] - 1):
         quad = np.stack((corners[0, :, i], corners[0, :, i + 1], corners[1, :, i + 1], corners[1, :, i]))

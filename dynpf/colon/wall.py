@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dynpf.maps.distance import distance_field
 from dynpf.maps.occupancy import OccupancyGrid
-from dynpf.portable import exp, hypot
+from dynpf.portable import exp, hypot, whole
 
 __all__ = ["Wall"]
 
@@ -49,8 +49,8 @@ class Wall(NamedTuple):
         free = bore.free
         # Between the middles of two cells, one in the wall and one not, is the wall's surface: half a cell from each.
         beyond = np.where(free, 0.5 - distance_field(~free, 1.0), distance_field(free, 1.0) - 0.5)
-        contours, _ = cv2.findContours(free.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-        rings = [_ring(contour[:, 0].astype(np.int32), spacing) for contour in contours]
+        contours, _ = cv2.findContours(free.astype(np.uint8, casting="safe"), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+        rings = [_ring(contour[:, 0].astype(np.int32, casting="same_kind"), spacing) for contour in contours]
         first = np.cumsum([0, *(ring.nodes for ring in rings)])
         points = np.concatenate([ring.points for ring in rings])
         node = np.concatenate([ring.node + start for ring, start in zip(rings, first, strict=False)])
@@ -70,13 +70,13 @@ class Wall(NamedTuple):
         near = np.argsort(-following_shapes, axis=0, kind="stable")[:count].T
         return cls(
             beyond.astype(np.float32),
-            node.astype(np.int32)[nearest],
+            node.astype(np.int32, casting="same_kind")[nearest],
             np.concatenate([ring.share for ring in rings]).astype(np.float32)[nearest],
-            following.astype(np.int32),
-            np.concatenate([ring.points[ring.starts] for ring in rings]).T.astype(np.int32),
+            following.astype(np.int32, casting="same_kind"),
+            np.concatenate([ring.points[ring.starts] for ring in rings]).T.astype(np.int32, casting="same_kind"),
             prior.astype(np.float32),
             shapes.astype(np.float32),
-            np.ascontiguousarray(near, dtype=np.int32),
+            np.ascontiguousarray(near).astype(np.int32, casting="same_kind"),
         )
 
 
@@ -96,7 +96,7 @@ def _ring(points: Int32s, spacing: float) -> _Ring:
     along, circumference = np.append(0.0, np.cumsum(lengths)[:-1]), max(float(lengths.sum()), 1.0)
     nodes = max(round(circumference / spacing), 1)
     position = along * nodes / circumference
-    node = np.floor(position).astype(np.int64)
+    node = whole(position, 0, nodes)
     starts = np.searchsorted(position, np.arange(nodes))
     return _Ring(points, node, position - node, starts, nodes, circumference)
 

@@ -194,7 +194,7 @@ def _guide(
 
 
 def _count(evidence: Sequence[Evidence]) -> int:
-    return sum(each.readings for each in evidence)
+    return sum(int(each.readings) for each in evidence)
 
 
 def _require(model: object, methods: tuple[str, ...], proposal: Proposal) -> None:

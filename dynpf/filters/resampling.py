@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dynpf import kernels
 from dynpf.filters.cloud import Cloud
+from dynpf.portable import whole
 from dynpf.rng import Stream
 from dynpf.se2 import Floats
 
@@ -70,7 +71,7 @@ class Multinomial(_Scheme, frozen=True, tag="multinomial"):
 
     def select(self, weights: Floats, count: int, stream: Stream) -> Indices:
         """See Resampling."""
-        return _survivors(weights, np.sort(stream.fine_uniforms(count)))
+        return _survivors(weights, np.sort(stream.fine_uniforms(count), kind="stable"))
 
 
 class Residual(_Scheme, frozen=True, tag="residual"):
@@ -79,12 +80,13 @@ class Residual(_Scheme, frozen=True, tag="residual"):
     def select(self, weights: Floats, count: int, stream: Stream) -> Indices:
         """See Resampling."""
         expected = weights.astype(np.float64) * (count / float(_cumulative(weights)[-1]))
-        whole = np.floor(expected)
-        chosen = np.repeat(np.arange(weights.size, dtype=np.int32), whole.astype(np.intp))[:count]
+        copies = np.floor(expected)
+        chosen = np.repeat(np.arange(weights.size, dtype=np.int32), whole(copies, 0, count))[:count]
         missing = count - chosen.size
         if missing == 0:
             return chosen
-        return np.sort(np.append(chosen, _survivors(expected - whole, np.sort(stream.fine_uniforms(missing)))))
+        drawn = np.sort(stream.fine_uniforms(missing), kind="stable")
+        return np.sort(np.append(chosen, _survivors(expected - copies, drawn)), kind="stable")
 
 
 def systematic(weights: Floats, uniform: float, count: int | None = None) -> Indices:
@@ -105,7 +107,7 @@ def _survivors(weights: Floats, fractions: NDArray[np.float64]) -> Indices:
     cumulative = _cumulative(weights)
     total = cumulative[-1]
     teeth = np.minimum(fractions * total, np.nextafter(total, 0.0))
-    survivors: Indices = np.searchsorted(cumulative, teeth, side="right").astype(np.int32)
+    survivors: Indices = np.searchsorted(cumulative, teeth, side="right").astype(np.int32, casting="same_kind")
     return survivors
 
 

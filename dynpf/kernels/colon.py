@@ -162,8 +162,9 @@ def changed(
             continue
         for i in range(out.size):
             sine, cosine = sincos(theta[i] + angles[beam])
-            column = min(max(x[i] + z * cosine, _f(_SLANT)), _f(width - _SLANT - 2))
-            row = min(max(y[i] + z * sine, _f(_SLANT)), _f(height - _SLANT - 2))
+            # Of two numbers one of which is NaN, max and min return the first.
+            column = min(max(_f(_SLANT), x[i] + z * cosine), _f(width - _SLANT - 2))
+            row = min(max(_f(_SLANT), y[i] + z * sine), _f(height - _SLANT - 2))
             c, r = _i(np.rint(column)), _i(np.rint(row))
             along = beyond[r, c + _SLANT] - beyond[r, c - _SLANT]
             across = beyond[r + _SLANT, c] - beyond[r - _SLANT, c]

@@ -64,7 +64,7 @@ def _chains(
     """Yield where chains of neighbouring points begin and end."""
     if ranges.size < 2:
         return
-    steps = np.sort(np.abs(np.diff(angles)))
+    steps = np.sort(np.abs(np.diff(angles)), kind="stable")
     step = 0.5 * (steps[(steps.size - 1) // 2] + steps[steps.size // 2])  # the median
     far = hypot(*np.diff(points)) > params.gap + params.gap_beams * step * np.minimum(ranges[1:], ranges[:-1])
     ends = [0, *(np.flatnonzero(far) + 1).tolist(), ranges.size]
@@ -80,7 +80,7 @@ def _split(points: FloatArray, first: int, last: int, params: SplitAndMergeParam
     length = hypot(*along.tolist())
     from_start = points[:, first:last] - start[:, None]
     beside = np.abs(along[0] * from_start[1] - along[1] * from_start[0])
-    off = beside / length if length > 0.0 else hypot(*from_start)
+    off = beside / length if length > 0.0 else hypot(from_start[0], from_start[1])
     worst = int(np.argmax(off))
     if off[worst] <= params.split:
         yield first, last

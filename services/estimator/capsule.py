@@ -99,7 +99,7 @@ class CapsuleEstimator:
     def rehearse(self) -> None:
         """See Rehearsing."""
         stream = Stream.of(self._seed, self.name, 0, "rehearsal")
-        for known in {True, self._known}:
+        for known in sorted({True, self._known}):
             belief = self._filter.start(known, stream.part("start"))
             for reading, motion in enumerate((None, CapsuleMotion(1.0, 0.0))):
                 ranges = np.full(len(BEAMS), 60.0)

@@ -315,14 +315,14 @@ class LocalizationEstimator:
         """Judge the belief by what an update has found."""
         assert self._stamp_ns is not None
         sizes = [size_of(reading) for reading in readings]
-        outright = sum(size for size, one in zip(sizes, found.outcomes, strict=True) if one is Outcome.REFUSED)
+        outright = sum(int(size) for size, one in zip(sizes, found.outcomes, strict=True) if one is Outcome.REFUSED)
         signs = Signs(
             covariance=found.estimate.covariance,
             n_eff=found.share,
             n=1,
             log_evidence=found.log_evidence,
             readings=found.readings,
-            refused=max(outright, sum(sizes) - found.readings),
+            refused=max(outright, sum(int(size) for size in sizes) - found.readings),
             modes=self._localizer.modes(self._belief),
             jump=found.jump,
             unfit=found.unfit,

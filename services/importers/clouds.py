@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from dynpf.portable import atan2, hypot, product
+from dynpf.portable import atan2, hypot, product, whole
 from dynpf.se2 import FloatArray
 
 __all__ = ["FlattenParams", "flatten", "points_of"]
@@ -73,7 +73,7 @@ def flatten(
     distance = hypot(dx, dy)
     bearing = np.mod(atan2(dy, dx) - sensor[2] + np.pi, 2 * np.pi) - np.pi
     step = params.field_of_view / (params.beams - 1)
-    beam = np.rint((bearing + params.field_of_view / 2) / step).astype(np.int64)
+    beam = whole(np.rint((bearing + params.field_of_view / 2) / step), -1, params.beams)
     kept = (beam >= 0) & (beam < params.beams) & (distance >= params.range_min) & (distance <= params.range_max)
     ranges = np.full(params.beams, params.range_max)
     np.minimum.at(ranges, beam[kept], distance[kept])

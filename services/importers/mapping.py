@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynpf.portable import sincos
+from dynpf.portable import sincos, whole
 from dynpf.se2 import FloatArray
 from protocol.messages import LaserScan, RobotState, heading
 from services.importers.errors import ImportFailedError
@@ -52,14 +52,14 @@ def drawn_map(records: Callable[[], Iterable[Record]], resolution: float, name: 
     if not np.isfinite(low).all():
         raise ImportFailedError("the log has no scan with a reference pose of its own: no map can be drawn from it")
     low = np.floor((low - MARGIN_M) / resolution) * resolution
-    width, height = (np.ceil((high + MARGIN_M - low) / resolution)).astype(int).tolist()
+    width, height = whole(np.ceil((high + MARGIN_M - low) / resolution), 0, 2**31).tolist()
     if width * height > LARGEST:
         raise ImportFailedError(f"a map of {width} x {height} cells is too large; expected at most {LARGEST}")
 
     hits, passages = np.zeros(width * height, np.int32), np.zeros(width * height, np.int32)
 
     def cells(points: FloatArray) -> Cells:
-        column, row = np.floor((points - low) / resolution).astype(np.int64).T
+        column, row = whole((points - low) / resolution, 0, 2**31).T
         return np.unique(row * width + column)
 
     for beams in _placed(records()):

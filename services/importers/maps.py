@@ -51,7 +51,7 @@ def map_of_message(message: Any, name: str) -> tuple[Attachment, ...]:
     if not (np.isfinite(message.info.resolution) and message.info.resolution > 0.0):
         raise ValueError(f"its resolution is {message.info.resolution} m")
     x, y, yaw = planar(pose)
-    pixels = cells.astype(np.uint8).reshape(height, width)[::-1]  # -1, unknown, becomes 255
+    pixels = cells.view(np.uint8).reshape(height, width)[::-1]  # -1, unknown, becomes 255
     text = (
         f"image: {name}.pgm\nmode: raw\nresolution: {float(message.info.resolution)!r}\n"
         f"origin: [{x!r}, {y!r}, {yaw!r}]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
