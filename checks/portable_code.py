@@ -5,6 +5,10 @@ in one list with the reason why its bits are the same everywhere. What has no su
 ``dynpf.portable``. Also refused, wherever they stand: ``@``, powers, ``sum`` of numbers that may be
 fractions (Python 3.12 compensates), sorting without kind="stable", complex numbers, casts from fractions to whole
 numbers without bounds, iteration over sets, fast-math.
+
+What it cannot see: types. ``**`` of an array by itself, a method of what is no array, an array of fractions that is
+assigned into one of whole numbers, the contents of a constant, a loop over a set that came from elsewhere. For these
+are the runs on other machines (docs/machines.md).
 """
 
 import ast
@@ -39,6 +43,7 @@ APART = ("dynpf/__init__.py", "dynpf/filters/smoothing.py", "dynpf/metrics/", "d
 
 MODULES = ("numpy", "cv2", "math", "cmath", "statistics", "random", "decimal", "scipy")
 _NAMES = {name for names in EXACT.values() for name in names}
+_REVIEWED = {place for places in CASTS.values() for place in places}
 _INTEGERS = {
     "int",
     *(f"numpy.{kind}{bits}" for kind in ("int", "uint") for bits in (8, 16, 32, 64)),
@@ -46,6 +51,7 @@ _INTEGERS = {
 }
 _SAFE_CASTS = {"no", "equiv", "safe", "same_kind"}
 _STABLE = {"numpy.sort", "numpy.argsort"}
+_TO_ARRAYS = {f"numpy.{name}" for name in ("array", "asarray", "ascontiguousarray", "require")}
 Finding = tuple[int, str]
 
 
@@ -120,6 +126,7 @@ def _operators(tree: ast.AST, in_kernel: bool) -> Iterator[Finding]:
 
 
 def _calls(tree: ast.AST, bound: dict[str, str]) -> Iterator[Finding]:
+    picked = _picked(tree)
     for node in ast.walk(tree):
         if not isinstance(node, ast.Call):
             continue
@@ -132,35 +139,56 @@ def _calls(tree: ast.AST, bound: dict[str, str]) -> Iterator[Finding]:
         sorts = name in _STABLE or (isinstance(node.func, ast.Attribute) and node.func.attr == "argsort")
         if sorts and not _literal(keywords.get("kind"), "stable"):
             yield node.lineno, 'sorting without kind="stable": the order of equal values is the processor\'s'
-        if name == "sum" and node.args and not _whole(node.args[0]):
+        if name == "sum" and node.args and not _whole(node.args[0], bound):
             yield (
                 node.lineno,
                 "sum: Python 3.12 adds fractions otherwise; take math.fsum, numpy.sum, or int(...) of whole ones",
             )
+        if name == "numpy.partition" and id(node) not in picked:
+            yield node.lineno, "numpy.partition: only the value in its place is fixed; take numpy.partition(x, k)[k]"
         if name == "numpy.arange" and any(_fraction(argument) for argument in node.args):
             yield node.lineno, "numpy.arange of fractions: rounded once or twice; multiply whole numbers instead"
-        if name in {"complex", "numpy.vectorize"}:
+        if name in {"complex", "pow", "numpy.vectorize"}:
             yield node.lineno, f"{name}: is not known to give the same bits on every machine"
+
+
+def _picked(tree: ast.AST) -> set[int]:
+    """Return the identities of calls f(x, k) of which no more is taken than [k]."""
+    return {
+        id(node.value)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Call) and len(node.value.args) == 2
+        if ast.dump(node.value.args[1]) == ast.dump(node.slice)
+    }
 
 
 def _casts(tree: ast.AST, bound: dict[str, str], file: str, in_kernel: bool) -> Iterator[Finding]:
     """Find casts to whole numbers: out of range, and of NaN, each processor has its own answer."""
     for function, node in _within_functions(tree):
-        if not isinstance(node, ast.Call):
+        if not isinstance(node, ast.Call) or (file, function) in _REVIEWED:
             continue
         keywords = {keyword.arg: keyword.value for keyword in node.keywords}
-        if isinstance(node.func, ast.Attribute) and node.func.attr == "astype" and node.args:
+        kind = _type(node.func, bound)
+        if isinstance(node.func, ast.Attribute) and node.func.attr == "astype":
+            to = keywords.get("dtype", node.args[0] if node.args else None)
             safe = any(_literal(keywords.get("casting"), casting) for casting in _SAFE_CASTS)
-            if _type(node.args[0], bound) in _INTEGERS and not safe:
+            if _is_whole_type(to, bound) and not safe:
                 yield (
                     node.lineno,
-                    'astype to whole numbers: take dynpf.portable.whole, or casting="same_kind" of whole ones',
+                    f'astype to whole numbers in {function}: take dynpf.portable.whole, or casting="same_kind" of such',
                 )
-        kind = _type(node.func, bound)
-        if kind in _INTEGERS - {"int"} and node.args and not _number(node.args[0]) and (file, function) not in CASTS:
+        elif kind in _TO_ARRAYS and node.args:
+            to = keywords.get("dtype", node.args[1] if len(node.args) > 1 else None)
+            # Python's own numbers, unlike those of an array, are refused where they do not fit.
+            listed = isinstance(node.args[0], ast.List | ast.ListComp | ast.Tuple)
+            if _is_whole_type(to, bound) and not listed:
+                yield node.lineno, f"{kind} of whole numbers in {function}: take astype with casting, or bound it"
+        elif (
+            (kind in _INTEGERS - {"int"} or (in_kernel and kind == "int"))
+            and node.args
+            and not (_whole(node.args[0], bound) or _constant(node.args[0]))
+        ):
             yield node.lineno, f"{kind}(...) in {function}: bound it, and give the reason in checks/portable_names.py"
-        if in_kernel and kind == "int" and node.args and not _number(node.args[0]) and (file, function) not in CASTS:
-            yield node.lineno, f"int(...) in {function}: bound it, and give the reason in checks/portable_names.py"
 
 
 def _sets(tree: ast.AST) -> Iterator[Finding]:
@@ -214,17 +242,29 @@ def _type(node: ast.expr, bound: dict[str, str]) -> str:
     return ".".join((bound.get(root, root), *rest))
 
 
-def _whole(node: ast.expr) -> bool:
-    """Return whether a sum's terms are whole numbers as they stand: counts, lengths, truth values."""
-    if isinstance(node, ast.GeneratorExp | ast.ListComp):
-        return _whole(node.elt)
+def _is_whole_type(node: ast.expr | None, bound: dict[str, str]) -> bool:
+    if isinstance(node, ast.Constant):
+        return isinstance(node.value, str) and "int" in node.value
+    return node is not None and _type(node, bound) in _INTEGERS
+
+
+def _whole(node: ast.expr, bound: dict[str, str]) -> bool:
+    """Return whether terms are whole numbers as they stand: counts, truth values, bits, what is cast already."""
     match node:
-        case ast.Constant(value=int()) | ast.Compare() | ast.UnaryOp(op=ast.Not()):
+        case ast.GeneratorExp(elt=term) | ast.ListComp(elt=term):
+            return _whole(term, bound)
+        case ast.Constant(value=int()) | ast.Compare() | ast.UnaryOp(op=ast.Not() | ast.Invert()):
             return True
-        case ast.Call(func=ast.Name(id="int" | "len" | "bool" | "isinstance")):
+        case ast.BoolOp(values=values):
+            return all(_whole(value, bound) for value in values)
+        case ast.Call(func=ast.Name(id="len" | "bool" | "isinstance")):
+            return True
+        case ast.Call(func=function):
+            return _type(function, bound) in _INTEGERS
+        case ast.BinOp(op=ast.LShift() | ast.RShift() | ast.BitAnd() | ast.BitOr() | ast.BitXor()):
             return True
         case ast.BinOp(left=left, right=right, op=ast.Add() | ast.Sub() | ast.Mult()):
-            return _whole(left) and _whole(right)
+            return _whole(left, bound) and _whole(right, bound)
     return False
 
 
@@ -253,12 +293,22 @@ def _number(node: ast.expr) -> bool:
     return isinstance(node, ast.Constant)
 
 
+def _constant(node: ast.expr) -> bool:
+    """Return whether this is made of numbers and of names in capitals, which a module gives to constants."""
+    if isinstance(node, ast.UnaryOp | ast.BinOp):
+        return all(_constant(part) for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr))
+    return isinstance(node, ast.Constant) or (isinstance(node, ast.Name) and node.id.isupper())
+
+
 def _fraction(node: ast.expr) -> bool:
-    return any(
-        (isinstance(part, ast.Constant) and isinstance(part.value, float))
-        or (isinstance(part, ast.BinOp) and isinstance(part.op, ast.Div))
-        for part in ast.walk(node)
-    )
+    match node:
+        case ast.Call(func=ast.Name(id="int" | "len" | "round"), args=[_]):
+            return False
+        case ast.Call(func=ast.Attribute(value=ast.Name(id="math"), attr="ceil" | "floor" | "trunc")):
+            return False
+        case ast.Constant(value=float()) | ast.BinOp(op=ast.Div()):
+            return True
+    return any(_fraction(part) for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr))
 
 
 def main() -> int:

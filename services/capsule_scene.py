@@ -36,9 +36,7 @@ def tube_entity(
     grid: OccupancyGrid, label: str, now: Timestamp, name: str, color: Color, *, above: bool
 ) -> SceneEntity:
     """Return the outline of a bore, to within a pixel, with a label above or below it."""
-    contours, _ = cv2.findContours(
-        grid.free.astype(np.uint8, casting="same_kind"), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
-    )
+    contours, _ = cv2.findContours(grid.free.astype(np.uint8, casting="safe"), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     rings = [cv2.approxPolyDP(contour, 1.0, closed=True)[:, 0] for contour in contours]
     lines = tuple(_line(LOOP, np.stack(grid.to_map(*(ring.T + 0.5))), color) for ring in rings)
     columns, rows = np.concatenate(rings).T

@@ -106,7 +106,9 @@ def _grid_of(segments: SegmentMap, resolution: float) -> OccupancyGrid:
     The margin lets walls on whole cells run through the middle of cells, which is where a grid takes them to be.
     """
     grid = segments.rasterize(resolution, margin=1.5 * resolution)
-    labels = cv2.connectedComponents((~grid.occupied).astype(np.uint8), connectivity=4, ltype=cv2.CV_32S)[1]
+    labels = cv2.connectedComponents(
+        (~grid.occupied).astype(np.uint8, casting="safe"), connectivity=4, ltype=cv2.CV_32S
+    )[1]
     outside = labels == labels[0, 0]
     if np.array_equal(outside, grid.free):  # the walls are open: there is no outside
         return grid

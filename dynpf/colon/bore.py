@@ -10,8 +10,6 @@ from dynpf.se2 import FloatArray, Floats
 
 __all__ = ["bore"]
 
-_MOST_POINTS = 10_000_000  # on one of the lines of a route
-
 
 def bore(grid: OccupancyGrid, route: Floats, name: str = "map", specks: int = 50) -> OccupancyGrid:
     """Return the map that is free inside the tube around a route and occupied everywhere else.
@@ -26,10 +24,9 @@ def bore(grid: OccupancyGrid, route: Floats, name: str = "map", specks: int = 50
     if not free.any():
         raise ValueError(f"{name}: no free space in {grid.cells.shape[1]} x {grid.cells.shape[0]} cells")
     height, width = free.shape
-    _, labels = cv2.connectedComponents(free.astype(np.uint8, casting="same_kind"), connectivity=4)
-    x, y = _points_along(route, 0.5 * grid.resolution)
-    column, row = (np.floor(cells) for cells in grid.to_cells(x, y))
-    columns, rows = whole(column, -1, width), whole(row, -1, height)
+    _, labels = cv2.connectedComponents(free.astype(np.uint8, casting="safe"), connectivity=4)
+    x, y = _points_along(route, 0.5 * grid.resolution, 2 * (height + width))
+    columns, rows = (whole(np.floor(cells), -1, max(free.shape)) for cells in grid.to_cells(x, y))
     outside = (columns < 0) | (columns >= width) | (rows < 0) | (rows >= height)
     if outside.any():
         place = _place(x, y, outside)
@@ -46,19 +43,20 @@ def bore(grid: OccupancyGrid, route: Floats, name: str = "map", specks: int = 50
 
 def _specks(occupied: NDArray[np.bool_], size: int) -> NDArray[np.bool_]:
     """Return where walls belong to spots, joined at sides or corners, of fewer than ``size`` cells."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(
-        occupied.astype(np.uint8, casting="same_kind"), connectivity=8
-    )
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(occupied.astype(np.uint8, casting="safe"), connectivity=8)
     small = stats[:, cv2.CC_STAT_AREA] < size
     small[0] = False
     specks: NDArray[np.bool_] = small[labels]
     return specks
 
 
-def _points_along(route: Floats, spacing: float) -> tuple[FloatArray, FloatArray]:
-    """Return x and y of points along a route, its own among them, no farther apart than ``spacing``."""
+def _points_along(route: Floats, spacing: float, most: int) -> tuple[FloatArray, FloatArray]:
+    """Return x and y of points along a route, its own among them, no farther apart than ``spacing``.
+
+    A piece of the route has at most ``most`` of them, as many as fit into the map.
+    """
     lengths = hypot(np.diff(route[0]), np.diff(route[1]))
-    counts = whole(np.ceil(lengths / spacing), 0, _MOST_POINTS) + 1
+    counts = whole(np.ceil(lengths / spacing), 0, most) + 1
     pieces = [np.linspace(route[:2, i], route[:2, i + 1], count) for i, count in enumerate(counts)]
     x, y = np.concatenate([route[:2, :1].T, *pieces]).T
     return x, y

@@ -27,7 +27,6 @@ UNIT = 30.0
 
 _SPACING = 3.0  # px along the centre line
 _SUBPIXEL_BITS = 4
-_FARTHEST = 2**24  # where a wall may be, in parts of a pixel
 _WALL_OFF = 80.0  # px from the centre line, about
 # Where the centre line begins, turns upwards, and ends; the path goes along y = 370 and turns at x = 820.
 _LEFT, _AXIS, _BEND, _BEND_RADIUS, _TOP = 60.0, 370.0, 740.0, 85.0, 575.0
@@ -184,7 +183,7 @@ def _strip(centre: FloatArray, left: FloatArray, right: FloatArray) -> NDArray[n
     """Return 1 where a pixel lies between the walls, uint8 (H, W): quadrilaterals between neighbouring points."""
     normal = _normals(centre)
     walls = np.stack((centre + left * normal, centre - right * normal))
-    corners = whole(np.rint(walls * 2**_SUBPIXEL_BITS), -_FARTHEST, _FARTHEST).astype(np.int32, casting="same_kind")
+    corners = whole(np.rint(walls * 2**_SUBPIXEL_BITS), -(2**31), 2**31 - 1, np.int32)
     strip = np.zeros((HEIGHT, WIDTH), dtype=np.uint8)
     for i in range(centre.shape[1] - 1):
         quad = np.stack((corners[0, :, i], corners[0, :, i + 1], corners[1, :, i + 1], corners[1, :, i]))

@@ -49,9 +49,7 @@ class Wall(NamedTuple):
         free = bore.free
         # Between the middles of two cells, one in the wall and one not, is the wall's surface: half a cell from each.
         beyond = np.where(free, 0.5 - distance_field(~free, 1.0), distance_field(free, 1.0) - 0.5)
-        contours, _ = cv2.findContours(
-            free.astype(np.uint8, casting="same_kind"), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
-        )
+        contours, _ = cv2.findContours(free.astype(np.uint8, casting="safe"), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
         rings = [_ring(contour[:, 0].astype(np.int32, casting="same_kind"), spacing) for contour in contours]
         first = np.cumsum([0, *(ring.nodes for ring in rings)])
         points = np.concatenate([ring.points for ring in rings])
@@ -78,7 +76,7 @@ class Wall(NamedTuple):
             np.concatenate([ring.points[ring.starts] for ring in rings]).T.astype(np.int32, casting="same_kind"),
             prior.astype(np.float32),
             shapes.astype(np.float32),
-            np.ascontiguousarray(near, dtype=np.int32),
+            np.ascontiguousarray(near).astype(np.int32, casting="same_kind"),
         )
 
 

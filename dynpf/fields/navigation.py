@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dynpf import kernels
 from dynpf.directions import directions
 from dynpf.fields.layout import Layout
-from dynpf.portable import norm
+from dynpf.portable import norm, whole
 
 __all__ = [
     "ANGLES",
@@ -128,8 +128,8 @@ class Potential:
         """
         size_x, size_y, size_t = self.values.shape
         x, y = ((states[:, axis] - self.lower[axis]) / self.spacing for axis in (0, 1))
-        i, j = (np.clip(place, 0, size - 2).astype(int)[:, None] for place, size in ((x, size_x), (y, size_y)))
-        k = (np.floor(states[:, 2] * (size_t / (2.0 * np.pi))) % size_t).astype(int)[:, None]
+        i, j = (whole(place, 0, size - 2)[:, None] for place, size in ((x, size_x), (y, size_y)))
+        k = whole(np.floor(states[:, 2] * (size_t / (2.0 * np.pi))) % size_t, 0, size_t - 1)[:, None]
         at = i + CORNERS[0], j + CORNERS[1], (k + CORNERS[2]) % size_t
         depth = self.depths[at]
         pocket = (depth < 0) & np.isfinite(self.slowness[at])
@@ -223,7 +223,8 @@ def _downhill(potential: Potential, state: FloatArray) -> NDArray[np.intp]:
     """Return the nodes (M, 3) from the one next to ``state`` down to the goal, each the lowest beside the last."""
     shape = np.array(potential.values.shape)
     place = np.clip(np.rint((state[:2] - potential.lower) / potential.spacing), 0, shape[:2] - 1)
-    node = np.append(place, np.rint(state[2] * shape[2] / (2.0 * np.pi)) % shape[2]).astype(int)
+    turn = np.rint(state[2] * shape[2] / (2.0 * np.pi)) % shape[2]
+    node = whole(np.append(place, turn), 0, int(shape.max()) - 1)
     steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3), axis=-1).reshape(-1, 3)
     way = [node]
     while True:
@@ -261,8 +262,8 @@ def _spare(x: Float32Array, y: Float32Array, radius: float, obstacles: Obstacles
 
 def _grid(half_size: FloatArray, spacing: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the nodes' x and y, about the origin and up to the walls, and the lower corner, (2,)."""
-    counts = np.maximum(np.ceil(half_size / spacing), 1.0).astype(int)
-    lower = -counts * spacing
+    counts = whole(np.ceil(half_size / spacing), 1, 2**31)
+    lower = -counts.astype(np.float64) * spacing
     x, y = (bound + spacing * np.arange(2 * count + 1) for bound, count in zip(lower, counts, strict=True))
     return x, y, lower
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynpf import kernels
 from dynpf.filters.cloud import Cloud
-from dynpf.portable import whole as as_whole
+from dynpf.portable import whole
 from dynpf.rng import Stream
 from dynpf.se2 import Floats
 
@@ -80,13 +80,13 @@ class Residual(_Scheme, frozen=True, tag="residual"):
     def select(self, weights: Floats, count: int, stream: Stream) -> Indices:
         """See Resampling."""
         expected = weights.astype(np.float64) * (count / float(_cumulative(weights)[-1]))
-        whole = np.floor(expected)
-        chosen = np.repeat(np.arange(weights.size, dtype=np.int32), as_whole(whole, 0, count))[:count]
+        copies = np.floor(expected)
+        chosen = np.repeat(np.arange(weights.size, dtype=np.int32), whole(copies, 0, count))[:count]
         missing = count - chosen.size
         if missing == 0:
             return chosen
         drawn = np.sort(stream.fine_uniforms(missing), kind="stable")
-        return np.sort(np.append(chosen, _survivors(expected - whole, drawn)), kind="stable")
+        return np.sort(np.append(chosen, _survivors(expected - copies, drawn)), kind="stable")
 
 
 def systematic(weights: Floats, uniform: float, count: int | None = None) -> Indices:

@@ -171,7 +171,7 @@ def _best(poses: Floats, scores: Floats, count: int) -> Floats:
     """Return the poses of the ``count`` best scores, in their order; of equal ones the first."""
     if scores.size <= count:
         return poses
-    least = np.sort(scores, kind="stable")[scores.size - count]
+    least = np.partition(scores, scores.size - count)[scores.size - count]
     better, equal = scores > least, np.flatnonzero(scores == least)
     better[equal[: count - np.count_nonzero(better)]] = True
     return poses[:, better]

@@ -81,13 +81,14 @@ def systematic(weights, uniform, chosen):
         return teeth == 0
     for k in range(teeth):
         chosen[k] = 0
-    per_weight = np.float64(teeth) / total
+    most = np.float64(teeth)
+    per_weight = most / total
     cumulative, tooth = _ZERO, 0
     for i in range(count):
         if tooth < teeth:
             chosen[tooth] = i
         cumulative += np.float64(weights[i])
-        after = np.int64(np.ceil(cumulative * per_weight - uniform))
+        after = np.int64(min(max(_ZERO, np.ceil(cumulative * per_weight - uniform)), most))
         tooth = teeth if cumulative >= total else min(max(after, tooth), teeth)
     last = chosen[0]
     for k in range(teeth):

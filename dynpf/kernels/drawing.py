@@ -7,7 +7,7 @@ from dynpf.kernels.compiler import device, kernel
 __all__ = ["add_noise", "draw_disc", "draw_line"]
 
 _f = np.float32
-_HALF = _f(0.5)
+_ZERO, _HALF, _WHITE = _f(0.0), _f(0.5), _f(255.0)
 
 
 @kernel
@@ -57,14 +57,15 @@ def add_noise(frame, noise, top, left, sign):
 def _coverage(outside_px, edge):
     """Return the share of a pixel that a shape covers, by its distance outside of the shape's border in pixels."""
     reach, steps, profile = edge
-    index = min(max((outside_px + reach) * steps, _f(0.0)), _f(profile.size - 1))
+    # Of two numbers one of which is NaN, max and min return the first.
+    index = min(max(_ZERO, (outside_px + reach) * steps), _f(profile.size - 1))
     return profile[np.int64(index + _HALF)]
 
 
 @device
 def _paint(pixel, cover, colour, light):
     """Mix a colour in the light into a pixel (3,)."""
-    if cover > _f(0.0):
+    if cover > _ZERO:
         for c in range(3):
             target = _f(pixel[c])
-            pixel[c] = np.uint8(target + cover * (light * colour[c] - target) + _HALF)
+            pixel[c] = np.uint8(min(max(_ZERO, target + cover * (light * colour[c] - target) + _HALF), _WHITE))

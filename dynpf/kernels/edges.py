@@ -14,8 +14,9 @@ _LEAST_SLOPE = 0.2  # of the relative contrast a pixel
 def _bilinear(image, x, y):
     """Return the image's value at a point; outside, the border's."""
     height, width = image.shape
-    x = min(max(x, 0.0), np.float64(width - 1))
-    y = min(max(y, 0.0), np.float64(height - 1))
+    # Of two numbers one of which is NaN, max and min return the first.
+    x = min(max(0.0, x), np.float64(width - 1))
+    y = min(max(0.0, y), np.float64(height - 1))
     left, top = min(np.int64(x), width - 2), min(np.int64(y), height - 2)
     part_x, part_y = x - left, y - top
     upper = image[top, left] * (1.0 - part_x) + image[top, left + 1] * part_x

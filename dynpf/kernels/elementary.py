@@ -10,17 +10,17 @@ import numpy as np
 
 from dynpf.kernels.compiler import device
 
-__all__ = ["atan2", "exp", "log", "sincos", "wrap"]
+__all__ = ["atan2", "exp", "log", "low_bits", "sincos", "wrap"]
 
 _f = np.float32
 
+_LAST_BIT_ONE = _f(1.5 * 2.0**23)  # the last bit of what is near is worth one
 _TWO_OVER_PI = _f(0.63661977236758134)
 # pi/2 in three parts; the first two have few bits, so that their product with a small integer is exact.
 _HALF_PI_1, _HALF_PI_2, _HALF_PI_3 = _f(1.5703125), _f(4.837512969970703125e-4), _f(7.5497894159e-8)
 _S1, _S2, _S3 = _f(-1.6666654611e-1), _f(8.3321608736e-3), _f(-1.9515295891e-4)
 _C1, _C2, _C3 = _f(4.166664568298827e-2), _f(-1.388731625493765e-3), _f(2.443315711809948e-5)
 _ZERO, _HALF, _ONE, _TWO = _f(0.0), _f(0.5), _f(1.0), _f(2.0)
-_MOST = _f(2.0**30)
 
 _LOG2_E = _f(1.44269504088896341)
 _LN2_HIGH, _LN2_LOW = _f(0.693359375), _f(-2.12194440e-4)
@@ -43,12 +43,20 @@ _TWO_PI_HIGH, _TWO_PI_LOW, _ONE_OVER_TWO_PI = _f(6.28125), _f(2.0 * np.pi - 6.28
 
 
 @device
+def low_bits(whole):
+    """Return an int32 whose lowest 22 bits are those of a whole number, |whole| < 2**22; beyond, any bits.
+
+    They stand at the end of the sum's. A cast would do, but each processor casts what does not fit in its own way.
+    """
+    return _f(whole + _LAST_BIT_ONE).view(np.int32)
+
+
+@device
 def sincos(angle):
     """Return sine and cosine of an angle in radians, |angle| < 8000: beyond, any numbers; NaN of infinity and NaN."""
     turns = np.rint(angle * _TWO_OVER_PI)
     rest = ((angle - turns * _HALF_PI_1) - turns * _HALF_PI_2) - turns * _HALF_PI_3
-    # What is beyond a whole number of 32 bits, or none, each machine would make another one of.
-    quadrant = np.int32(min(_MOST, max(-_MOST, turns)))
+    quadrant = low_bits(turns)
     square = rest * rest
     sine = rest + rest * square * (_S1 + square * (_S2 + square * _S3))
     cosine = (_ONE - _HALF * square) + square * square * (_C1 + square * (_C2 + square * _C3))
@@ -67,7 +75,7 @@ def exp(value):
     twos = np.rint(clipped * _LOG2_E)
     rest = (clipped - twos * _LN2_HIGH) - twos * _LN2_LOW
     series = ((((_E0 * rest + _E1) * rest + _E2) * rest + _E3) * rest + _E4) * rest + _E5
-    scale = np.int32((np.int32(twos) + np.int32(127)) << 23).view(np.float32)
+    scale = np.int32((low_bits(twos) + np.int32(127)) << 23).view(np.float32)
     result = (series * rest * rest + rest + _ONE) * scale
     return _ZERO if value < _EXP_LOWEST else result
 

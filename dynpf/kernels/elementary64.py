@@ -14,6 +14,7 @@ __all__ = ["atan2", "erf", "exp", "expm1", "hypot", "log", "log1p", "sincos", "t
 
 _f, _i = np.float64, np.int64
 
+_LAST_BIT_ONE, _BITS_OF_ZERO = 1.5 * 2.0**52, _i(0x4338000000000000)  # the last bit of what is near is worth one
 _TWO_OVER_PI = 6.36619772367581382433e-01
 # pi/2 in three parts; the first two have 33 bits, so that their product with a whole number below 2**20 is exact.
 _HALF_PI_1, _HALF_PI_2, _HALF_PI_3 = 1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21
@@ -55,6 +56,15 @@ _HUGE, _TINY, _UP, _DOWN = 2.0**500, 2.0**-500, 2.0**600, 2.0**-600
 
 
 @device
+def _whole(number):
+    """Return a whole number, |number| < 2**51, as int64; beyond, and of NaN, any.
+
+    It stands at the end of the sum's bits. A cast would do, but each processor casts what does not fit in its own way.
+    """
+    return _f(number + _LAST_BIT_ONE).view(np.int64) - _BITS_OF_ZERO
+
+
+@device
 def sincos(angle):
     """Return sine and cosine of an angle in radians; NaN of infinity and NaN.
 
@@ -76,7 +86,7 @@ def sincos(angle):
     half = 0.5 * square
     most = 1.0 - half
     cosine = most + (((1.0 - most) - half) + (square * series - rest * low))
-    quadrant = _i(0.0 if np.isnan(turns) else turns) & 3
+    quadrant = _whole(turns) & 3
     swapped = (quadrant & 1) != 0
     across = cosine if swapped else sine
     along = sine if swapped else cosine
@@ -103,7 +113,7 @@ def exp(value):
     series = rest - square * (_E1 + square * (_E2 + square * (_E3 + square * (_E4 + square * _E5))))
     result = 1.0 - ((low - (rest * series) / (2.0 - series)) - high)
     # In two steps: one factor alone would be beyond the smallest or the largest normal number.
-    whole = _i(twos)
+    whole = _whole(twos)
     part = whole >> 1
     result = result * _two_to(part) * _two_to(whole - part)
     result = np.inf if value > _EXP_HIGHEST else result

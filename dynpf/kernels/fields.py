@@ -14,6 +14,7 @@ __all__ = ["interpolate", "march", "spare_clearances"]
 _f = np.float32
 _ZERO, _ONE = _f(0.0), _f(1.0)
 _INF = _f(np.inf)
+_MOST_TURNED = _f(2.0**30)
 
 
 @kernel
@@ -96,13 +97,14 @@ def interpolate(ratios, frame, x, y, theta, out):
     size_x, size_y, size_t = ratios.shape
     last_x, last_y, tip = _f(size_x - 1), _f(size_y - 1), frame[6] * frame[6]
     for n in range(x.size):
-        u = min(max((x[n] - frame[0]) * frame[2], _ZERO), last_x)
-        v = min(max((y[n] - frame[1]) * frame[2], _ZERO), last_y)
+        # Of two numbers one of which is NaN, max and min return the first.
+        u = min(max(_ZERO, (x[n] - frame[0]) * frame[2]), last_x)
+        v = min(max(_ZERO, (y[n] - frame[1]) * frame[2]), last_y)
         w = theta[n] * frame[3]
         turned = np.floor(w)
         i, j = min(np.int32(u), np.int32(size_x - 2)), min(np.int32(v), np.int32(size_y - 2))
         p, q, r = u - _f(i), v - _f(j), w - turned
-        k = np.int32(turned) % np.int32(size_t)
+        k = np.int32(min(max(-_MOST_TURNED, turned), _MOST_TURNED)) % np.int32(size_t)
         after = (k + np.int32(1)) % np.int32(size_t)
         total, weights = _ZERO, _ZERO
         for corner in range(8):

@@ -107,7 +107,8 @@ def _find_cells(column, row, cosine, sine, along, across, last_column, last_row,
     for i in range(size):
         c = column[i] + cosine[i] * along - sine[i] * across
         r = row[i] + sine[i] * along + cosine[i] * across
-        c = min(max(c, _ZERO), last_column)
-        r = min(max(r, _ZERO), last_row)
+        # Of two numbers one of which is NaN, max and min return the first.
+        c = min(max(_ZERO, c), last_column)
+        r = min(max(_ZERO, r), last_row)
         # Without a sign: an index that might be negative, from the end, costs a comparison at each look.
         cell[i] = np.uint32(np.int32(r) * width + np.int32(c))

@@ -2,23 +2,16 @@
 
 import numpy as np
 
-from dynpf.kernels.compiler import device, kernel
-from dynpf.kernels.elementary import exp, log, sincos
+from dynpf.kernels.compiler import kernel
+from dynpf.kernels.elementary import exp, log, low_bits, sincos
 from dynpf.kernels.philox import BLOCK
 
 __all__ = ["log_likelihood"]
 
 _f = np.float32
 _ZERO, _HALF, _ONE, _TWO_PI, _INFINITY = _f(0.0), _f(0.5), _f(1.0), _f(2.0 * np.pi), _f(np.inf)
-_MOST = _f(2.0**30)
 # The first part of pi has few bits, so that its product with a small integer is exact.
 _PI_HIGH, _PI_LOW, _ONE_OVER_PI = _f(3.140625), _f(np.pi - 3.140625), _f(1.0 / np.pi)
-
-
-@device
-def _odd(whole):
-    """Return whether a whole number is odd; of one too large for 32 bits, or none, the same answer everywhere."""
-    return (np.int32(min(_MOST, max(-_MOST, whole))) & 1) != 0
 
 
 @kernel
@@ -89,7 +82,7 @@ def log_likelihood(  # noqa: PLR0912 - a loop over particles for lines with a pl
                         angle = turn + heading[i]
                         halves = np.rint(angle * _ONE_OVER_PI)
                         turned = (angle - halves * _PI_HIGH) - halves * _PI_LOW
-                        away = rho + expected if _odd(halves) else rho - expected
+                        away = rho + expected if (low_bits(halves) & 1) != 0 else rho - expected
                         beyond = max(abs(middle_y[i] * cosine - middle_x[i] * sine - centre) - slack, _ZERO)
                         error = rho_scale * away * away + alpha_scale * turned * turned + along_scale * beyond * beyond
                         best[i] = min(best[i], error)
@@ -100,7 +93,7 @@ def log_likelihood(  # noqa: PLR0912 - a loop over particles for lines with a pl
                     angle = turn + heading[i]
                     halves = np.rint(angle * _ONE_OVER_PI)
                     turned = (angle - halves * _PI_HIGH) - halves * _PI_LOW
-                    away = rho + expected if _odd(halves) else rho - expected
+                    away = rho + expected if (low_bits(halves) & 1) != 0 else rho - expected
                     best[i] = min(best[i], rho_scale * away * away + alpha_scale * turned * turned)
             if floor > _ZERO:
                 for i in range(size):

@@ -108,7 +108,9 @@ def _aim(
         first_row = np.floor(enter_row) if meets else _ZERO
         x = x - first_column
         y = y - first_row
-        at_left = min(max(y - climb * x, -_ONE), _ONE)
+        # A ray that does not meet the grid stays in its corner, whatever its numbers are.
+        climb = climb if meets else _ZERO
+        at_left = min(max(y - climb * x, -_ONE), _ONE) if meets else _ZERO
         through_top = (rows - first_row - at_left) * (dx * row_length) + _ONE
         last = min(columns - first_column, through_top, reach * dx + x + _ONE)
         last = max(last, _ZERO) if meets else _ZERO

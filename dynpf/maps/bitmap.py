@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from dynpf.maps.image import decode_image
 from dynpf.maps.occupancy import OccupancyGrid, thickened
+from dynpf.portable import whole
 
 __all__ = ["decode_bitmap", "from_grey"]
 
@@ -26,7 +27,7 @@ def decode_bitmap(
         shades = decode_image(data)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
-    grey = np.rint(255.0 * shades.colour).astype(np.uint8)
+    grey = whole(np.rint(255.0 * shades.colour), 0, 255, np.uint8)
     return from_grey(grey, free_from=free_from, resolution=resolution, origin=origin, thicken=thicken)
 
 

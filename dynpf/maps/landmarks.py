@@ -47,4 +47,4 @@ class LandmarkMap:
         if not self.ids:
             return np.full(wanted.shape, -1, dtype=np.int32)
         column = np.minimum(np.searchsorted(self._sorted, wanted), len(self.ids) - 1)
-        return np.where(self._sorted[column] == wanted, column, -1).astype(np.int32)
+        return np.where(self._sorted[column] == wanted, column, -1).astype(np.int32, casting="same_kind")

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynpf.maps.distance import squared_distances
-from dynpf.portable import sincos
+from dynpf.portable import sincos, whole
 from dynpf.rng import Stream
 
 __all__ = ["FREE", "OCCUPIED", "UNKNOWN", "OccupancyGrid", "thickened"]
@@ -110,7 +110,7 @@ class OccupancyGrid:
             raise ValueError(f"no free cell{what} in a grid of {self.cells.shape[1]} x {self.cells.shape[0]} cells")
         high, low, along, across, turn = stream.uniforms(5, count).astype(np.float64)
         # One number has 24 bits, fewer than a large map has cells; two together have 48.
-        index = places[((high + low * 2.0**-24) * len(places)).astype(np.int64)]
+        index = places[whole((high + low * 2.0**-24) * len(places), 0, len(places) - 1)]
         row, column = np.divmod(index, self.cells.shape[1])
         x, y = self.to_map(column + along, row + across)
         return np.stack((x, y, (2.0 * turn - 1.0) * np.pi)).astype(np.float32)

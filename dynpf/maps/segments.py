@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dynpf.maps.occupancy import OccupancyGrid
-from dynpf.portable import atan2, hypot, sincos
+from dynpf.portable import atan2, hypot, sincos, whole
 from dynpf.se2 import FloatArray, wrap_angle
 
 __all__ = ["SegmentMap", "polar_form", "polar_in_frame"]
@@ -57,7 +57,7 @@ class SegmentMap:
             raise ValueError(f"margin = {margin!r}; expected metres, finite and not negative")
         ends = self.segments.reshape(-1, 2)
         corner = ends.min(axis=0) - margin
-        width, height = np.floor((ends.max(axis=0) + margin - corner) / resolution).astype(np.int64) + 1
+        width, height = whole((ends.max(axis=0) + margin - corner) / resolution, 0, 2**31) + 1
         occupied = np.zeros((height, width), dtype=bool)
         for start, end in (self.segments.reshape(-1, 2, 2) - corner) / resolution:
             column, row = _cells_on(start, end)
@@ -117,5 +117,5 @@ def _cells_on(start: FloatArray, end: FloatArray) -> tuple[Any, Any]:
     points = start[:, None] + middles * (end - start)[:, None]
     # Rounding must not lead out of the box of both ends, which is all that the grid need hold.
     low, high = np.minimum(start, end), np.maximum(start, end)
-    column, row = np.floor(np.clip(points, low[:, None], high[:, None])).astype(np.int64)
+    column, row = whole(np.clip(points, low[:, None], high[:, None]), 0, 2**31)
     return column, row

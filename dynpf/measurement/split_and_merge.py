@@ -7,7 +7,7 @@ extraction algorithms using 2D range data for indoor mobile robotics", Autonomou
 import math
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -80,7 +80,7 @@ def _split(points: FloatArray, first: int, last: int, params: SplitAndMergeParam
     length = hypot(*along.tolist())
     from_start = points[:, first:last] - start[:, None]
     beside = np.abs(along[0] * from_start[1] - along[1] * from_start[0])
-    off: Any = beside / length if length > 0.0 else hypot(*from_start)
+    off = beside / length if length > 0.0 else hypot(from_start[0], from_start[1])
     worst = int(np.argmax(off))
     if off[worst] <= params.split:
         yield first, last

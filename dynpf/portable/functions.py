@@ -6,7 +6,7 @@ The errors in units in the last place stand in ``dynpf.kernels.elementary64``.
 import math
 from collections.abc import Callable
 from functools import reduce
-from typing import Any, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +38,7 @@ __all__ = [
 ]
 
 FloatArray = NDArray[np.float64]
+Whole = TypeVar("Whole", bound=np.integer[Any])
 
 
 @overload
@@ -208,13 +209,27 @@ def logsumexp(values: FloatArray, axis: int) -> FloatArray:
     return total
 
 
-def whole(values: ArrayLike, low: int, high: int) -> NDArray[np.int64]:
+@overload
+def whole(values: ArrayLike, low: int, high: int) -> NDArray[np.int64]: ...
+
+
+@overload
+def whole(values: ArrayLike, low: int, high: int, kind: type[Whole]) -> NDArray[Whole]: ...
+
+
+def whole(values: ArrayLike, low: int, high: int, kind: type[Any] = np.int64) -> NDArray[Any]:
     """Return values as whole numbers within [low, high], towards zero; NaN becomes ``low``.
 
-    What a plain cast makes of NaN, and of what does not fit, each processor answers in its own way.
+    The bounds are at most 2**53 and fit into ``kind``. What a plain cast makes of NaN, and of what does not fit, each
+    processor answers in its own way.
     """
-    known = np.where(np.isnan(values), low, values)
-    return np.clip(known, low, high).astype(np.int64)
+    values = np.asarray(values)
+    if values.dtype == np.float32 and max(-low, high) > 2**24:
+        values = values.astype(np.float64)  # which holds the bounds
+    bounded: NDArray[Any] = np.clip(values, low, high)
+    if np.any(unknown := np.isnan(bounded)):
+        bounded = np.where(unknown, low, bounded)
+    return bounded.astype(kind)
 
 
 # Wichura, Algorithm AS 241 (1988): ratios of polynomials, the constant first, for the middle and either part of a tail.

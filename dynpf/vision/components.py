@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dynpf.portable import norm
+from dynpf.portable import norm, whole
 from dynpf.vision.circle import fit_circles_algebraic
 
 __all__ = ["Borders", "arc_circles", "foreground", "trace_borders"]
@@ -48,12 +48,12 @@ def foreground(contrast: NDArray[np.float32], min_contrast: float) -> NDArray[np
     A pixel belongs to it when it has half of the strongest contrast within 3 px, so that the border runs where the
     edge has its half height whatever the disc's grey.
     """
-    strength = np.minimum(np.rint(np.abs(contrast)), np.float32(255.0)).astype(np.uint8)
+    strength = whole(np.rint(np.abs(contrast)), 0, 255, np.uint8)
     noise = 1.4826 * float(np.median(strength[::4, ::4]))
     floor = max(0.5 * min_contrast, 5 * noise)
     strongest = np.asarray(cv2.dilate(strength, np.ones((7, 7), np.uint8)))
     stands_out = (strength > strongest // 2) & (strength > floor)
-    return stands_out.astype(np.uint8) * np.uint8(255)
+    return stands_out.astype(np.uint8, casting="safe") * np.uint8(255)
 
 
 def trace_borders(mask: NDArray[np.uint8], min_area_px: float) -> Borders:

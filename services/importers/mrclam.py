@@ -357,9 +357,7 @@ def _checked(references: Sequence[Record], odometry: Sequence[Record]) -> tuple[
         Record("log/truth", record.stamp_ns, msgspec.structs.replace(pose, heading_valid=False) if bad else pose)
         for record, pose, bad in zip(references, poses, faulty.tolist(), strict=True)
     ]
-    edges = np.flatnonzero(
-        np.diff(np.concatenate([[False], faulty, [False]]).astype(np.int8, casting="same_kind"))
-    ).tolist()
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], faulty, [False]]).astype(np.int8, casting="safe"))).tolist()
     faults = [
         (references[a].stamp_ns, references[b - 1].stamp_ns) for a, b in zip(edges[::2], edges[1::2], strict=True)
     ]

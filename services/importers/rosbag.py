@@ -240,10 +240,11 @@ def _map(bag: Bag, losses: Losses) -> tuple[Attachment, ...]:
 
 def _records(path: Path, plan: _Plan, choice: BagChoice, losses: Losses) -> Iterator[Record]:
     with open_bag(path, TYPES) as bag:
-        topics = (plan.scan, plan.truth, *(plan.transforms if plan.odometry == TF else (plan.odometry,)))
+        named = (plan.scan, plan.truth, *(plan.transforms if plan.odometry == TF else (plan.odometry,)))
+        topics = sorted({one for one in named if one is not None})
         order = Reorder(losses)
         reader = _Reader(plan, choice, losses)
-        for message in bag.messages([one for one in topics if one is not None], losses):
+        for message in bag.messages(topics, losses):
             for record in reader.read(message):
                 yield from order.take(record, message.arrival_ns)
         yield from order.rest()

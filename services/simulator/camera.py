@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dynpf import kernels
 from dynpf.directions import directions
-from dynpf.portable import erf, product, sincos
+from dynpf.portable import erf, product, sincos, whole
 from dynpf.rng import Stream, generator
 from dynpf.vision.board import Board
 from dynpf.vision.projection import PlaneProjection
@@ -112,8 +112,8 @@ class Camera:
         lowest, highest = rim_px.min(axis=0), rim_px.max(axis=0)
         margin = _EDGE_REACH_PX + 0.03 * float(highest[0] - lowest[0]) + 2
         size = np.array([self.params.width_px, self.params.height_px])
-        left, top = np.clip(np.floor(lowest - margin), 0, size).astype(int).tolist()
-        right, bottom = np.clip(np.ceil(highest + margin) + 1, 0, size).astype(int).tolist()
+        left, top = whole(np.minimum(np.floor(lowest - margin), size), 0, int(size.max())).tolist()
+        right, bottom = whole(np.minimum(np.ceil(highest + margin) + 1, size), 0, int(size.max())).tolist()
         return top, bottom, left, right
 
     def _px_per_m(self, disc: DrawnDisc) -> float:
@@ -129,15 +129,14 @@ class Camera:
         px_per_m = self.params.focal_px / self.params.height_m
         outside_px = np.abs(outside_m) * np.float32(px_per_m) - np.float32(_LINE_HALF_WIDTH_PX)
         reach, steps, profile = self._edge
-        index = np.clip((outside_px + reach) * steps, 0, len(profile) - 1)
-        cover = profile[(index + np.float32(0.5)).astype(np.intp)][..., None]
+        place = np.clip((outside_px + reach) * steps, 0, len(profile) - 1)
+        cover = profile[whole(place + np.float32(0.5), 0, len(profile) - 1)][..., None]
         table, border = (
             self._light[..., None] * np.array(colour, dtype=np.float32)
             for colour in (self.params.table_colour, self.params.border_colour)
         )
-        whole = np.floor(table + np.float32(0.5))
-        frame: Frame = (whole + cover * (border - whole) + np.float32(0.5)).astype(np.uint8)
-        return frame
+        inside = np.floor(table + np.float32(0.5))
+        return whole(inside + cover * (border - inside) + np.float32(0.5), 0, 255, np.uint8)
 
     def _with_noise(self, frame: Frame, seed: int, tick: int) -> Frame:
         draw = generator(seed, "simulator", tick, "camera noise").integers(0, _TILE_MARGIN_PX, size=3)
@@ -220,7 +219,7 @@ def _noise_tile(params: CameraParams) -> NDArray[np.int16]:
     rows, columns = params.height_px + _TILE_MARGIN_PX, params.width_px + _TILE_MARGIN_PX
     draws = Stream.of(0, "simulator", 0, "camera noise tile").normals(3, rows * columns).reshape(3, rows, columns)
     draws = np.moveaxis(draws, 0, -1)
-    return np.ascontiguousarray(np.rint(draws * np.float32(params.noise_std)), dtype=np.int16)
+    return whole(np.rint(draws * np.float32(params.noise_std)), -(2**15), 2**15 - 1, np.int16)
 
 
 def _edge_profile(blur_sigma_px: float) -> NDArray[np.float32]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynpf.maps.occupancy import OccupancyGrid
-from dynpf.portable import dist, norm
+from dynpf.portable import dist, norm, whole
 from dynpf.rng import Draws, generator
 from dynpf.se2 import FloatArray
 from services.errors import ScenarioError
@@ -104,5 +104,5 @@ class People:
         """Return those of so many places (2,) in the map's box that are free."""
         rows, columns = self._grid.cells.shape
         column, row = rng.uniform((0.0, 0.0), (columns, rows), (count, 2)).T
-        free = self._grid.free[row.astype(np.int64), column.astype(np.int64)]
+        free = self._grid.free[whole(row, 0, rows - 1), whole(column, 0, columns - 1)]
         return list(np.stack(self._grid.to_map(column[free], row[free]), axis=1))
