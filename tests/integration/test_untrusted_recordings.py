@@ -444,7 +444,7 @@ def test_the_references_run_the_code_of_their_table_and_no_other(lab: Lab, monke
     monkeypatch.syspath_prepend(str(lab.folder))
     (lab.folder / "recordings").mkdir()
     lab.craft("marks", motion("evil:Model")).rename(lab.folder / "recordings" / "strange.mcap")
-    made = Made(digest="", dynpf="", platform="")
+    made = Made(digest="", dynpf="")
     entry = Entry(name="strange", scenario="landmark-room", seed=1, nodes=("estimator",), why="", made=made)
     lab.mark.unlink(missing_ok=True)
     found = check_part(entry, "estimator", lab.folder)
