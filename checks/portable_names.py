@@ -49,16 +49,16 @@ _BY_REASON = {
     "computes in whole numbers: labels, borders, fixed-point coordinates, the largest grey value": """
         cv2: circle connectedComponents connectedComponentsWithStats convexHull dilate fillConvexPoly findContours
     """,
-    "computes in float64, but of whole pixels below 4096, of which products of four are below 2**53: nothing is rounded": """
+    "computes in float64, but of whole pixels below 4096: products of four are below 2**53, so that none is rounded": """
         cv2: approxPolyDP contourArea
     """,
-    "the labels come of comparisons of distances in fixed point; only the distances themselves become float32": """
+    "labels, by comparisons of distances in fixed point; only the distances themselves become float32": """
         cv2: distanceTransformWithLabels
     """,
-    "of uint8 in fixed point or whole sums; test_opencv_bits.py shows it with any instructions, alignment and IPP": """
+    "of uint8 in fixed point or whole sums; checks/opencv_bits.py shows it with any instructions, alignment and IPP": """
         cv2: cvtColor resize
     """,
-    "whole-number transforms of libjpeg-turbo, and libpng, which is lossless; test_opencv_bits.py shows it, too": """
+    "whole-number transforms of libjpeg-turbo, and libpng, which is lossless; checks/opencv_bits.py shows it, too": """
         cv2: imdecode imencode
     """,
 }
@@ -113,12 +113,11 @@ _CASTS_BY_REASON = {
         dynpf/kernels/rays.py: _aim
         dynpf/filters/search.py: _is_free
         dynpf/measurement/range_vector.py: inside
-        dynpf/portable/functions.py: whole
     """,
     "its only caller, changed, bounds the place, also if it is NaN": """
         dynpf/kernels/colon.py: between_cells changed
     """,
-    "whole already, or a ray's row: `_aim` leaves intercepts and slopes within -1 and 1, and the columns are those of a grid": """
+    "whole already, or a ray's row: `_aim` leaves intercepts and slopes within -1 and 1, and columns within a grid": """
         dynpf/kernels/rays.py: _leap _finish
     """,
     "a number of samples, made of constants": """

@@ -218,7 +218,7 @@ def _noise_tile(params: CameraParams) -> NDArray[np.int16]:
     """What sensor noise adds to each colour, in a tile larger than the frame; the same for every seed."""
     rows, columns = params.height_px + _TILE_MARGIN_PX, params.width_px + _TILE_MARGIN_PX
     draws = Stream.of(0, "simulator", 0, "camera noise tile").normals(3, rows * columns).reshape(3, rows, columns)
-    draws = np.moveaxis(draws, 0, -1)
+    draws = np.ascontiguousarray(np.moveaxis(draws, 0, -1))
     return whole(np.rint(draws * np.float32(params.noise_std)), -(2**15), 2**15 - 1, np.int16)
 
 
