@@ -182,12 +182,11 @@ def _casts(tree: ast.AST, bound: dict[str, str], file: str, in_kernel: bool) -> 
             listed = isinstance(node.args[0], ast.List | ast.ListComp | ast.Tuple)
             if _is_whole_type(to, bound) and not listed:
                 yield node.lineno, f"{kind} of whole numbers in {function}: take astype with casting, or bound it"
-        elif (kind in _INTEGERS - {"int"} or (in_kernel and kind == "int")) and node.args:
-            if not (_whole(node.args[0], bound) or _constant(node.args[0])):
-                yield (
-                    node.lineno,
-                    f"{kind}(...) in {function}: bound it, and give the reason in checks/portable_names.py",
-                )
+        elif kind in (_INTEGERS if in_kernel else _INTEGERS - {"int"}) and node.args:
+            known = _whole(node.args[0], bound) or _constant(node.args[0])
+            if not known:
+                what = f"{kind}(...) in {function}: bound it, and give the reason in checks/portable_names.py"
+                yield node.lineno, what
 
 
 def _sets(tree: ast.AST) -> Iterator[Finding]:

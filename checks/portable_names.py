@@ -49,13 +49,13 @@ _BY_REASON = {
     "computes in whole numbers: labels, borders, fixed-point coordinates, the largest grey value": """
         cv2: circle connectedComponents connectedComponentsWithStats convexHull dilate fillConvexPoly findContours
     """,
-    "computes in float64, but of whole pixels below 4096: products of four are below 2**53, so that none is rounded": """
+    "computes in float64, but of whole pixels below 4096: products of four are below 2**53 and none is rounded": """
         cv2: approxPolyDP contourArea
     """,
     "labels, by comparisons of distances in fixed point; only the distances themselves become float32": """
         cv2: distanceTransformWithLabels
     """,
-    "of uint8 in fixed point or whole sums; checks/opencv_bits.py shows it with any instructions, alignment and IPP": """
+    "of uint8 in fixed point or whole sums; checks/opencv_bits.py shows it, with any instructions, place, IPP": """
         cv2: cvtColor resize
     """,
     "whole-number transforms of libjpeg-turbo, and libpng, which is lossless; checks/opencv_bits.py shows it, too": """
@@ -86,7 +86,7 @@ _CASTS_BY_REASON = {
         dynpf/kernels/background.py: sample
         dynpf/kernels/bins.py: _slot _join_neighbours occupied clusters
         dynpf/kernels/distance.py: squared_distances
-        dynpf/kernels/elementary.py: log
+        dynpf/kernels/elementary.py: whole log
         dynpf/kernels/drawing.py: add_noise
         dynpf/kernels/fields.py: _place _extended
         dynpf/kernels/philox.py: words fill_normals fill_uniforms two_words
@@ -106,7 +106,7 @@ _CASTS_BY_REASON = {
         dynpf/kernels/beam.py: sum_over_beams
         dynpf/kernels/bins.py: _fill_keys
         dynpf/kernels/cloud.py: systematic
-        dynpf/kernels/drawing.py: _coverage _paint
+        dynpf/kernels/drawing.py: _coverage
         dynpf/kernels/edges.py: _bilinear
         dynpf/kernels/fields.py: interpolate
         dynpf/kernels/likelihood_field.py: sum_over_beams _find_cells
@@ -119,6 +119,9 @@ _CASTS_BY_REASON = {
     """,
     "whole already, or a ray's row: `_aim` leaves intercepts and slopes within -1 and 1, and columns within a grid": """
         dynpf/kernels/rays.py: _leap _finish
+    """,
+    "a mean, by a share from 0 to 1, of two grey levels from 0 to 255": """
+        dynpf/kernels/drawing.py: _paint
     """,
     "a number of samples, made of constants": """
         dynpf/kernels/edges.py: rims
