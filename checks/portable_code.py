@@ -50,7 +50,6 @@ _INTEGERS = {
     *("numpy.intp", "numpy.int_", "numpy.integer"),
 }
 _SAFE_CASTS = {"no", "equiv", "safe", "same_kind"}
-_STABLE = {"numpy.sort", "numpy.argsort"}
 _TO_ARRAYS = {f"numpy.{name}" for name in ("array", "asarray", "ascontiguousarray", "require")}
 Finding = tuple[int, str]
 
@@ -136,8 +135,9 @@ def _calls(tree: ast.AST, bound: dict[str, str]) -> Iterator[Finding]:
                 yield node.lineno, f"{flag}: may change the order of operations"
         root, *rest = dotted(node.func)
         name = ".".join((bound.get(root, root), *rest))
-        sorts = name in _STABLE or (isinstance(node.func, ast.Attribute) and node.func.attr == "argsort")
-        if sorts and not _literal(keywords.get("kind"), "stable"):
+        if (name == "numpy.argsort" or _method(node.func) == "argsort") and not _literal(
+            keywords.get("kind"), "stable"
+        ):
             yield node.lineno, 'sorting without kind="stable": the order of equal values is the processor\'s'
         if name == "sum" and node.args and not _whole(node.args[0], bound):
             yield (
@@ -183,12 +183,11 @@ def _casts(tree: ast.AST, bound: dict[str, str], file: str, in_kernel: bool) -> 
             listed = isinstance(node.args[0], ast.List | ast.ListComp | ast.Tuple)
             if _is_whole_type(to, bound) and not listed:
                 yield node.lineno, f"{kind} of whole numbers in {function}: take astype with casting, or bound it"
-        elif (
-            (kind in _INTEGERS - {"int"} or (in_kernel and kind == "int"))
-            and node.args
-            and not (_whole(node.args[0], bound) or _constant(node.args[0]))
-        ):
-            yield node.lineno, f"{kind}(...) in {function}: bound it, and give the reason in checks/portable_names.py"
+        elif kind in (_INTEGERS if in_kernel else _INTEGERS - {"int"}) and node.args:
+            known = _whole(node.args[0], bound) or _constant(node.args[0])
+            if not known:
+                what = f"{kind}(...) in {function}: bound it, and give the reason in checks/portable_names.py"
+                yield node.lineno, what
 
 
 def _sets(tree: ast.AST) -> Iterator[Finding]:
@@ -281,6 +280,10 @@ def _is_set(node: ast.expr, named: frozenset[str]) -> bool:
         case ast.Name(id=name):
             return name in named
     return False
+
+
+def _method(node: ast.expr) -> str:
+    return node.attr if isinstance(node, ast.Attribute) else ""
 
 
 def _literal(node: ast.expr | None, value: object) -> bool:

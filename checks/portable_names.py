@@ -38,10 +38,10 @@ _BY_REASON = {
         numpy: arange
     """,
     "stable, for which `calls` looks": """
-        numpy: argsort lexsort sort
+        numpy: argsort lexsort
     """,
-    "picks values, and of equal ones it does not matter which": """
-        numpy: median unique
+    "orders or picks values, of which equal ones are the same, but for the sign of zero": """
+        numpy: median sort unique
     """,
     "the one value in its place, for which `calls` looks": """
         numpy: partition
@@ -52,13 +52,13 @@ _BY_REASON = {
     "computes in float64, but of whole pixels below 4096, of which products of four are below 2**53": """
         cv2: approxPolyDP contourArea
     """,
-    "the labels come of comparisons of distances in fixed point; only the distances themselves become float32": """
+    "labels, by comparisons of distances in fixed point; only the distances themselves become float32": """
         cv2: distanceTransformWithLabels
     """,
-    "of uint8 in fixed point or whole sums; test_opencv_bits.py shows it with any instructions, alignment and IPP": """
+    "of uint8 in fixed point or whole sums; checks/opencv_bits.py shows it, with any instructions, place, IPP": """
         cv2: cvtColor resize
     """,
-    "whole-number transforms of libjpeg-turbo, and libpng, which is lossless; test_opencv_bits.py shows it, too": """
+    "whole-number transforms of libjpeg-turbo, and libpng, which is lossless; checks/opencv_bits.py shows it, too": """
         cv2: imdecode imencode
     """,
 }
@@ -86,7 +86,7 @@ _CASTS_BY_REASON = {
         dynpf/kernels/background.py: sample
         dynpf/kernels/bins.py: _slot _join_neighbours occupied clusters
         dynpf/kernels/distance.py: squared_distances
-        dynpf/kernels/elementary.py: log
+        dynpf/kernels/elementary.py: whole log
         dynpf/kernels/drawing.py: add_noise
         dynpf/kernels/fields.py: _place _extended
         dynpf/kernels/philox.py: words fill_normals fill_uniforms two_words
@@ -106,20 +106,20 @@ _CASTS_BY_REASON = {
         dynpf/kernels/beam.py: sum_over_beams
         dynpf/kernels/bins.py: _fill_keys
         dynpf/kernels/cloud.py: systematic
-        dynpf/kernels/drawing.py: _coverage _paint
+        dynpf/kernels/drawing.py: _coverage
         dynpf/kernels/edges.py: _bilinear
         dynpf/kernels/fields.py: interpolate
         dynpf/kernels/likelihood_field.py: sum_over_beams _find_cells
         dynpf/kernels/rays.py: _aim
-        dynpf/filters/search.py: _is_free
-        dynpf/measurement/range_vector.py: inside
-        dynpf/portable/functions.py: whole
     """,
     "its only caller, changed, bounds the place, also if it is NaN": """
         dynpf/kernels/colon.py: between_cells changed
     """,
     "whole already, or a ray's row, of which `_aim` bounds intercept and slope, and the grid the column": """
         dynpf/kernels/rays.py: _leap _finish
+    """,
+    "a mean, by a share from 0 to 1, of two grey levels from 0 to 255": """
+        dynpf/kernels/drawing.py: _paint
     """,
     "a number of samples, made of constants": """
         dynpf/kernels/edges.py: rims

@@ -71,7 +71,7 @@ class Multinomial(_Scheme, frozen=True, tag="multinomial"):
 
     def select(self, weights: Floats, count: int, stream: Stream) -> Indices:
         """See Resampling."""
-        return _survivors(weights, np.sort(stream.fine_uniforms(count), kind="stable"))
+        return _survivors(weights, np.sort(stream.fine_uniforms(count)))
 
 
 class Residual(_Scheme, frozen=True, tag="residual"):
@@ -85,8 +85,8 @@ class Residual(_Scheme, frozen=True, tag="residual"):
         missing = count - chosen.size
         if missing == 0:
             return chosen
-        drawn = np.sort(stream.fine_uniforms(missing), kind="stable")
-        return np.sort(np.append(chosen, _survivors(expected - copies, drawn)), kind="stable")
+        drawn = np.sort(stream.fine_uniforms(missing))
+        return np.sort(np.append(chosen, _survivors(expected - copies, drawn)))
 
 
 def systematic(weights: Floats, uniform: float, count: int | None = None) -> Indices:

@@ -64,8 +64,8 @@ def _coverage(outside_px, edge):
 
 @device
 def _paint(pixel, cover, colour, light):
-    """Mix a colour in the light into a pixel (3,)."""
+    """Mix a colour in the light, which may be too bright, into a pixel (3,)."""
     if cover > _ZERO:
         for c in range(3):
             target = _f(pixel[c])
-            pixel[c] = np.uint8(min(max(_ZERO, target + cover * (light * colour[c] - target) + _HALF), _WHITE))
+            pixel[c] = np.uint8(target + cover * (min(_WHITE, light * colour[c]) - target) + _HALF)

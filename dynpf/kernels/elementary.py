@@ -10,11 +10,11 @@ import numpy as np
 
 from dynpf.kernels.compiler import device
 
-__all__ = ["atan2", "exp", "log", "low_bits", "sincos", "wrap"]
+__all__ = ["atan2", "exp", "log", "sincos", "whole", "wrap"]
 
 _f = np.float32
 
-_LAST_BIT_ONE = _f(1.5 * 2.0**23)  # the last bit of what is near is worth one
+_LAST_BIT_ONE, _BITS_OF_ZERO = _f(1.5 * 2.0**23), np.int32(0x4B400000)  # the last bit of what is near is worth one
 _TWO_OVER_PI = _f(0.63661977236758134)
 # pi/2 in three parts; the first two have few bits, so that their product with a small integer is exact.
 _HALF_PI_1, _HALF_PI_2, _HALF_PI_3 = _f(1.5703125), _f(4.837512969970703125e-4), _f(7.5497894159e-8)
@@ -43,12 +43,12 @@ _TWO_PI_HIGH, _TWO_PI_LOW, _ONE_OVER_TWO_PI = _f(6.28125), _f(2.0 * np.pi - 6.28
 
 
 @device
-def low_bits(whole):
-    """Return an int32 whose lowest 22 bits are those of a whole number, |whole| < 2**22; beyond, any bits.
+def whole(number):
+    """Return a whole number, |number| < 2**22, as int32; beyond, and of NaN, any.
 
-    They stand at the end of the sum's. A cast would do, but each processor casts what does not fit in its own way.
+    It stands at the end of the sum's bits. A cast would do, but each processor casts what does not fit in its own way.
     """
-    return _f(whole + _LAST_BIT_ONE).view(np.int32)
+    return np.int32(_f(number + _LAST_BIT_ONE).view(np.int32) - _BITS_OF_ZERO)
 
 
 @device
@@ -56,7 +56,7 @@ def sincos(angle):
     """Return sine and cosine of an angle in radians, |angle| < 8000: beyond, any numbers; NaN of infinity and NaN."""
     turns = np.rint(angle * _TWO_OVER_PI)
     rest = ((angle - turns * _HALF_PI_1) - turns * _HALF_PI_2) - turns * _HALF_PI_3
-    quadrant = low_bits(turns)
+    quadrant = whole(turns)
     square = rest * rest
     sine = rest + rest * square * (_S1 + square * (_S2 + square * _S3))
     cosine = (_ONE - _HALF * square) + square * square * (_C1 + square * (_C2 + square * _C3))
@@ -75,7 +75,7 @@ def exp(value):
     twos = np.rint(clipped * _LOG2_E)
     rest = (clipped - twos * _LN2_HIGH) - twos * _LN2_LOW
     series = ((((_E0 * rest + _E1) * rest + _E2) * rest + _E3) * rest + _E4) * rest + _E5
-    scale = np.int32((low_bits(twos) + np.int32(127)) << 23).view(np.float32)
+    scale = np.int32((whole(twos) + np.int32(127)) << 23).view(np.float32)
     result = (series * rest * rest + rest + _ONE) * scale
     return _ZERO if value < _EXP_LOWEST else result
 

@@ -8,13 +8,13 @@ upwind equations as fast marching (Sethian 1996) without keeping the front in or
 import numpy as np
 
 from dynpf.kernels.compiler import device, kernel
+from dynpf.kernels.elementary import whole
 
 __all__ = ["interpolate", "march", "spare_clearances"]
 
 _f = np.float32
 _ZERO, _ONE = _f(0.0), _f(1.0)
 _INF = _f(np.inf)
-_MOST_TURNED = _f(2.0**30)
 
 
 @kernel
@@ -104,7 +104,7 @@ def interpolate(ratios, frame, x, y, theta, out):
         turned = np.floor(w)
         i, j = min(np.int32(u), np.int32(size_x - 2)), min(np.int32(v), np.int32(size_y - 2))
         p, q, r = u - _f(i), v - _f(j), w - turned
-        k = np.int32(min(max(-_MOST_TURNED, turned), _MOST_TURNED)) % np.int32(size_t)
+        k = whole(turned) % np.int32(size_t)
         after = (k + np.int32(1)) % np.int32(size_t)
         total, weights = _ZERO, _ZERO
         for corner in range(8):

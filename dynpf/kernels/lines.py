@@ -3,7 +3,7 @@
 import numpy as np
 
 from dynpf.kernels.compiler import kernel
-from dynpf.kernels.elementary import exp, log, low_bits, sincos
+from dynpf.kernels.elementary import exp, log, sincos, whole
 from dynpf.kernels.philox import BLOCK
 
 __all__ = ["log_likelihood"]
@@ -82,7 +82,7 @@ def log_likelihood(  # noqa: PLR0912 - a loop over particles for lines with a pl
                         angle = turn + heading[i]
                         halves = np.rint(angle * _ONE_OVER_PI)
                         turned = (angle - halves * _PI_HIGH) - halves * _PI_LOW
-                        away = rho + expected if (low_bits(halves) & 1) != 0 else rho - expected
+                        away = rho + expected if (whole(halves) & 1) != 0 else rho - expected
                         beyond = max(abs(middle_y[i] * cosine - middle_x[i] * sine - centre) - slack, _ZERO)
                         error = rho_scale * away * away + alpha_scale * turned * turned + along_scale * beyond * beyond
                         best[i] = min(best[i], error)
@@ -93,7 +93,7 @@ def log_likelihood(  # noqa: PLR0912 - a loop over particles for lines with a pl
                     angle = turn + heading[i]
                     halves = np.rint(angle * _ONE_OVER_PI)
                     turned = (angle - halves * _PI_HIGH) - halves * _PI_LOW
-                    away = rho + expected if (low_bits(halves) & 1) != 0 else rho - expected
+                    away = rho + expected if (whole(halves) & 1) != 0 else rho - expected
                     best[i] = min(best[i], rho_scale * away * away + alpha_scale * turned * turned)
             if floor > _ZERO:
                 for i in range(size):

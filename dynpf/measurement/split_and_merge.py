@@ -64,7 +64,7 @@ def _chains(
     """Yield where chains of neighbouring points begin and end."""
     if ranges.size < 2:
         return
-    steps = np.sort(np.abs(np.diff(angles)), kind="stable")
+    steps = np.sort(np.abs(np.diff(angles)))
     step = 0.5 * (steps[(steps.size - 1) // 2] + steps[steps.size // 2])  # the median
     far = hypot(*np.diff(points)) > params.gap + params.gap_beams * step * np.minimum(ranges[1:], ranges[:-1])
     ends = [0, *(np.flatnonzero(far) + 1).tolist(), ranges.size]

@@ -138,7 +138,7 @@ def _is_disc(rims: _Rims, params: DetectionParams) -> NDArray[np.bool_]:
 def _near(points: NDArray[np.float64], found: NDArray[np.bool_], circles: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which points (D, R, 2) lie no farther from their circle than three robust standard deviations."""
     distance = np.abs(_distance(points, circles))
-    ordered = np.sort(np.where(found, distance, np.inf), axis=1, kind="stable")
+    ordered = np.sort(np.where(found, distance, np.inf), axis=1)
     median = ordered[np.arange(len(found)), found.sum(axis=1) // 2 - 1]
     return np.asarray(distance <= np.maximum(3 * 1.4826 * median, 0.1)[:, None])
 

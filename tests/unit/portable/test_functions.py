@@ -105,6 +105,16 @@ def test_a_whole_number_lies_within_its_bounds_whatever_it_is_made_of(value: flo
         assert found == int(value)
 
 
+def test_whole_numbers_are_of_the_kind_that_is_asked_for_and_of_float32_keep_large_bounds() -> None:
+    levels = portable.whole(np.array([-3.0, np.nan, 254.9, 1e9]), 0, 255, np.uint8)
+    assert levels.dtype == np.uint8
+    assert levels.tolist() == [0, 0, 254, 255]
+    assert portable.whole(np.array([np.inf, -np.inf], np.float32), -(2**31), 2**31 - 1, np.int32).tolist() == [
+        2**31 - 1,
+        -(2**31),
+    ]
+
+
 def test_the_bits_are_those_of_every_other_machine() -> None:
     """Not against an oracle: what a machine computes here, each must."""
     values = np.linspace(-700.0, 700.0, 100_001)
