@@ -11,7 +11,10 @@ RUN if [ -f ca-certificates.pem ]; then export PIP_CERT=/build/ca-certificates.p
 COPY pyproject.toml README.md LICENSE ./
 COPY dynpf dynpf
 COPY protocol protocol
+COPY formats formats
+COPY runtime runtime
 COPY services services
+COPY lab lab
 COPY scenarios scenarios
 RUN pip --python /opt/dynpf/bin/python install --no-cache-dir --no-index --no-deps --no-build-isolation .
 

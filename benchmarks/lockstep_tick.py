@@ -18,12 +18,11 @@ from multiprocessing.synchronize import Event
 from pathlib import Path
 
 import numpy as np
-
-from protocol.codec import decode
-from protocol.messages import Diagnostics
-from services.bus import Bus, open_router
-from services.recording.reader import Recording, read_recording
-from services.runners.bus import free_port
+from dynpf_formats.recording.reader import Recording, read_recording
+from dynpf_protocol.codec import decode
+from dynpf_protocol.messages import Diagnostics
+from dynpf_runtime.bus.processes import free_port
+from dynpf_runtime.bus.session import Bus, open_router
 
 
 def main() -> None:
@@ -43,7 +42,7 @@ def measure(scenario: str, ticks: int) -> dict[str, float]:
     """Run ``scenario`` for ``ticks`` on the bus; return milliseconds a tick and ticks a second."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.mcap"
-        command = [sys.executable, "-m", "services.cli.main", "run", scenario, "-o", str(path)]
+        command = [sys.executable, "-m", "dynpf_lab.cli.main", "run", scenario, "-o", str(path)]
         subprocess.run([*command, "--set", f"max_ticks={ticks}"], check=True, stdout=subprocess.DEVNULL)
         recording = read_recording(path)
         published = np.array([record.publish_ns for record in recording.messages("truth/robot")]) * 1e-6

@@ -14,16 +14,17 @@ import tempfile
 import time
 from pathlib import Path
 
-from protocol.codec import encode
-from protocol.control import TickDone, encode_control
-from protocol.envelope import Envelope, encode_envelope
-from protocol.journal import JournalEntry, Produced, encode_entry
-from protocol.messages import Log, LogLevel, timestamp
-from services.bus import DATA, JOURNAL, TICK
-from services.member import Member, StopSignal, join
-from services.recording.reader import read_recording
-from services.runners.bus import free_port
-from services.scenario import load_scenario, resolved_json
+from dynpf_formats.recording.reader import read_recording
+from dynpf_protocol.codec import encode
+from dynpf_protocol.control import TickDone, encode_control
+from dynpf_protocol.envelope import Envelope, encode_envelope
+from dynpf_protocol.journal import JournalEntry, Produced, encode_entry
+from dynpf_protocol.messages import Log, LogLevel, timestamp
+from dynpf_runtime.bus.member import Member, StopSignal, join
+from dynpf_runtime.bus.processes import free_port
+from dynpf_runtime.bus.session import DATA, JOURNAL, TICK
+from dynpf_services.scenario.build import plan_of
+from dynpf_services.scenario.schema import load_scenario, resolved_json
 
 TICKS_PER_S = 100
 SCENARIO = 'title = "Nothing but messages"\n[simulator]\nkind = "room"\n'
@@ -44,12 +45,12 @@ def measure(folder: Path, rate: int, seconds: float) -> dict[str, float]:
     scenario = load_scenario(str(folder / "scenario.toml"))
     (folder / "scenario.json").write_text(resolved_json(scenario))
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    service = [sys.executable, "-m", "services.cli.main", "service"]
+    service = [sys.executable, "-m", "dynpf_lab.cli.main", "service"]
     common = [str(folder / "scenario.json"), "--quiet"]
     router = subprocess.Popen([*service, "router", *common, "--listen", endpoint])
     output = folder / "run.mcap"
     recorder = subprocess.Popen([*service, "recorder", *common, "--connect", endpoint, "-o", str(output)])
-    with StopSignal.installed() as stop, join("simulator", scenario, endpoint, stop) as member:
+    with StopSignal.installed() as stop, join("simulator", plan_of(scenario), endpoint, stop) as member:
         member.assemble(leads=True)
         began = time.monotonic()
         sent = publish(member, rate // TICKS_PER_S, int(seconds * TICKS_PER_S))

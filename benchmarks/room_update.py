@@ -9,12 +9,12 @@ import time
 
 import msgspec
 import numpy as np
+from dynpf_lab.studies.rooms import known_start, readings_of, record, world
+from dynpf_services.estimator.components import localizer_of, measurements_of, motion_of
+from dynpf_services.estimator.config import LocalizationConfig
 
 from dynpf.filters.start import start_poses
 from dynpf.rng import Stream
-from services.estimator.components import localizer_of, measurements_of, motion_of
-from services.estimator.config import LocalizationConfig
-from services.studies.rooms import known_start, readings_of, record, world
 
 REPEATS, UPDATES = 12, 40
 

@@ -14,7 +14,7 @@ from checks.pure_code import bindings, dotted, within
 
 __all__ = ["findings"]
 
-PACKAGES = ("benchmarks", "checks", "docs", "dynpf", "protocol", "services", "tests")
+PACKAGES = ("benchmarks", "checks", "docs", "dynpf", "formats", "lab", "protocol", "runtime", "services", "tests")
 
 _UNPICKLES = "runs what is in the data"
 _COMPILES = "makes code of a text"
@@ -42,13 +42,14 @@ BUILTINS = {**dict.fromkeys(("eval", "exec", "compile"), _COMPILES), "__import__
 
 EXCEPTIONS = {
     # The one place that imports what a scenario names: its author's own, or what the reader of a recording has allowed.
-    ("services/user_code.py", "importlib.import_module"),
-    ("services/user_code.py", "importlib.util.find_spec"),
+    ("services/dynpf_services/scenario/user_code.py", "importlib.import_module"),
+    ("services/dynpf_services/scenario/user_code.py", "importlib.util.find_spec"),
     # These take the module from a table of their own.
+    ("formats/dynpf_formats/recording/provenance.py", "importlib.util.find_spec"),
     ("dynpf/__init__.py", "importlib.import_module"),
     ("dynpf/kernels/__init__.py", "importlib.import_module"),
-    ("services/cli/main.py", "importlib.import_module"),
-    ("services/studies/catalogue.py", "importlib.import_module"),
+    ("lab/dynpf_lab/cli/main.py", "importlib.import_module"),
+    ("lab/dynpf_lab/studies/catalogue.py", "importlib.import_module"),
     # The examples of our own documents.
     ("tests/unit/docs/test_readme.py", "exec"),
     ("tests/unit/docs/test_viewing.py", "exec"),

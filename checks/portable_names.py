@@ -92,15 +92,15 @@ _CASTS_BY_REASON = {
         dynpf/kernels/philox.py: words fill_normals fill_uniforms two_words
         dynpf/kernels/rays.py: fill_cones trace
         dynpf/vision/subsample.py: subsample
-        services/importers/maps.py: map_of_message
-        services/vision/node.py: _decode
+        formats/dynpf_formats/importers/maps.py: map_of_message
+        services/dynpf_services/vision/node.py: _decode
     """,
     "made of Python's own numbers, of which NumPy refuses what does not fit": """
         dynpf/filters/extended.py: __init__
         dynpf/filters/unscented.py: __init__
         dynpf/maps/landmarks.py: __init__ columns
         dynpf/measurement/range_bearing.py: __init__
-        services/importers/mrclam.py: of
+        formats/dynpf_formats/importers/mrclam.py: of
     """,
     "bounded just before: by comparisons that NaN fails, or by max(bound, x), which is the bound if x is NaN": """
         dynpf/kernels/beam.py: sum_over_beams

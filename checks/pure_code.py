@@ -7,6 +7,7 @@ or not; a module may not be handed about as a value, since what is taken from it
 """
 
 import ast
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,23 +16,23 @@ __all__ = ["PURE", "bindings", "dotted", "findings", "within"]
 
 PURE = (
     "dynpf",
-    "protocol",
-    "services/capsule_scene.py",
-    "services/colon.py",
-    "services/errors.py",
-    "services/maps.py",
-    "services/node.py",
-    "services/steering.py",
-    "services/task.py",
-    "services/simulator",
-    "services/vision",
-    "services/sensors",
-    "services/estimator",
-    "services/controller",
+    "protocol/dynpf_protocol",
+    "services/dynpf_services/capsule_scene.py",
+    "services/dynpf_services/colon.py",
+    "services/dynpf_services/maps.py",
+    "runtime/dynpf_runtime/node.py",
+    "services/dynpf_services/steering.py",
+    "services/dynpf_services/task.py",
+    "services/dynpf_services/simulator",
+    "services/dynpf_services/vision",
+    "services/dynpf_services/sensors",
+    "services/dynpf_services/estimator",
+    "services/dynpf_services/controller",
+    "services/dynpf_services/world",
 )
 
 MODULES = (
-    *(root.removesuffix(".py").replace("/", ".") for root in PURE),
+    *(re.sub(r"^\w+/(?=dynpf_)", "", root).removesuffix(".py").replace("/", ".") for root in PURE),
     *("__future__", "abc", "base64", "bisect", "collections", "copy", "dataclasses", "enum", "functools", "hashlib"),
     *(
         "heapq",

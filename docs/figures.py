@@ -10,18 +10,15 @@ from typing import Any, NamedTuple
 import cv2
 import matplotlib as mpl
 import numpy as np
+from dynpf_formats.recording.reader import Recording, read_recording
+from dynpf_protocol.codec import decode
+from dynpf_services.scenario.record import record_inline
+from dynpf_services.scenario.schema import Scenario, load_scenario, override_resolved
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 from PIL import Image
-
-from protocol.codec import decode
-from services.recorder.host import run_header
-from services.recording.reader import Recording, read_recording
-from services.recording.writer import RecordingWriter
-from services.runners.inline import run_inline
-from services.scenario import Scenario, load_scenario, override_resolved
 
 __all__ = ["draw"]
 
@@ -162,9 +159,7 @@ def _scenario(recording: Recording) -> Scenario:
 def _run(name: str, folder: Path) -> Recording:
     scenario = load_scenario(name, seed=1)
     path = folder / f"{name}.mcap"
-    with RecordingWriter(path, run_header(scenario)) as writer:
-        run_inline(scenario, [], writer)
-        writer.close(complete=True, reason="finished")
+    record_inline(scenario, path)
     return read_recording(path)
 
 

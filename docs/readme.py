@@ -22,7 +22,7 @@ def printed_by_make_run() -> str:
         command = [
             sys.executable,
             "-m",
-            "services.cli.main",
+            "dynpf_lab.cli.main",
             "run",
             "parts-3-easy",
             "--runner",

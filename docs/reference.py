@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+from dynpf_protocol.journal import JournalEntry
+from dynpf_protocol.messages import LogLevel
+from dynpf_protocol.topics import TOPICS, Delivery
+from dynpf_services.estimator.config import UserComponent
+from dynpf_services.scenario.schema import Scenario
 from msgspec import inspect as types
-
-from protocol.journal import JournalEntry
-from protocol.messages import LogLevel
-from protocol.topics import TOPICS, Delivery
-from services.estimator.config import UserComponent
-from services.scenario import Scenario
 
 __all__ = ["PAGES", "scenarios", "topics"]
 

@@ -8,6 +8,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from dynpf_formats.recording.reader import read_recording
+from dynpf_lab.references.table import CHECKOUT
+from dynpf_protocol.errors import UsageError
+
 from checks.machines.controls import PROCESSOR
 from checks.machines.debian import CACHE
 from checks.machines.interpreters import EMULATED, emulated, further_pythons
@@ -16,9 +20,6 @@ from checks.machines.report import Row, details, row_of, table, verdict
 from checks.machines.runs import Difference, Outcome, compared, differences, processor, run
 from checks.machines.settings import DEFAULT, Processor, Setting, processor_settings, python_settings
 from checks.machines.worker import Done
-from services.errors import UsageError
-from services.recording.reader import read_recording
-from services.references.table import CHECKOUT
 
 RECORDED = Setting("recordings/ against default", {}, ())
 

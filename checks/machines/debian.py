@@ -7,8 +7,8 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from services.errors import UsageError
-from services.references.table import CHECKOUT
+from dynpf_lab.references.table import CHECKOUT
+from dynpf_protocol.errors import UsageError
 
 __all__ = ["CACHE", "host_architecture", "unpacked"]
 

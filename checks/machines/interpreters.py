@@ -10,9 +10,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from dynpf_lab.references.table import CHECKOUT
+from dynpf_protocol.errors import UsageError
+
 from checks.machines.debian import CACHE, host_architecture, unpacked
-from services.errors import UsageError
-from services.references.table import CHECKOUT
 
 __all__ = ["EMULATED", "Emulated", "Interpreter", "emulated", "further_pythons"]
 

@@ -4,21 +4,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from services.importers.carmen import import_carmen
-from services.importers.mapping import drawn_map
-from services.importers.mrclam import import_mrclam
-from services.importers.recording import write_recording, write_stream
-from services.nodes import build_node
-from services.played_log import PlayedLog
-from services.recorder.host import run_header
-from services.recording.reader import read_recording
-from services.recording.scenario import attachments_of, recorded_scenario
-from services.recording.writer import RecordingWriter
-from services.references.runs import has_data, run_anew
-from services.references.table import CHECKOUT, Entry, read_table, recording_file
-from services.runners.inline import run_inline
-from services.runners.replay import replay_node, write_replayed
-from services.scenario import load_scenario
+from dynpf_formats.importers.carmen import import_carmen
+from dynpf_formats.importers.mapping import drawn_map
+from dynpf_formats.importers.mrclam import import_mrclam
+from dynpf_formats.importers.recording import write_recording, write_stream
+from dynpf_formats.recording.reader import read_recording
+from dynpf_formats.recording.writer import RecordingWriter
+from dynpf_lab.references.runs import has_data, run_anew
+from dynpf_lab.references.table import CHECKOUT, Entry, read_table, recording_file
+from dynpf_runtime.replay import replay_node, write_replayed
+from dynpf_services.scenario.build import build_node
+from dynpf_services.scenario.played_log import PlayedLog
+from dynpf_services.scenario.record import record_inline
+from dynpf_services.scenario.recorded import recorded_scenario
+from dynpf_services.scenario.schema import load_scenario
 
 __all__ = ["JOBS", "LOGS", "REFERENCE", "Job", "chosen", "run_job"]
 
@@ -91,10 +90,7 @@ def run_job(job: Job, folder: Path) -> Path | None:
         return None
     log = _imported(job.log, folder) if job.log else None
     scenario = load_scenario(job.scenario, overrides=job.overrides, seed=1, log=log.facts if log else None)
-    attachments = attachments_of(scenario, log.attachments if log else ())
-    with RecordingWriter(path, run_header(scenario), attachments) as writer:
-        run_inline(scenario, log.records if log else [], writer)
-        writer.close(complete=True, reason="finished")
+    record_inline(scenario, path, log)
     return path
 
 

@@ -3,8 +3,9 @@
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+from dynpf_formats.recording.diff import FirstDifference
+
 from checks.machines.runs import Difference, Outcome
-from services.recording.diff import FirstDifference
 
 __all__ = ["Row", "changed_controls", "row_of", "table", "verdict"]
 

@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
+from dynpf_formats.recording.diff import FirstDifference
+from dynpf_formats.recording.reader import Recording, read_recording
+from dynpf_lab.references.table import CHECKOUT
+from dynpf_lab.references.update import first_differences
+from dynpf_protocol.topics import NODES
 
 from checks.machines.debian import CACHE
 from checks.machines.settings import CHOOSERS, Processor, Setting
 from checks.machines.worker import Done, Told
-from protocol.topics import NODES
-from services.recording.diff import FirstDifference
-from services.recording.reader import Recording, read_recording
-from services.references.table import CHECKOUT
-from services.references.update import first_differences
 
 __all__ = ["Difference", "Outcome", "differences", "first_by_node", "processor", "run"]
 

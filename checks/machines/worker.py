@@ -12,11 +12,11 @@ from pathlib import Path
 import cv2
 import msgspec
 import numpy as np
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.reader import read_recording
 
 from checks.machines.controls import control_digests
 from checks.machines.jobs import JOBS, run_job
-from services.recording.digest import content_digest
-from services.recording.reader import read_recording
 
 __all__ = ["Done", "Told", "outcome_digest"]
 

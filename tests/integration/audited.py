@@ -12,7 +12,7 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from services.cli import main as command_line
+from dynpf_lab.cli import main as command_line
 
 STARTS = {"subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.fork", "os.spawn", "webbrowser.open"}
 

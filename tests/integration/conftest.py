@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from dynpf_lab.cli.main import main
 
-from services.cli.main import main
 from tests.integration.processes import DATA, Child, processes_of, start, until
 
 Start = Callable[..., Child]

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
-from services.bus import ALIVE, TICK, Bus
+from dynpf_runtime.bus.session import ALIVE, TICK, Bus
 
 __all__ = ["DATA", "PATIENCE_S", "Child", "Running", "join_bus", "processes_of", "service_of", "start", "until"]
 
@@ -68,7 +68,7 @@ def start(folder: Path, *words: object, most_bytes: int | None = None, modules: 
     """
     number = sum(1 for _ in folder.glob("*.stderr"))
     out, err = folder / f"{number}.stdout", folder / f"{number}.stderr"
-    command = [sys.executable, "-P", "-m", "services.cli.main", *map(str, words)]
+    command = [sys.executable, "-P", "-m", "dynpf_lab.cli.main", *map(str, words)]
     if most_bytes is not None:
         command = ["sh", "-c", f'ulimit -f {most_bytes // 512}; exec "$@"', "sh", *command]
     path = [ROOT] if modules is None else [ROOT, modules]

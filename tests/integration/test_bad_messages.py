@@ -2,12 +2,13 @@
 
 import json
 
-from protocol.codec import encode
-from protocol.envelope import Envelope, encode_envelope
-from protocol.messages import Detections
-from services.bus import BEAT, CONTROL, DATA, TICK
-from services.recording.digest import content_digest
-from services.recording.reader import read_recording
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.reader import read_recording
+from dynpf_protocol.codec import encode
+from dynpf_protocol.envelope import Envelope, encode_envelope
+from dynpf_protocol.messages import Detections
+from dynpf_runtime.bus.session import BEAT, CONTROL, DATA, TICK
+
 from tests.integration.processes import watch_run
 
 TOPIC = "sensors/overhead"

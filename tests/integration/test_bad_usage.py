@@ -7,9 +7,9 @@ import subprocess
 import sys
 
 import pytest
+from dynpf_lab.cli.main import main
+from dynpf_runtime.bus.processes import free_port
 
-from services.cli.main import main
-from services.runners.bus import free_port
 from tests.integration.processes import DATA, ROOT
 
 RUN = ["run", "landmark-room", "--set", "max_ticks=5"]
@@ -162,7 +162,7 @@ def test_no_router_is_told(tmp_path, dynpf, here):
 def test_the_overview_loads_neither_numpy_nor_zenoh():
     def loaded(first):
         program = (
-            f"import sys{first}; from services.cli.main import main; main(['--help']); "
+            f"import sys{first}; from dynpf_lab.cli.main import main; main(['--help']); "
             "print({name.partition('.')[0] for name in sys.modules} & {'numpy', 'zenoh', 'cv2', 'mcap'})"
         )
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}

@@ -3,9 +3,8 @@
 import json
 
 import pytest
-
-from services.recording.digest import content_digest
-from services.recording.reader import read_recording
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.reader import read_recording
 
 
 @pytest.mark.parametrize(("case", "true"), [(2, "b"), (5, "none of these")])

@@ -6,8 +6,8 @@ import signal
 import time
 
 import pytest
+from dynpf_formats.recording.reader import read_recording
 
-from services.recording.reader import read_recording
 from tests.integration.processes import processes_of, service_of, until, watch_run
 
 ENDS_WITHIN_S = 6.0

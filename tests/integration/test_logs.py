@@ -4,8 +4,8 @@ import json
 import math
 
 import pytest
+from dynpf_formats.recording.reader import read_recording
 
-from services.recording.reader import read_recording
 from tests.integration.processes import DATA
 
 TICKS = 120

@@ -2,10 +2,11 @@
 
 import json
 
-from protocol.envelope import decode_envelope
-from services.bus import DATA, open_router
-from services.recording.reader import read_recording
-from services.runners.bus import free_port
+from dynpf_formats.recording.reader import read_recording
+from dynpf_protocol.envelope import decode_envelope
+from dynpf_runtime.bus.processes import free_port
+from dynpf_runtime.bus.session import DATA, open_router
+
 from tests.integration.processes import until
 
 

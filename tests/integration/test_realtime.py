@@ -5,12 +5,11 @@ from pathlib import Path
 
 import msgspec
 import pytest
-
-from protocol.envelope import Envelope
-from protocol.journal import JOURNAL_PREFIX, decode_entry, encode_entry
-from services.recording.reader import Recording, read_recording
-from services.recording.writer import RecordingWriter
-from services.scenario import SCENARIOS
+from dynpf_formats.recording.reader import Recording, read_recording
+from dynpf_formats.recording.writer import RecordingWriter
+from dynpf_protocol.envelope import Envelope
+from dynpf_protocol.journal import JOURNAL_PREFIX, decode_entry, encode_entry
+from dynpf_services.scenario.schema import SCENARIOS
 
 TICKS = 80
 FAULTS = """

@@ -4,9 +4,8 @@ import json
 from pathlib import Path
 
 import pytest
-
-from services.recording.digest import content_digest
-from services.recording.reader import read_recording
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.reader import read_recording
 
 CASES = {"parts-3-easy": 25, "landmark-room": 60, "room-scan": 30, "landmark-mrclam": 150}
 WORLDS = {"indoor-global": 10, "turtlebot-loops": 20}

@@ -2,7 +2,7 @@
 
 import json
 
-from services.runners.bus import free_port
+from dynpf_runtime.bus.processes import free_port
 
 SCENARIO = "parts-3-tracked"
 

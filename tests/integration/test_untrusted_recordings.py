@@ -12,15 +12,15 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
+from dynpf_formats.recording.attachments import FOLDER
+from dynpf_formats.recording.header import Attachment
+from dynpf_formats.recording.reader import read_recording
+from dynpf_formats.recording.writer import RecordingWriter
+from dynpf_lab.cli.main import main
+from dynpf_lab.references.check import check_part
+from dynpf_lab.references.table import Entry, Made
+from dynpf_protocol.envelope import Envelope
 
-from protocol.envelope import Envelope
-from services.cli.main import main
-from services.recording.header import Attachment
-from services.recording.reader import read_recording
-from services.recording.scenario import FOLDER
-from services.recording.writer import RecordingWriter
-from services.references.check import check_part
-from services.references.table import Entry, Made
 from tests.integration import audited
 
 ROOT = Path(__file__).parents[2]
@@ -100,7 +100,7 @@ KINDS = (
     "evil_pack:Model",
     "evil_pack.models:Model",
     "evil_pack.models.deep:Model",
-    "services.cli.main:main",
+    "dynpf_lab.cli.main:main",
     "numpy:ndarray",
     "evil:Model:more",
     ".evil:Model",

@@ -3,8 +3,8 @@
 import json
 from textwrap import dedent
 
-from services.recording.digest import content_digest
-from services.recording.reader import read_recording
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.reader import read_recording
 
 LAB = """
     import numpy as np

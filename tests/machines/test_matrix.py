@@ -1,13 +1,12 @@
 """The matrix finds what differs, and takes no setting for a proof that changes nothing."""
 
+from dynpf_services.scenario.record import record_inline
+from dynpf_services.scenario.schema import load_scenario
+
 from checks.machines.report import details, row_of, table, verdict
 from checks.machines.runs import Outcome, differences, run
 from checks.machines.settings import CHOOSERS, DEFAULT, Processor, Setting, processor_settings
 from checks.machines.worker import Done, Told, outcome_digest
-from services.recorder.host import run_header
-from services.recording.writer import RecordingWriter
-from services.runners.inline import run_inline
-from services.scenario import load_scenario
 
 HASWELL = Processor(
     "x86_64", frozenset(["pni", "ssse3", "sse4_2", "avx", "avx2", "fma"]), ("X86_V3",), ("AVX2", "AVX"), True
@@ -24,9 +23,7 @@ def outcome(folder, seed: int, *, setting: Setting = DEFAULT, controls: dict[str
     folder.mkdir()
     scenario = load_scenario("landmark-room", overrides=["max_ticks=3"], seed=seed)
     path = folder / "short.mcap"
-    with RecordingWriter(path, run_header(scenario)) as writer:
-        run_inline(scenario, [], writer)
-        writer.close(complete=True, reason="finished")
+    record_inline(scenario, path)
     done = {"short": Done(job="short", digest=outcome_digest(path))}
     return Outcome(setting, folder, told(**controls), done, "", 1.0)
 

@@ -3,14 +3,14 @@
 from pathlib import Path
 
 import pytest
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.reader import read_recording
+from dynpf_lab.references.table import CHECKOUT, read_table, recording_file
 
 from checks.machines.jobs import REFERENCE, chosen
 from checks.machines.report import row_of
 from checks.machines.runs import Outcome, compared, processor, run
 from checks.machines.settings import DEFAULT, SHORT, processor_settings
-from services.recording.digest import content_digest
-from services.recording.reader import read_recording
-from services.references.table import CHECKOUT, read_table, recording_file
 
 JOBS = [job.name for job in chosen([REFERENCE])]
 TABLE = {entry.name: entry for entry in read_table()}

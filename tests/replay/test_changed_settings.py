@@ -4,9 +4,8 @@ import json
 from pathlib import Path
 
 import pytest
-
-from services.cli.main import main
-from services.recording.reader import read_recording
+from dynpf_formats.recording.reader import read_recording
+from dynpf_lab.cli.main import main
 
 
 @pytest.fixture(scope="module")

@@ -8,24 +8,23 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-
-from protocol.codec import decode, encode
-from protocol.envelope import Envelope
-from protocol.journal import decode_entry, encode_entry
-from protocol.messages import Message
-from services.errors import UsageError
-from services.nodes import build_node
-from services.recording.diff import diff
-from services.recording.digest import Key, content_digest
-from services.recording.header import RunHeader
-from services.recording.reader import Recorded, Recording, read_recording
-from services.recording.writer import RecordingWriter
-from services.references.check import check_part, parts
-from services.references.runs import run_anew
-from services.references.table import CHECKOUT, Entry, Made, read_table, recording_file, render_table
-from services.references.update import MAX_BYTES, first_differences, report_file, update
-from services.runners.replay import Replayed, replay_node, write_replayed
-from services.scenario import override_resolved
+from dynpf_formats.recording.diff import diff
+from dynpf_formats.recording.digest import Key, content_digest
+from dynpf_formats.recording.header import RunHeader
+from dynpf_formats.recording.reader import Recorded, Recording, read_recording
+from dynpf_formats.recording.writer import RecordingWriter
+from dynpf_lab.references.check import check_part, parts
+from dynpf_lab.references.runs import run_anew
+from dynpf_lab.references.table import CHECKOUT, Entry, Made, read_table, recording_file, render_table
+from dynpf_lab.references.update import MAX_BYTES, first_differences, report_file, update
+from dynpf_protocol.codec import decode, encode
+from dynpf_protocol.envelope import Envelope
+from dynpf_protocol.errors import UsageError
+from dynpf_protocol.journal import decode_entry, encode_entry
+from dynpf_protocol.messages import Message
+from dynpf_runtime.replay import Replayed, replay_node, write_replayed
+from dynpf_services.scenario.build import build_node
+from dynpf_services.scenario.schema import override_resolved
 
 TABLE = {entry.name: entry for entry in read_table()}
 HELD = [entry for entry in TABLE.values() if not entry.log]

@@ -4,18 +4,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-
-from protocol.codec import decode
-from protocol.messages import Message
-from services.node import Received, Step, decode_state, encode_state, state_digest
-from services.nodes import build_node, build_nodes
-from services.recorder.host import run_header
-from services.recording.digest import content_digest
-from services.recording.reader import Recording, read_recording
-from services.recording.writer import RecordingWriter
-from services.runners.inline import run_inline
-from services.runners.replay import replay_node
-from services.scenario import Scenario, load_scenario
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.reader import Recording, read_recording
+from dynpf_protocol.codec import decode
+from dynpf_protocol.messages import Message
+from dynpf_runtime.node import Received, Step, decode_state, encode_state, state_digest
+from dynpf_runtime.replay import replay_node
+from dynpf_services.scenario.build import build_node, build_nodes
+from dynpf_services.scenario.record import record_inline
+from dynpf_services.scenario.schema import Scenario, load_scenario
 
 TICKS = {
     "landmark-room": 60,
@@ -41,9 +38,7 @@ def scenario(name: str, seed: int = 1) -> Scenario:
 
 def run(name: str, path: Path, seed: int = 1) -> Recording:
     resolved = scenario(name, seed)
-    with RecordingWriter(path, run_header(resolved)) as writer:
-        assert run_inline(resolved, [], writer) == TICKS[name]
-        writer.close(complete=True, reason="finished")
+    assert record_inline(resolved, path) == TICKS[name]
     return read_recording(path)
 
 

@@ -89,6 +89,6 @@ def read(path, model):
 
 def test_only_the_place_of_the_users_code_imports_what_a_text_names() -> None:
     source = "import importlib\nimportlib.import_module(name)"
-    assert findings(source, "services/user_code.py") == []
-    assert findings(source, "services/recording/scenario.py") != []
-    assert findings("import pickle", "services/user_code.py") != []
+    assert findings(source, "services/dynpf_services/scenario/user_code.py") == []
+    assert findings(source, "services/dynpf_services/scenario/recorded.py") != []
+    assert findings("import pickle", "services/dynpf_services/scenario/user_code.py") != []

@@ -38,7 +38,7 @@ SURROUNDINGS = [
     "__import__('time')",
     "import zenoh",
     "from mcap.reader import make_reader",
-    "import services.node\nservices.host.run()",
+    "import dynpf_runtime.node\ndynpf_runtime.bus.host.run_node()",
     "from services import recorder",
     "from ..recorder import write",
 ]
@@ -62,17 +62,17 @@ def test_lets_pure_code_pass() -> None:
     source = """
 import numpy as np
 import numpy.random as r
-import services.node
+import dynpf_runtime.node
 from collections.abc import Mapping
 from dynpf.rng import generator
-from services.task import Landmark
+from dynpf_protocol.landmarks import Landmark
 from .config import Params
 
 class Reading:
     id: int
     open: bool
 
-def step(node: services.node.Node, rng: np.random.Generator, other: r.Generator) -> np.ndarray:
+def step(node: dynpf_runtime.node.Node, rng: np.random.Generator, other: r.Generator) -> np.ndarray:
     return np.linalg.norm(rng.normal(size=3)) + node.id + node.time.time() + generator(1, "a", 2).random()
 """
     assert findings(source, "services/estimator/node.py") == []

@@ -1,8 +1,8 @@
 import pytest
+from dynpf_lab.bench import measure
+from dynpf_lab.bench.measure import Plan, Timer, exponent, interleaved
+from dynpf_lab.bench.report import text
 
-from services.bench import measure
-from services.bench.measure import Plan, Timer, exponent, interleaved
-from services.bench.report import text
 from tests.unit.bench.test_plain import box
 
 

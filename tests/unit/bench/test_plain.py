@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
+from dynpf_lab.bench import plain, works
+from dynpf_lab.bench.floor_plan import floor_plan
+from dynpf_lab.bench.problems import RANGE_MAX_M, RANGE_MIN_M, LandmarkProblem, ScanProblem, movement
 
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.measurement.likelihood_field import LikelihoodField
 from dynpf.measurement.scan import Scan
-from services.bench import plain, works
-from services.bench.floor_plan import floor_plan
-from services.bench.problems import RANGE_MAX_M, RANGE_MIN_M, LandmarkProblem, ScanProblem, movement
 
 
 def box(origin: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> OccupancyGrid:

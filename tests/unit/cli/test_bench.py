@@ -3,9 +3,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from services.bench import measure, peers
-from services.cli.main import main
+from dynpf_lab.bench import measure, peers
+from dynpf_lab.cli.main import main
 
 WORK = ["bench", "--work", "landmarks_15", "--n", "100"]
 

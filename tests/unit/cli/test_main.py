@@ -1,10 +1,9 @@
 import sys
 
 import pytest
-
-from services.cli import list_
-from services.cli.main import main
-from services.errors import RunError, StepError, UsageError
+from dynpf_lab.cli import list_
+from dynpf_lab.cli.main import main
+from dynpf_protocol.errors import RunError, StepError, UsageError
 
 COMMANDS = ["list", "run", "service", "health", "replay", "play", "diff", "info", "doctor", "recover"]
 COMMANDS += ["metrics", "import", "export", "study", "bench"]

@@ -4,16 +4,16 @@ import math
 
 import numpy as np
 import pytest
+from dynpf_protocol.messages import Estimate, PartEstimate
+from dynpf_runtime.node import Received, Step, state_digest
+from dynpf_services.controller.config import RearrangementControllerConfig
+from dynpf_services.controller.rearrangement import RearrangementController
+from dynpf_services.simulator.config import WorkspaceConfig
+from dynpf_services.simulator.workspace import WorkspaceSimulator
+from dynpf_services.task import PartSpec, RearrangementTask
 
 from dynpf.metrics.rearrangement import all_home, normalized_part_length
 from dynpf.rng import generator
-from protocol.messages import Estimate, PartEstimate
-from services.controller.config import RearrangementControllerConfig
-from services.controller.rearrangement import RearrangementController
-from services.node import Received, Step, state_digest
-from services.simulator.config import WorkspaceConfig
-from services.simulator.workspace import WorkspaceSimulator
-from services.task import PartSpec, RearrangementTask
 
 TICK_NS = 50_000_000
 RADII = (0.06, 0.10, 0.08, 0.11, 0.07, 0.09)

@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 import pytest
-
-from protocol.messages import Estimate, PartEstimate
-from services.controller.config import RearrangementControllerConfig
-from services.controller.rearrangement import RearrangementController
-from services.node import Received, Step, state_digest
-from services.task import PartSpec, RearrangementTask
+from dynpf_protocol.messages import Estimate, PartEstimate
+from dynpf_runtime.node import Received, Step, state_digest
+from dynpf_services.controller.config import RearrangementControllerConfig
+from dynpf_services.controller.rearrangement import RearrangementController
+from dynpf_services.task import PartSpec, RearrangementTask
 
 GOALS = ((0.0, 0.55), (-0.476, -0.275), (0.476, -0.275))
 RADII = (0.06, 0.08, 0.11)

@@ -4,18 +4,18 @@ import math
 
 import numpy as np
 import pytest
+from dynpf_protocol.messages import Detection, Detections, Gripper
+from dynpf_runtime.node import Received, Step
+from dynpf_services.controller.config import RearrangementControllerConfig
+from dynpf_services.controller.rearrangement import RearrangementController
+from dynpf_services.estimator.config import RearrangementConfig
+from dynpf_services.estimator.rearrangement import RearrangementEstimator
+from dynpf_services.simulator.config import Hiding, Intervention, WorkspaceConfig
+from dynpf_services.simulator.workspace import WorkspaceSimulator
+from dynpf_services.task import PartSpec, RearrangementTask
 
 from dynpf.metrics.rearrangement import all_home
 from dynpf.rng import generator
-from protocol.messages import Detection, Detections, Gripper
-from services.controller.config import RearrangementControllerConfig
-from services.controller.rearrangement import RearrangementController
-from services.estimator.config import RearrangementConfig
-from services.estimator.rearrangement import RearrangementEstimator
-from services.node import Received, Step
-from services.simulator.config import Hiding, Intervention, WorkspaceConfig
-from services.simulator.workspace import WorkspaceSimulator
-from services.task import PartSpec, RearrangementTask
 
 TICK_S, TICK_NS = 0.05, 50_000_000
 LOW, HIGH = 0.2e-4, 5.0e-4  # m^2, the least and the most noise of PARTS

@@ -4,14 +4,14 @@ import math
 
 import numpy as np
 import pytest
+from dynpf_protocol.messages import Command, Estimate
+from dynpf_runtime.node import Received, Step, decode_state, encode_state
+from dynpf_services.controller.config import WaypointsConfig
+from dynpf_services.controller.waypoints import WaypointController
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynpf.se2 import arc_displacement, compose
-from protocol.messages import Command, Estimate
-from services.controller.config import WaypointsConfig
-from services.controller.waypoints import WaypointController
-from services.node import Received, Step, decode_state, encode_state
 
 TICK_S = 0.05
 TICK_NS = 50_000_000

@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import pytest
+from dynpf_protocol.topics import TOPICS
+from dynpf_services.scenario.schema import Scenario
 
 from docs.reference import PAGES, scenarios, topics
-from protocol.topics import TOPICS
-from services.scenario import Scenario
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)

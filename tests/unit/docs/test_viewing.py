@@ -10,16 +10,13 @@ from typing import Any
 
 import msgspec
 import pytest
-
-from protocol import frames
-from protocol.codec import decode
-from protocol.messages import FrameTransforms, PoseInFrame, SceneUpdate
-from protocol.topics import TOPICS
-from services.recorder.host import run_header
-from services.recording.reader import Recording, read_recording
-from services.recording.writer import RecordingWriter
-from services.runners.inline import run_inline
-from services.scenario import load_scenario
+from dynpf_formats.recording.reader import Recording, read_recording
+from dynpf_protocol import frames
+from dynpf_protocol.codec import decode
+from dynpf_protocol.messages import FrameTransforms, PoseInFrame, SceneUpdate
+from dynpf_protocol.topics import TOPICS
+from dynpf_services.scenario.record import record_inline
+from dynpf_services.scenario.schema import load_scenario
 
 DOCS = Path(__file__).parents[3] / "docs"
 LAYOUT = json.loads((DOCS / "layout.json").read_text(encoding="utf-8"))
@@ -30,9 +27,7 @@ SCAN = ["sensors.scan.walls=[[-3, -2, 3, -2], [3, -2, 3, 2]]"]
 def _record(name: str, folder: Path, overrides: list[str]) -> Recording:
     scenario = load_scenario(name, overrides=[*overrides, "max_ticks=45"])
     path = folder / "run.mcap"
-    with RecordingWriter(path, run_header(scenario)) as writer:
-        run_inline(scenario, [], writer)
-        writer.close(complete=True, reason="finished")
+    record_inline(scenario, path)
     return read_recording(path)
 
 

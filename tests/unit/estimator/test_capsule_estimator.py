@@ -5,20 +5,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dynpf_formats.recording.reader import Recording, read_recording
+from dynpf_lab.measures.run import measure, summary
+from dynpf_protocol.codec import decode
+from dynpf_protocol.errors import ScenarioError
+from dynpf_protocol.messages import CapsuleEstimate, Log, SceneUpdate
+from dynpf_runtime.replay import replay_node
+from dynpf_services.scenario.build import build_node, build_nodes
+from dynpf_services.scenario.record import record_inline
+from dynpf_services.scenario.schema import Scenario, colon_world, load_scenario
 
 from dynpf.colon import UNLISTED
 from dynpf.colon.wall import Wall
-from protocol.codec import decode
-from protocol.messages import CapsuleEstimate, Log, SceneUpdate
-from services.errors import ScenarioError
-from services.metrics import measure, summary
-from services.nodes import build_node, build_nodes
-from services.recorder.host import run_header
-from services.recording.reader import Recording, read_recording
-from services.recording.writer import RecordingWriter
-from services.runners.inline import run_inline
-from services.runners.replay import replay_node
-from services.scenario import Scenario, colon_world, load_scenario
 
 
 def loaded(name: str, *overrides: str) -> Scenario:
@@ -27,9 +25,7 @@ def loaded(name: str, *overrides: str) -> Scenario:
 
 def run(scenario: Scenario, folder: Path) -> Recording:
     path = folder / "run.mcap"
-    with RecordingWriter(path, run_header(scenario)) as writer:
-        run_inline(scenario, [], writer)
-        writer.close(complete=True, reason="finished")
+    record_inline(scenario, path)
     return read_recording(path)
 
 

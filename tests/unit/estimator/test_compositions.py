@@ -5,18 +5,15 @@ from typing import Any
 
 import msgspec
 import pytest
-
-from protocol.codec import decode
-from protocol.messages import Estimate
-from services.errors import ScenarioError
-from services.estimator.config import LocalizationConfig, UserComponent
-from services.nodes import build_nodes
-from services.recorder.host import run_header
-from services.recording.reader import Recording, read_recording
-from services.recording.writer import RecordingWriter
-from services.runners.inline import run_inline
-from services.runners.replay import replay_node
-from services.scenario import Scenario, parse_scenario
+from dynpf_formats.recording.reader import Recording, read_recording
+from dynpf_protocol.codec import decode
+from dynpf_protocol.errors import ScenarioError
+from dynpf_protocol.messages import Estimate
+from dynpf_runtime.replay import replay_node
+from dynpf_services.estimator.config import LocalizationConfig, UserComponent
+from dynpf_services.scenario.build import build_nodes
+from dynpf_services.scenario.record import record_inline
+from dynpf_services.scenario.schema import Scenario, parse_scenario
 
 TICKS = 8
 RANGE_BEARING = {"kind": "range_bearing"}
@@ -108,9 +105,7 @@ def scenario(**estimator: Any) -> Scenario:
 
 
 def run(composed: Scenario, path: Path) -> Recording:
-    with RecordingWriter(path, run_header(composed)) as writer:
-        run_inline(composed, [], writer)
-        writer.close(complete=True, reason="finished")
+    record_inline(composed, path)
     return read_recording(path)
 
 

@@ -4,16 +4,13 @@ from pathlib import Path
 
 import msgspec
 import pytest
-
-from protocol.codec import decode
-from protocol.messages import Estimate, FilterHealth, Log, LogLevel
-from services.nodes import build_nodes
-from services.recorder.host import run_header
-from services.recording.reader import Recording, read_recording
-from services.recording.writer import RecordingWriter
-from services.runners.inline import run_inline
-from services.runners.replay import replay_node
-from services.scenario import load_scenario
+from dynpf_formats.recording.reader import Recording, read_recording
+from dynpf_protocol.codec import decode
+from dynpf_protocol.messages import Estimate, FilterHealth, Log, LogLevel
+from dynpf_runtime.replay import replay_node
+from dynpf_services.scenario.build import build_nodes
+from dynpf_services.scenario.record import record_inline
+from dynpf_services.scenario.schema import load_scenario
 
 ELSEWHERE = ("estimator.start.x=5.0", "estimator.start.y=4.0")
 RESETTING = "estimator.adaptation=[{kind='sensor_resetting', log_likelihood=-0.2}, {kind='kld', n_max=2000}]"
@@ -24,9 +21,7 @@ KALMAN = "estimator.filter='extended_kalman'"
 def run(tmp_path: Path, name: str, *overrides: str) -> Recording:
     scenario = load_scenario(name, overrides=overrides)
     path = tmp_path / "run.mcap"
-    with RecordingWriter(path, run_header(scenario)) as writer:
-        run_inline(scenario, [], writer)
-        writer.close(complete=True, reason="finished")
+    record_inline(scenario, path)
     recording = read_recording(path)
     outcome = replay_node(recording, build_nodes(scenario)["estimator"], scenario.state_digest_ticks)
     assert outcome.mismatch is None

@@ -1,12 +1,11 @@
 """Estimators say in words which of their inputs never came, and go on."""
 
 import pytest
-
-from protocol.messages import Gripper, HostEvent, Log
-from services.estimator.gaps import GAPS
-from services.node import Node, Received, Step
-from services.nodes import build_node
-from services.scenario import load_scenario
+from dynpf_protocol.messages import Gripper, HostEvent, Log
+from dynpf_runtime.node import Node, Received, Step
+from dynpf_services.estimator.gaps import GAPS
+from dynpf_services.scenario.build import build_node
+from dynpf_services.scenario.schema import load_scenario
 
 
 @pytest.mark.parametrize("scenario", ["landmark-room", "parts-3-tracked"])

@@ -7,14 +7,9 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 import pytest
-
-from dynpf.filters.start import KnownStart
-from dynpf.maps.landmarks import LandmarkMap
-from dynpf.metrics.trajectory import Trajectory, TrajectoryScore, pose_errors, score, thin
-from dynpf.motion import ArcsParams, CalibrationParams
-from dynpf.motion.odometry import OdometryParams
-from protocol.codec import encode
-from protocol.messages import (
+from dynpf_protocol.codec import encode
+from dynpf_protocol.landmarks import Landmark
+from dynpf_protocol.messages import (
     Estimate,
     LandmarkReading,
     LandmarkReadings,
@@ -25,11 +20,16 @@ from protocol.messages import (
     PosesInFrame,
     heading,
 )
-from services.estimator.config import LocalizationConfig
-from services.estimator.localization import LocalizationEstimator
-from services.maps import Maps
-from services.node import Output, Received, Step, decode_state, encode_state
-from services.task import Landmark
+from dynpf_runtime.node import Output, Received, Step, decode_state, encode_state
+from dynpf_services.estimator.config import LocalizationConfig
+from dynpf_services.estimator.localization import LocalizationEstimator
+from dynpf_services.maps import Maps
+
+from dynpf.filters.start import KnownStart
+from dynpf.maps.landmarks import LandmarkMap
+from dynpf.metrics.trajectory import Trajectory, TrajectoryScore, pose_errors, score, thin
+from dynpf.motion import ArcsParams, CalibrationParams
+from dynpf.motion.odometry import OdometryParams
 
 DATA = Path(__file__).parents[3] / "../shared/data/mrclam/ds1_seed_60s"
 LANDMARKS = (Landmark(id=6, x=3.0, y=1.0), Landmark(id=7, x=-1.0, y=2.0), Landmark(id=8, x=0.5, y=-2.0))

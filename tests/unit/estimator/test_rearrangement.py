@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from dynpf_protocol.messages import Command, Detection, Detections, Gripper
+from dynpf_runtime.node import Received, Step, state_digest
+from dynpf_services.estimator.config import RearrangementConfig
+from dynpf_services.estimator.rearrangement import RearrangementEstimator
+from dynpf_services.task import PartSpec, RearrangementTask
 
 from dynpf.rng import generator
-from protocol.messages import Command, Detection, Detections, Gripper
-from services.estimator.config import RearrangementConfig
-from services.estimator.rearrangement import RearrangementEstimator
-from services.node import Received, Step, state_digest
-from services.task import PartSpec, RearrangementTask
 
 TASK = RearrangementTask(
     parts=(

@@ -8,17 +8,15 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from dynpf_runtime.executor import Executor
+from dynpf_runtime.node import Node, Rehearsing, encode_state
+from dynpf_services.estimator import localization
+from dynpf_services.scenario.build import build_nodes
+from dynpf_services.scenario.record import record_inline
+from dynpf_services.scenario.schema import Scenario, load_scenario
 
 from dynpf import kernels
 from dynpf.portable import rehearse
-from services.estimator import localization
-from services.executor import Executor
-from services.node import Node, Rehearsing, encode_state
-from services.nodes import build_nodes
-from services.recorder.host import run_header
-from services.recording.writer import RecordingWriter
-from services.runners.inline import run_inline
-from services.scenario import Scenario, load_scenario
 from tests.unit.estimator.test_compositions import COMPOSITIONS, scenario
 
 KERNELS = Path(next(iter(kernels.__path__)))
@@ -67,9 +65,7 @@ def calls_of_steps(composed: Scenario, calls: Calls, tmp_path: Path, monkeypatch
         return done
 
     monkeypatch.setattr(Executor, "step", watched)
-    with RecordingWriter(tmp_path / "run.mcap", run_header(composed)) as writer:
-        run_inline(composed, [], writer)
-        writer.close(complete=True, reason="finished")
+    record_inline(composed, tmp_path / "run.mcap")
     return of_steps
 
 
@@ -111,12 +107,12 @@ import sys
 from pathlib import Path
 from dynpf import kernels
 from dynpf.portable import rehearse
-from services.node import Rehearsing
-from services.nodes import build_nodes
-from services.recorder.host import run_header
-from services.recording.writer import RecordingWriter
-from services.runners.inline import run_inline
-from services.scenario import load_scenario
+from dynpf_runtime.node import Rehearsing
+from dynpf_services.scenario.build import build_nodes
+from dynpf_runtime.plan import run_header
+from dynpf_formats.recording.writer import RecordingWriter
+from dynpf_runtime.inline import run_inline
+from dynpf_services.scenario.schema import load_scenario
 
 def count():
     loaded = [module for name, module in sys.modules.items() if name.startswith("dynpf.kernels.")]
@@ -130,9 +126,7 @@ if sys.argv[2] == "rehearsed":
         if isinstance(node, Rehearsing):
             node.rehearse()
 before = count()
-with RecordingWriter(Path(sys.argv[1]) / f"{sys.argv[2]}.mcap", run_header(scenario)) as writer:
-    run_inline(scenario, [], writer)
-    writer.close(complete=True, reason="finished")
+record_inline(scenario, Path(sys.argv[1]) / f"{sys.argv[2]}.mcap")
 print(before, count())
 """
 

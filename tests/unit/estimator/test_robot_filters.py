@@ -4,14 +4,14 @@ import math
 
 import numpy as np
 import pytest
+from dynpf_protocol.errors import ScenarioError
+from dynpf_services.estimator.config import RearrangementConfig
+from dynpf_services.estimator.robot_filters import Belief, Seen, fused, robot_filter
+from dynpf_services.scenario.schema import load_scenario
 
 from dynpf.metrics.consistency import nees
 from dynpf.metrics.rearrangement import robot_bound
 from dynpf.rng import Stream
-from services.errors import ScenarioError
-from services.estimator.config import RearrangementConfig
-from services.estimator.robot_filters import Belief, Seen, fused, robot_filter
-from services.scenario import load_scenario
 
 PROCESS, MEASURED = 0.06e-4, 5e-4
 NAMES = ("optimal", "prior", "auxiliary", "local_linearization", "extended_kalman", "unscented_kalman")

@@ -7,18 +7,17 @@ import sys
 from pathlib import Path
 
 import pytest
+from dynpf_formats.exporters.table import columns
+from dynpf_formats.exporters.trajectory import tum_lines
+from dynpf_formats.recording.header import RunHeader
+from dynpf_formats.recording.provenance import collect
+from dynpf_formats.recording.reader import read_recording
+from dynpf_formats.recording.writer import RecordingWriter
+from dynpf_lab.cli.main import main
+from dynpf_protocol.codec import encode
+from dynpf_protocol.envelope import Envelope
+from dynpf_protocol.messages import Estimate, RobotState
 from evo.tools import file_interface
-
-from protocol.codec import encode
-from protocol.envelope import Envelope
-from protocol.messages import Estimate, RobotState
-from services.cli.main import main
-from services.exporters.table import columns
-from services.exporters.trajectory import tum_lines
-from services.recording.header import RunHeader
-from services.recording.provenance import collect
-from services.recording.reader import read_recording
-from services.recording.writer import RecordingWriter
 
 S = 1_700_000_000
 LOG = f"""\
@@ -123,7 +122,7 @@ def test_what_cannot_be_exported_is_told_in_one_line(
 def test_missing_packages_are_named_with_what_to_install(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for name in ("services.exporters.parquet", "services.importers.rosbag", "services.importers.bags"):
+    for name in ("dynpf_formats.exporters.parquet", "dynpf_formats.importers.rosbag", "dynpf_formats.importers.bags"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     for name in ("pyarrow", "rosbags"):
         for loaded in [one for one in sys.modules if one.partition(".")[0] == name]:

@@ -7,15 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from protocol.codec import decode
-from protocol.messages import LaserScan, OdometryPose, RobotState, heading
-from services.cli.main import main
-from services.importers.carmen import import_carmen
-from services.importers.errors import ImportFailedError
-from services.importers.log import Record
-from services.recording.digest import content_digest
-from services.recording.reader import read_recording
+from dynpf_formats.importers.carmen import import_carmen
+from dynpf_formats.importers.errors import ImportFailedError
+from dynpf_formats.importers.log import Record
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.reader import read_recording
+from dynpf_lab.cli.main import main
+from dynpf_protocol.codec import decode
+from dynpf_protocol.messages import LaserScan, OdometryPose, RobotState, heading
 
 REAL = Path(__file__).parents[3] / "../shared/data/carmen"
 real = pytest.mark.skipif(not REAL.is_dir(), reason=f"the CARMEN logs are not at {REAL}")

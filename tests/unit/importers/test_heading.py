@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from dynpf_formats.importers.heading import heading_faults
 from numpy.typing import NDArray
 
 from dynpf.se2 import arc_displacement, compose
-from services.importers.heading import heading_faults
 
 Floats = NDArray[np.float64]
 

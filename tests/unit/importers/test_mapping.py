@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from dynpf_formats.recording.reader import read_recording
+from dynpf_lab.cli.main import main
 
 from dynpf.maps.map_server import decode
 from dynpf.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from dynpf.measurement.ray import ray_segments
-from services.cli.main import main
-from services.recording.reader import read_recording
 
 WALLS = np.array([(0, 0, 4, 0), (4, 0, 4, 3), (4, 3, 0, 3), (0, 3, 0, 0)], dtype=np.float64)
 

@@ -4,10 +4,10 @@ import json
 from pathlib import Path
 
 import pytest
+from dynpf_formats.recording.reader import read_recording
+from dynpf_lab.cli.main import main
 
 from dynpf.maps.map_server import decode
-from services.cli.main import main
-from services.recording.reader import read_recording
 
 REAL = Path(__file__).parents[3] / "../shared/data"
 real = pytest.mark.skipif(not REAL.is_dir(), reason=f"the maps are not at {REAL}")

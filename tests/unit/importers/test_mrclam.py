@@ -6,15 +6,14 @@ import math
 from pathlib import Path
 
 import pytest
-
-from protocol.codec import decode
-from protocol.messages import LandmarkReading, LandmarkReadings, Odometry, RobotState
-from services.cli.main import main
-from services.importers.errors import ImportFailedError
-from services.importers.log import Record
-from services.importers.mrclam import import_mrclam
-from services.recording.reader import read_recording
-from services.task import Landmark
+from dynpf_formats.importers.errors import ImportFailedError
+from dynpf_formats.importers.log import Record
+from dynpf_formats.importers.mrclam import import_mrclam
+from dynpf_formats.recording.reader import read_recording
+from dynpf_lab.cli.main import main
+from dynpf_protocol.codec import decode
+from dynpf_protocol.landmarks import Landmark
+from dynpf_protocol.messages import LandmarkReading, LandmarkReadings, Odometry, RobotState
 
 REAL = Path(__file__).parents[3] / "../shared/data/mrclam"
 

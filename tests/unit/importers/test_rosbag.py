@@ -12,19 +12,19 @@ import pytest
 
 pytest.importorskip("rosbags", reason="the package rosbags is not installed")
 
+from dynpf_formats.importers.errors import ImportFailedError
+from dynpf_formats.importers.log import Record
+from dynpf_formats.importers.rosbag import BagChoice, import_rosbag
+from dynpf_formats.importers.stream import LogStream
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.reader import read_recording
+from dynpf_lab.cli.main import main
+from dynpf_protocol.codec import decode
+from dynpf_protocol.messages import LaserScan, OdometryPose, RobotState, heading
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 
 from dynpf.maps.map_server import decode as decode_map
-from protocol.codec import decode
-from protocol.messages import LaserScan, OdometryPose, RobotState, heading
-from services.cli.main import main
-from services.importers.errors import ImportFailedError
-from services.importers.log import Record
-from services.importers.rosbag import BagChoice, import_rosbag
-from services.importers.stream import LogStream
-from services.recording.digest import content_digest
-from services.recording.reader import read_recording
 from tests.unit.importers import bags
 from tests.unit.importers.bags import Said, write_ros1, write_ros2, yaw
 

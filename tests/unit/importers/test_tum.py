@@ -4,15 +4,14 @@ import math
 from pathlib import Path
 
 import pytest
-
-from protocol.codec import decode
-from protocol.messages import RobotState
-from services.cli.main import main
-from services.importers.errors import ImportFailedError
-from services.importers.log import Record
-from services.importers.tum import import_tum
-from services.recording.digest import content_digest
-from services.recording.reader import read_recording
+from dynpf_formats.importers.errors import ImportFailedError
+from dynpf_formats.importers.log import Record
+from dynpf_formats.importers.tum import import_tum
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.reader import read_recording
+from dynpf_lab.cli.main import main
+from dynpf_protocol.codec import decode
+from dynpf_protocol.messages import RobotState
 
 POSES = """\
 # timestamp tx ty tz qx qy qz qw

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dynpf_lab.bench.peers import PEERS_PYTHON
+from dynpf_lab.bench.problems import ALPHA, SIGMA_BEARING, SIGMA_RANGE_M, LandmarkProblem
 
 from dynpf.filters import kalman
 from dynpf.filters.cloud import effective_sample_size
@@ -21,8 +23,6 @@ from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, Ra
 from dynpf.motion.linear import LinearGaussian, LinearGaussianParams
 from dynpf.motion.odometry import OdometryMotion, OdometryParams
 from dynpf.rng import Stream
-from services.bench.peers import PEERS_PYTHON
-from services.bench.problems import ALPHA, SIGMA_BEARING, SIGMA_RANGE_M, LandmarkProblem
 
 pytestmark = pytest.mark.skipif(not PEERS_PYTHON.exists(), reason="no other libraries here: make peers")
 

@@ -4,10 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-
-from services.bench.peers import PEERS, PEERS_PYTHON, Peers
-from services.bench.problems import LandmarkProblem
-from services.errors import RunError
+from dynpf_lab.bench.peers import PEERS, PEERS_PYTHON, Peers
+from dynpf_lab.bench.problems import LandmarkProblem
+from dynpf_protocol.errors import RunError
 
 pytestmark = pytest.mark.skipif(not PEERS_PYTHON.exists(), reason="no other libraries here: make peers")
 

@@ -8,12 +8,9 @@ from typing import Any
 
 import msgspec
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
-from protocol.codec import decode, encode
-from protocol.errors import BadMessageError, UnknownTopicError
-from protocol.messages import (
+from dynpf_protocol.codec import decode, encode
+from dynpf_protocol.errors import BadMessageError, UnknownTopicError
+from dynpf_protocol.messages import (
     Estimate,
     LandmarkReading,
     LandmarkReadings,
@@ -25,7 +22,10 @@ from protocol.messages import (
     planar_pose,
     timestamp,
 )
-from protocol.topics import TOPICS
+from dynpf_protocol.topics import TOPICS
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from tests.unit.protocol.built_messages import built, plainest
 
 topics = pytest.mark.parametrize("name", TOPICS)

@@ -5,13 +5,13 @@ from functools import partial
 
 import msgspec
 import pytest
+from dynpf_protocol.control import Beat, Recorded, Stop, TickDone, decode_control, encode_control
+from dynpf_protocol.envelope import Envelope, decode_envelope, encode_envelope
+from dynpf_protocol.errors import BadEnvelopeError, BadMessageError, ProtocolError
+from dynpf_protocol.journal import Consumed, JournalEntry, Produced, decode_entry, encode_entry
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.control import Beat, Recorded, Stop, TickDone, decode_control, encode_control
-from protocol.envelope import Envelope, decode_envelope, encode_envelope
-from protocol.errors import BadEnvelopeError, BadMessageError, ProtocolError
-from protocol.journal import Consumed, JournalEntry, Produced, decode_entry, encode_entry
 from tests.unit.protocol.built_messages import built
 
 ENVELOPE = Envelope("estimator", "b7", 3, 5, 250_000_000, 1_700_000_000_000_000_000)

@@ -6,12 +6,11 @@ from typing import Any, ClassVar
 
 import foxglove.messages
 import pytest
+from dynpf_protocol.journal import JournalEntry
+from dynpf_protocol.messages import Message
+from dynpf_protocol.schemas import json_schema
+from dynpf_protocol.topics import TOPICS
 from google.protobuf.descriptor_pb2 import DescriptorProto, FieldDescriptorProto, FileDescriptorSet
-
-from protocol.journal import JournalEntry
-from protocol.messages import Message
-from protocol.schemas import json_schema
-from protocol.topics import TOPICS
 
 Schema = dict[str, Any]
 

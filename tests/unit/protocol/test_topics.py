@@ -1,10 +1,10 @@
 """The topic table is whole: every row names known nodes, says what it is for, and has a type with a schema."""
 
 import pytest
+from dynpf_protocol.journal import JOURNAL_PREFIX
+from dynpf_protocol.messages import Message
+from dynpf_protocol.topics import HOST_NODES, LOG_NODE, NODES, TOPICS, Delivery, Topic, topic
 
-from protocol.journal import JOURNAL_PREFIX
-from protocol.messages import Message
-from protocol.topics import HOST_NODES, LOG_NODE, NODES, TOPICS, Delivery, Topic, topic
 from tests.unit.protocol.built_messages import plainest
 
 rows = pytest.mark.parametrize("row", TOPICS.values(), ids=TOPICS)

@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from protocol.codec import encode
-from protocol.envelope import Envelope
-from protocol.journal import Consumed, JournalEntry, Produced, encode_entry
-from protocol.messages import Detection, Detections, Diagnostics, Estimate, RobotState
-from services.recording.header import Attachment, Provenance, RunHeader
-from services.recording.writer import RecordingWriter
+from dynpf_formats.recording.header import Attachment, Provenance, RunHeader
+from dynpf_formats.recording.writer import RecordingWriter
+from dynpf_protocol.codec import encode
+from dynpf_protocol.envelope import Envelope
+from dynpf_protocol.journal import Consumed, JournalEntry, Produced, encode_entry
+from dynpf_protocol.messages import Detection, Detections, Diagnostics, Estimate, RobotState
 
 HEADER = RunHeader(
     scenario='{"title":"Two nodes","seed":7}',

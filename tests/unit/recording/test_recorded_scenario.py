@@ -8,17 +8,18 @@ from typing import Any, NoReturn
 
 import msgspec
 import pytest
+from dynpf_formats.recording.attachments import FOLDER
+from dynpf_formats.recording.code import recorded_code
+from dynpf_formats.recording.header import Attachment
+from dynpf_formats.recording.reader import Recording
+from dynpf_protocol.errors import ScenarioError
+from dynpf_services.scenario import user_code
+from dynpf_services.scenario.build import user_classes
+from dynpf_services.scenario.recorded import recorded_scenario
+from dynpf_services.scenario.schema import load_scenario, resolved_json
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services import user_code
-from services.errors import ScenarioError
-from services.nodes import user_classes
-from services.recording.code import recorded_code
-from services.recording.header import Attachment
-from services.recording.reader import Recording
-from services.recording.scenario import FOLDER, recorded_scenario
-from services.scenario import load_scenario, resolved_json
 from tests.unit.recording.recorded_runs import HEADER
 
 BASES = [json.loads(resolved_json(load_scenario(name))) for name in ("room-scan", "landmark-room", "colon-own-maps")]

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from dynpf_formats.recording.doctor import Finding, Severity, examine
+from dynpf_lab.cli import diff, doctor, info, recover
+from dynpf_protocol.envelope import Envelope
+from dynpf_protocol.errors import DynpfError
 from mcap.reader import make_reader
 
-from protocol.envelope import Envelope
-from services.cli import diff, doctor, info, recover
-from services.errors import DynpfError
-from services.recording.doctor import Finding, Severity, examine
 from tests.unit.recording.recorded_runs import HEADER, Sent, changed, lockstep, write
 
 Run = Callable[..., tuple[int, str]]

@@ -4,16 +4,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.doctor import examine
+from dynpf_formats.recording.errors import RecordingError, RecordingExistsError
+from dynpf_formats.recording.mcap_records import Message, Region, contents, scan
+from dynpf_formats.recording.reader import Recording, load, read_recording
+from dynpf_formats.recording.recover import recover
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from services.recording.digest import content_digest
-from services.recording.doctor import examine
-from services.recording.errors import RecordingError, RecordingExistsError
-from services.recording.reader import Recording, load, read_recording
-from services.recording.recover import recover
-from services.recording.scan import Message, Region, contents, scan
 from tests.unit.recording.recorded_runs import lockstep, write
 
 

@@ -2,13 +2,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from dynpf_formats.recording.diff import diff, first_field
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.reader import read_recording
+from dynpf_protocol.journal import decode_entry, encode_entry
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from protocol.journal import decode_entry, encode_entry
-from services.recording.diff import diff, first_field
-from services.recording.digest import content_digest
-from services.recording.reader import read_recording
 from tests.unit.recording.recorded_runs import Sent, changed, lockstep, write
 
 

@@ -9,13 +9,9 @@ from pathlib import Path
 
 import pytest
 import zstandard
-from mcap.data_stream import RecordBuilder
-from mcap.records import Chunk, ChunkIndex, Message, Metadata, Schema
-from mcap.writer import MCAP0_MAGIC, Writer
-
-from services.recording import reader
-from services.recording.doctor import Severity, examine
-from services.recording.errors import (
+from dynpf_formats.recording import reader
+from dynpf_formats.recording.doctor import Severity, examine
+from dynpf_formats.recording.errors import (
     CorruptRecordingError,
     ForeignRecordingError,
     NotMcapError,
@@ -24,8 +20,12 @@ from services.recording.errors import (
     UnknownVersionError,
     UnreadableHeaderError,
 )
-from services.recording.header import seal
-from services.recording.reader import Recorded, load, read_recording
+from dynpf_formats.recording.header import seal
+from dynpf_formats.recording.reader import Recorded, load, read_recording
+from mcap.data_stream import RecordBuilder
+from mcap.records import Chunk, ChunkIndex, Message, Metadata, Schema
+from mcap.writer import MCAP0_MAGIC, Writer
+
 from tests.unit.recording.recorded_runs import HEADER, MAP, lockstep, write
 
 DATA = Path(__file__).parents[3] / "../shared/data/mcap"
@@ -105,7 +105,7 @@ def test_another_schema_version_is_refused_naming_its_writer(tmp_path: Path) -> 
         "schema_version": "2",
         "dynpf_version": "9.1",
     }
-    from services.recording import header  # noqa: PLC0415
+    from dynpf_formats.recording import header  # noqa: PLC0415
 
     newer["sha256"] = header._digest(newer)
     with pytest.raises(UnknownVersionError, match=r"schema version 2, written by dynpf 9\.1; this dynpf reads 1"):

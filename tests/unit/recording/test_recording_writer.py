@@ -8,24 +8,24 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from dynpf_formats.recording.errors import RecordingError, RecordingExistsError
+from dynpf_formats.recording.header import Provenance
+from dynpf_formats.recording.mcap_records import Region, scan
+from dynpf_formats.recording.provenance import code_digest, collect, told_where_bytes_differ
+from dynpf_formats.recording.reader import load, read_recording
+from dynpf_formats.recording.recover import recover
+from dynpf_formats.recording.writer import CHUNK_BYTES, FLUSH_NS, MAX_PAYLOAD, RecordingWriter
+from dynpf_protocol.codec import decode
+from dynpf_protocol.envelope import Envelope
+from dynpf_protocol.errors import BadMessageError, UnknownTopicError
+from dynpf_protocol.journal import JournalEntry, encode_entry
+from dynpf_protocol.messages import Gap
+from dynpf_protocol.schemas import json_schema
+from dynpf_protocol.topics import TOPICS
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from protocol.codec import decode
-from protocol.envelope import Envelope
-from protocol.errors import BadMessageError, UnknownTopicError
-from protocol.journal import JournalEntry, encode_entry
-from protocol.messages import Gap
-from protocol.schemas import json_schema
-from protocol.topics import TOPICS
-from services.recording.errors import RecordingError, RecordingExistsError
-from services.recording.header import Provenance
-from services.recording.provenance import code_digest, collect, told_where_bytes_differ
-from services.recording.reader import load, read_recording
-from services.recording.recover import recover
-from services.recording.scan import Region, scan
-from services.recording.writer import CHUNK_BYTES, FLUSH_NS, MAX_PAYLOAD, RecordingWriter
 from tests.unit.recording.recorded_runs import HEADER, MAP, SECOND, Sent, lockstep, write
 
 NAMES = st.text(st.characters(categories=("L", "N", "P")), min_size=1, max_size=8)
@@ -239,7 +239,9 @@ def test_provenance_names_code_packages_and_platform() -> None:
 
 
 def test_provenance_names_what_chooses_kernels_by_the_environment() -> None:
-    told = "from services.recording.provenance import platform_fingerprint as f; import json; print(json.dumps(f()))"
+    told = (
+        "from dynpf_formats.recording.provenance import platform_fingerprint as f; import json; print(json.dumps(f()))"
+    )
     chosen = {"OPENBLAS_CORETYPE": "Nehalem", "GLIBC_TUNABLES": "glibc.malloc.check=0", "NUMBA_CPU_NAME": "generic"}
     ended = subprocess.run(
         [sys.executable, "-c", told], env={**os.environ, **chosen}, capture_output=True, text=True, check=True

@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 import pytest
-
-from dynpf.measurement import RangeBearingReadings
-from protocol.messages import (
+from dynpf_protocol.landmarks import Landmark
+from dynpf_protocol.messages import (
     LandmarkReading,
     LandmarkReadings,
     LaserScan,
@@ -16,11 +15,12 @@ from protocol.messages import (
     planar_pose,
     timestamp,
 )
-from services.estimator.readings import reading_of
-from services.node import Received, Step, decode_state, encode_state
-from services.sensors.config import LogSensorsConfig
-from services.sensors.log import LogSensors
-from services.task import Landmark
+from dynpf_runtime.node import Received, Step, decode_state, encode_state
+from dynpf_services.estimator.readings import reading_of
+from dynpf_services.sensors.config import LogSensorsConfig
+from dynpf_services.sensors.log import LogSensors
+
+from dynpf.measurement import RangeBearingReadings
 
 TOPICS = {
     Odometry: "log/odometry",

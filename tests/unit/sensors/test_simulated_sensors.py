@@ -6,9 +6,9 @@ from collections.abc import Iterable
 import msgspec
 import numpy as np
 import pytest
-
-from dynpf.maps.segments import SegmentMap
-from protocol.messages import (
+from dynpf_protocol.errors import ScenarioError
+from dynpf_protocol.landmarks import Landmark
+from dynpf_protocol.messages import (
     Barrier,
     Detections,
     Disc,
@@ -24,10 +24,9 @@ from protocol.messages import (
     PositionFix,
     RobotState,
 )
-from services.errors import ScenarioError
-from services.maps import NO_MAPS, Maps
-from services.node import Received, Step, decode_state, encode_state
-from services.sensors.config import (
+from dynpf_runtime.node import Received, Step, decode_state, encode_state
+from dynpf_services.maps import NO_MAPS, Maps
+from dynpf_services.sensors.config import (
     GripperSensor,
     GyroSensor,
     LandmarkSensor,
@@ -38,8 +37,10 @@ from services.sensors.config import (
     ScanSensor,
     SimulatedSensorsConfig,
 )
-from services.sensors.simulated import SimulatedSensors
-from services.task import Landmark, PartSpec, RearrangementTask
+from dynpf_services.sensors.simulated import SimulatedSensors
+from dynpf_services.task import PartSpec, RearrangementTask
+
+from dynpf.maps.segments import SegmentMap
 
 TICK_NS = 50_000_000
 TASK = RearrangementTask(parts=(PartSpec(radius=0.06, goal=(0.5, 0.5)), PartSpec(radius=0.11, goal=(-0.5, 0.5))))

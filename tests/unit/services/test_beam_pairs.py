@@ -5,19 +5,14 @@ import tomllib
 from pathlib import Path
 
 import pytest
-
-from services.cli.main import main
-from services.recorder.host import run_header
-from services.recording.writer import RecordingWriter
-from services.runners.inline import run_inline
-from services.scenario import load_scenario
+from dynpf_lab.cli.main import main
+from dynpf_services.scenario.record import record_inline
+from dynpf_services.scenario.schema import load_scenario
 
 
 def recorded(name: str, path: Path, *overrides: str) -> Path:
     resolved = load_scenario(name, overrides=overrides)
-    with RecordingWriter(path, run_header(resolved)) as writer:
-        run_inline(resolved, [], writer)
-        writer.close(complete=True, reason="finished")
+    record_inline(resolved, path)
     return path
 
 

@@ -1,14 +1,13 @@
 import math
 
 import pytest
+from dynpf_protocol.codec import decode
+from dynpf_protocol.errors import BadMessageError, StepError
+from dynpf_protocol.journal import Consumed, JournalEntry, Produced
+from dynpf_protocol.messages import Command, Odometry
+from dynpf_runtime.executor import Executor, Sent
+from dynpf_runtime.node import Output, Result, Step, state_digest
 
-from protocol.codec import decode
-from protocol.errors import BadMessageError
-from protocol.journal import Consumed, JournalEntry, Produced
-from protocol.messages import Command, Odometry
-from services.errors import StepError
-from services.executor import Executor, Sent
-from services.node import Output, Result, Step, state_digest
 from tests.unit.services.toy_nodes import IDLE, ToyNode, received, says
 
 

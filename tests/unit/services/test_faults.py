@@ -2,8 +2,7 @@ import math
 
 import msgspec
 import pytest
-
-from services.faults import Fault, FaultyLink
+from dynpf_runtime.faults import Fault, FaultyLink
 
 TOPIC, OTHER = "sensors/odometry", "sensors/landmarks"
 COUNT = 4000

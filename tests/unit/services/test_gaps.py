@@ -1,10 +1,11 @@
 from collections.abc import Sequence
 
-from protocol.codec import decode
-from protocol.messages import HostEvent
-from services.executor import Executor
-from services.gaps import GapWatch, notice_gaps
-from services.inbox import Ready
+from dynpf_protocol.codec import decode
+from dynpf_protocol.messages import HostEvent
+from dynpf_runtime.executor import Executor
+from dynpf_runtime.gaps import GapWatch, notice_gaps
+from dynpf_runtime.inbox import Ready
+
 from tests.unit.services.toy_nodes import ToyNode, received
 
 ODOMETRY = "sensors/odometry"

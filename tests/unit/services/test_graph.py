@@ -1,8 +1,8 @@
 import pytest
+from dynpf_runtime.graph import Graph, input_order
+from dynpf_services.scenario.build import build_nodes
+from dynpf_services.scenario.schema import load_scenario, scenario_files
 
-from services.graph import Graph, input_order
-from services.nodes import build_nodes
-from services.scenario import load_scenario, scenario_files
 from tests.unit.services.small_log import FACTS
 from tests.unit.services.toy_nodes import ToyNode
 

@@ -4,14 +4,14 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 import pytest
+from dynpf_protocol.control import TickDone
+from dynpf_runtime.faults import Fault, FaultyLink
+from dynpf_runtime.graph import Graph, input_order
+from dynpf_runtime.inbox import LockstepInbox, Ready, RealtimeInbox
+from dynpf_runtime.node import Received
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.control import TickDone
-from services.faults import Fault, FaultyLink
-from services.graph import Graph, input_order
-from services.inbox import LockstepInbox, Ready, RealtimeInbox
-from services.node import Received
 from tests.unit.services.toy_nodes import ToyNode, received
 
 TICK_NS = 100_000_000

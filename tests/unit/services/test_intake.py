@@ -1,14 +1,13 @@
 import pytest
+from dynpf_protocol.codec import encode
+from dynpf_protocol.control import TickDone, encode_control
+from dynpf_protocol.envelope import Envelope, encode_envelope
+from dynpf_protocol.messages import Odometry
+from dynpf_runtime.bus.intake import Intake, Refusal
+from dynpf_runtime.bus.session import DATA, TICK, Arrival
+from dynpf_runtime.node import Received
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from protocol.codec import encode
-from protocol.control import TickDone, encode_control
-from protocol.envelope import Envelope, encode_envelope
-from protocol.messages import Odometry
-from services.bus import DATA, TICK, Arrival
-from services.intake import Intake, Refusal
-from services.node import Received
 
 BOOTS = {"sensors": "s1", "simulator": "w1"}
 TOPIC = "sensors/odometry"

@@ -7,12 +7,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-
-from services.cli.main import main
-from services.errors import ScenarioError
-from services.nodes import build_nodes
-from services.recording.reader import read_recording
-from services.scenario import first_difference, load_scenario, resolved_json, whole_json
+from dynpf_formats.recording.reader import read_recording
+from dynpf_lab.cli.main import main
+from dynpf_protocol.errors import ScenarioError
+from dynpf_runtime.bus.agreement import first_difference
+from dynpf_services.scenario.build import build_nodes
+from dynpf_services.scenario.schema import load_scenario, resolved_json, whole_json
 
 SCENARIO = """
 title = "A room in a file"

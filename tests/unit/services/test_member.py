@@ -5,12 +5,12 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
-
-from protocol.control import Recorded, Stop, encode_control
-from services.bus import ALIVE, CONTROL, DATA, READY, Arrival
-from services.errors import BrokenOffError, DynpfError
-from services.member import Member, StopSignal, join
-from services.scenario import load_scenario, resolved_json
+from dynpf_protocol.control import Recorded, Stop, encode_control
+from dynpf_protocol.errors import BrokenOffError, DynpfError
+from dynpf_runtime.bus.member import Member, StopSignal, join
+from dynpf_runtime.bus.session import ALIVE, CONTROL, DATA, READY, Arrival
+from dynpf_services.scenario.build import plan_of
+from dynpf_services.scenario.schema import load_scenario, resolved_json
 
 PEERS = ("sensors", "estimator", "controller", "recorder")
 
@@ -43,7 +43,7 @@ def data(topic: str = "truth/robot") -> Arrival:
 
 def member(*script: Arrival) -> Member:
     bus = ScriptedBus(*script)
-    return Member("simulator", bus, load_scenario("landmark-room"), "mine", StopSignal())  # type: ignore[arg-type]
+    return Member("simulator", bus, plan_of(load_scenario("landmark-room")), "mine", StopSignal())  # type: ignore[arg-type]
 
 
 def assembled(*script: Arrival) -> Member:
@@ -161,10 +161,10 @@ def test_a_strangers_scenario_is_refused_and_nothing_that_it_names_is_touched(
     mark = tmp_path / "mark"
     (tmp_path / "mark_of_a_stranger.py").write_text(f"open({str(mark)!r}, 'x').close()")
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setattr("services.member.Bus.connect", lambda *_: nullcontext(AnsweringBus(answer)))
+    monkeypatch.setattr("dynpf_runtime.bus.member.Bus.connect", lambda *_: nullcontext(AnsweringBus(answer)))
     ours = load_scenario("landmark-room")
     with pytest.raises(DynpfError, match=r"differs from the router's in|tells a scenario that cannot be read"):
-        join("estimator", ours, "tcp/127.0.0.1:1", StopSignal()).__enter__()
+        join("estimator", plan_of(ours), "tcp/127.0.0.1:1", StopSignal()).__enter__()
     assert not mark.exists()
     monkeypatch.setattr(AnsweringBus, "ask", lambda *_, **__: resolved_json(ours).encode())
-    join("estimator", ours, "tcp/127.0.0.1:1", StopSignal()).__enter__()  # the control: the same one is taken
+    join("estimator", plan_of(ours), "tcp/127.0.0.1:1", StopSignal()).__enter__()  # the control: the same one is taken

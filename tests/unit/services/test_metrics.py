@@ -8,10 +8,14 @@ from typing import Any
 
 import msgspec
 import pytest
-
-from protocol.codec import encode
-from protocol.envelope import Envelope
-from protocol.messages import (
+from dynpf_formats.recording.header import RunHeader
+from dynpf_formats.recording.reader import Recording, read_recording
+from dynpf_formats.recording.writer import RecordingWriter
+from dynpf_lab.cli.main import main
+from dynpf_lab.measures.run import differing, measure, summary
+from dynpf_protocol.codec import encode
+from dynpf_protocol.envelope import Envelope
+from dynpf_protocol.messages import (
     Estimate,
     FilterHealth,
     HealthFigures,
@@ -24,12 +28,8 @@ from protocol.messages import (
     planar_pose,
     timestamp,
 )
-from services.cli.main import main
-from services.metrics import differing, measure, summary
-from services.recording.header import RunHeader
-from services.recording.reader import Recording, read_recording
-from services.recording.writer import RecordingWriter
-from services.scenario import parse_scenario, resolved_json
+from dynpf_services.scenario.schema import parse_scenario, resolved_json
+
 from tests.unit.recording.recorded_runs import HEADER
 
 PERIOD_NS = 100_000_000

@@ -3,11 +3,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dynpf_runtime.node import decode_state, encode_state, state_digest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-
-from services.node import decode_state, encode_state, state_digest
 
 DTYPES = [
     "bool",

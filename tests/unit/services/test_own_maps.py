@@ -6,10 +6,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-
-from services.cli.main import main
-from services.errors import ScenarioError
-from services.scenario import SCENARIOS, colon_world, load_scenario
+from dynpf_lab.cli.main import main
+from dynpf_protocol.errors import ScenarioError
+from dynpf_services.scenario.schema import SCENARIOS, colon_world, load_scenario
 
 DRAWN = cv2.imread(str(SCENARIOS / "maps" / "own-a.png"), cv2.IMREAD_GRAYSCALE)
 WHITE = 238

@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from dynpf_lab.cli.main import main
+from dynpf_protocol.errors import ScenarioError
+from dynpf_services.scenario.played_log import PlayedLog
+from dynpf_services.scenario.schema import load_scenario
 
-from services.cli.main import main
-from services.errors import ScenarioError
-from services.played_log import PlayedLog
-from services.scenario import load_scenario
 from tests.unit.services.small_log import IMAGE, YAML
 
 # It drove 1 m ahead and turned left before it was first known to be at (5, 5), facing along y.

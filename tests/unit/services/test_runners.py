@@ -4,43 +4,43 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from dynpf_formats.recording.reader import read_recording
+from dynpf_formats.recording.writer import RecordingWriter
+from dynpf_lab.cli.main import main
+from dynpf_protocol.codec import encode
+from dynpf_protocol.envelope import Envelope
+from dynpf_protocol.errors import StepError
+from dynpf_protocol.journal import encode_entry
+from dynpf_protocol.messages import Diagnostics
+from dynpf_runtime.executor import Executor
+from dynpf_runtime.gaps import GapWatch, notice_gaps
+from dynpf_runtime.inbox import Ready
+from dynpf_runtime.inline import run_inline
+from dynpf_runtime.node import Result, Step
+from dynpf_runtime.plan import run_header
+from dynpf_runtime.replay import replay_node, write_replayed
+from dynpf_services.scenario.build import plan_of
+from dynpf_services.scenario.record import record_inline
+from dynpf_services.scenario.schema import load_scenario
 
-from protocol.codec import encode
-from protocol.envelope import Envelope
-from protocol.journal import encode_entry
-from protocol.messages import Diagnostics
-from services.cli.main import main
-from services.errors import StepError
-from services.executor import Executor
-from services.gaps import GapWatch, notice_gaps
-from services.inbox import Ready
-from services.node import Result, Step
-from services.recorder.host import run_header
-from services.recording.reader import read_recording
-from services.recording.writer import RecordingWriter
-from services.runners import inline
-from services.runners.inline import run_inline
-from services.runners.replay import replay_node, write_replayed
-from services.scenario import load_scenario
 from tests.unit.recording.recorded_runs import HEADER
 from tests.unit.services.toy_nodes import IDLE, ToyNode, received, says
 
 
-def test_a_node_that_raises_ends_an_inline_run_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_node_that_raises_ends_an_inline_run_by_name(tmp_path: Path) -> None:
     def act(step: Step) -> Result:
         if step.tick == 3:
             raise IndexError("out of it")
         return Result()
 
     nodes = {"simulator": ToyNode("simulator"), "controller": ToyNode("controller", act=act)}
-    monkeypatch.setattr(inline, "build_nodes", lambda _: nodes)
-    scenario = load_scenario("landmark-room")
+    plan = plan_of(load_scenario("landmark-room"))._replace(build=lambda: nodes)
     path = tmp_path / "run.mcap"
     with (
         pytest.raises(StepError, match=r"controller failed in step 3, tick 3: IndexError: out of it \(.*\.py:\d+\)"),
-        RecordingWriter(path, run_header(scenario)) as writer,
+        RecordingWriter(path, run_header(plan)) as writer,
     ):
-        run_inline(scenario, [], writer)
+        run_inline(plan, [], writer)
     end = read_recording(path).end  # what came before is kept
     assert end is not None
     assert (end.complete, end.counts) == (False, {"journal/controller": 3, "journal/simulator": 4})
@@ -97,9 +97,7 @@ def test_a_replayed_recording_keeps_what_the_host_told_the_node(tmp_path: Path) 
 def test_a_replayed_node_that_does_something_else_is_caught(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     scenario = load_scenario("landmark-room", overrides=["max_ticks=5"])
-    with RecordingWriter(path, run_header(scenario)) as writer:
-        run_inline(scenario, [], writer)
-        writer.close(complete=True, reason="finished")
+    record_inline(scenario, path)
     node = ToyNode("controller", writes=["controller/command"], act=lambda _: says("controller/command", IDLE))
     mismatch = replay_node(read_recording(path), node, scenario.state_digest_ticks).mismatch
     assert mismatch is not None

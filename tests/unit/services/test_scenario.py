@@ -6,13 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-from services.errors import ScenarioError
-from services.nodes import build_nodes
-from services.scenario import (
+from dynpf_protocol.errors import ScenarioError
+from dynpf_runtime.bus.agreement import first_difference
+from dynpf_services.scenario.build import build_nodes
+from dynpf_services.scenario.schema import (
     LogFacts,
     find_scenario,
-    first_difference,
     load_scenario,
     override_resolved,
     parse_scenario,
@@ -20,7 +19,8 @@ from services.scenario import (
     scenario_files,
     whole_json,
 )
-from services.simulator.config import RoomConfig
+from dynpf_services.simulator.config import RoomConfig
+
 from tests.unit.services.small_log import FACTS
 
 Raw = dict[str, Any]

@@ -1,12 +1,11 @@
 from collections.abc import Sequence
 
 import pytest
+from dynpf_protocol.codec import encode
+from dynpf_protocol.messages import Odometry, RobotState
+from dynpf_runtime.source import Feed, LogRecord, feed_log, feed_ticks
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from protocol.codec import encode
-from protocol.messages import Odometry, RobotState
-from services.source import Feed, LogRecord, feed_log, feed_ticks
 
 ODOMETRY, TRUTH = "log/odometry", "log/truth"
 

@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 import pytest
-
-from services.node import Received, Step
-from services.nodes import build_nodes
-from services.scenario import load_scenario
-from services.task import NOISE
+from dynpf_runtime.node import Received, Step
+from dynpf_services.scenario.build import build_nodes
+from dynpf_services.scenario.schema import load_scenario
+from dynpf_services.task import NOISE
 
 TICK_NS = 50_000_000
 

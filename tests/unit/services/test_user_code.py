@@ -10,15 +10,15 @@ from textwrap import dedent
 from typing import Any
 
 import pytest
+from dynpf_lab.cli.main import main
+from dynpf_protocol.errors import ScenarioError
+from dynpf_services.estimator.components import localizer_of, measurements_of, motion_of
+from dynpf_services.estimator.config import LocalizationConfig
+from dynpf_services.maps import NO_MAPS, Maps
+from dynpf_services.scenario.build import user_classes
+from dynpf_services.scenario.schema import Scenario, load_scenario, override_resolved, resolved_json, with_user_code
 
 from dynpf.motion import Arcs, ArcsParams
-from services.cli.main import main
-from services.errors import ScenarioError
-from services.estimator.components import localizer_of, measurements_of, motion_of
-from services.estimator.config import LocalizationConfig
-from services.maps import NO_MAPS, Maps
-from services.nodes import user_classes
-from services.scenario import Scenario, load_scenario, override_resolved, resolved_json, with_user_code
 
 Modules = Callable[..., Path]
 MOTION = Arcs(ArcsParams())

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Iterable
 
-from protocol.messages import Command, Message, Odometry
-from services.node import Output, Received, Result, State, Step
+from dynpf_protocol.messages import Command, Message, Odometry
+from dynpf_runtime.node import Output, Received, Result, State, Step
 
 
 class ToyNode:

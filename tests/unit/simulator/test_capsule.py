@@ -5,18 +5,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dynpf_protocol.errors import ScenarioError
+from dynpf_protocol.messages import CapsuleMove, CapsuleReading, CapsuleState, SceneUpdate
+from dynpf_runtime.node import Received, Step
+from dynpf_services.colon import ColonConfig, ColonWorld, MapHolds
+from dynpf_services.sensors.capsule import CapsuleSensors
+from dynpf_services.sensors.config import CapsuleSensorsConfig
+from dynpf_services.simulator.capsule import CapsuleSimulator
+from dynpf_services.simulator.config import CapsuleConfig
 
 from dynpf.colon import ROUTE
 from dynpf.colon.beams import expected_ranges
 from dynpf.maps.raycast import RayCaster
-from protocol.messages import CapsuleMove, CapsuleReading, CapsuleState, SceneUpdate
-from services.colon import ColonConfig, ColonWorld, MapHolds
-from services.errors import ScenarioError
-from services.node import Received, Step
-from services.sensors.capsule import CapsuleSensors
-from services.sensors.config import CapsuleSensorsConfig
-from services.simulator.capsule import CapsuleSimulator
-from services.simulator.config import CapsuleConfig
 
 CHANGES = (MapHolds(map="a"), MapHolds(map="b", from_reading=8))
 

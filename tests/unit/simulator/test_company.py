@@ -4,16 +4,16 @@ import math
 
 import numpy as np
 import pytest
+from dynpf_protocol.errors import ScenarioError
+from dynpf_protocol.messages import Obstacles, RobotState
+from dynpf_runtime.node import Result, Step, decode_state, encode_state
+from dynpf_services.maps import Maps
+from dynpf_services.simulator.clearance import from_segments
+from dynpf_services.simulator.company import closed_doors
+from dynpf_services.simulator.config import Door, Driver, PeopleParams, RoomConfig
+from dynpf_services.simulator.room import RoomSimulator
 
 from dynpf.maps.segments import SegmentMap
-from protocol.messages import Obstacles, RobotState
-from services.errors import ScenarioError
-from services.maps import Maps
-from services.node import Result, Step, decode_state, encode_state
-from services.simulator.clearance import from_segments
-from services.simulator.company import closed_doors
-from services.simulator.config import Door, Driver, PeopleParams, RoomConfig
-from services.simulator.room import RoomSimulator
 
 # Two rooms of 3 m by 3 m, and a doorway between y = 1 and y = 2.
 WALLS = SegmentMap([(0, 0, 6, 0), (6, 0, 6, 3), (6, 3, 0, 3), (0, 3, 0, 0), (3, 0, 3, 1), (3, 2, 3, 3)])

@@ -4,15 +4,15 @@ import math
 
 import numpy as np
 import pytest
+from dynpf_protocol.errors import ScenarioError
+from dynpf_protocol.landmarks import Landmark
+from dynpf_protocol.messages import Command, RobotState, SceneUpdate
+from dynpf_runtime.node import Received, Result, Step, decode_state, encode_state
+from dynpf_services.maps import Maps
+from dynpf_services.simulator.config import RoomConfig
+from dynpf_services.simulator.room import RoomSimulator
 
 from dynpf.maps.segments import SegmentMap
-from protocol.messages import Command, RobotState, SceneUpdate
-from services.errors import ScenarioError
-from services.maps import Maps
-from services.node import Received, Result, Step, decode_state, encode_state
-from services.simulator.config import RoomConfig
-from services.simulator.room import RoomSimulator
-from services.task import Landmark
 
 TICK_S = 0.05
 TICK_NS = 50_000_000

@@ -6,15 +6,15 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
+from dynpf_protocol.messages import Command, CompressedImage
+from dynpf_runtime.node import Received, Step, state_digest
+from dynpf_services.simulator.config import Hiding, Intervention, WorkspaceConfig
+from dynpf_services.simulator.workspace import WorkspaceSimulator, draw_starts
+from dynpf_services.task import PartSpec, RearrangementTask
+from dynpf_services.world.camera import CameraParams
 
 from dynpf.rng import generator
 from dynpf.vision import Board, DetectionParams, detect_discs
-from protocol.messages import Command, CompressedImage
-from services.node import Received, Step, state_digest
-from services.simulator.camera import CameraParams
-from services.simulator.config import Hiding, Intervention, WorkspaceConfig
-from services.simulator.workspace import WorkspaceSimulator, draw_starts
-from services.task import PartSpec, RearrangementTask
 
 TICK_S = 0.05
 QUIET = WorkspaceConfig(process_variance=0.0)

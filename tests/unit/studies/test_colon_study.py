@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dynpf_lab.cli.main import main
+from dynpf_lab.studies.colon import PRINTED_CASES, STUDIES
+from dynpf_lab.studies.study import run_study, settings_from
 from PIL import Image
 
 from dynpf.colon.outline import Bulge, Family, tube
-from services.cli.main import main
-from services.studies.colon import PRINTED_CASES, STUDIES
-from services.studies.study import run_study, settings_from
 
 FEW = ["--trials", "2", "--jobs", "1", "--set", "families=['folds']", "--set", "tubes=1"]
 

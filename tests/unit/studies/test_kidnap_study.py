@@ -5,16 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from dynpf_formats.importers.carmen import import_carmen
+from dynpf_formats.importers.mapping import drawn_map
+from dynpf_lab.studies import kidnap, laser_logs
+from dynpf_lab.studies.kidnap import STUDIES, KidnapSettings, Task, run_task, tasks
+from dynpf_lab.studies.laser_runs import LaserLog, Moment, Record, imported_log, kidnapped, split
+from dynpf_protocol.errors import UsageError
+from dynpf_protocol.messages import LaserScan, OdometryPose
+from dynpf_services.scenario.schema import LogFacts
 
 from dynpf.se2 import compose, relative
-from protocol.messages import LaserScan, OdometryPose
-from services.errors import UsageError
-from services.importers.carmen import import_carmen
-from services.importers.mapping import drawn_map
-from services.scenario import LogFacts
-from services.studies import kidnap, laser_logs
-from services.studies.kidnap import STUDIES, KidnapSettings, Task, run_task, tasks
-from services.studies.laser_runs import LaserLog, Moment, Record, imported_log, kidnapped, split
 
 SLICE = Path(__file__).parents[3] / "../shared/data/carmen/intel_30-150s.log"
 CARRIED_M = 2.0

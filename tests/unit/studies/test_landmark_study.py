@@ -6,13 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from protocol.codec import decode
-from protocol.messages import Estimate, LandmarkReading, LandmarkReadings, Odometry
-from services.cli.main import main
-from services.importers.log import Record
-from services.recording.reader import read_recording
-from services.studies.landmark_logs import (
+from dynpf_formats.importers.log import Record
+from dynpf_formats.recording.reader import read_recording
+from dynpf_lab.cli.main import main
+from dynpf_lab.studies.landmark_logs import (
     Stretch,
     every_second_landmark,
     follow,
@@ -21,6 +18,8 @@ from services.studies.landmark_logs import (
     stretches,
     withheld,
 )
+from dynpf_protocol.codec import decode
+from dynpf_protocol.messages import Estimate, LandmarkReading, LandmarkReadings, Odometry
 
 DATA = Path(__file__).parents[3] / "../shared/data/mrclam"
 MINUTE = DATA / "ds1_seed_60s"

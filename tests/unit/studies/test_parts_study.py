@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 import pytest
-
-from services.scenario import load_scenario
-from services.studies.catalogue import study_named
-from services.studies.parts import LAYOUTS, NOISE, RADII, Conditions, layout_task, measured, record_parts, run_parts
-from services.studies.rows import Sample
-from services.studies.study import run_study, settings_from
+from dynpf_lab.studies.catalogue import study_named
+from dynpf_lab.studies.parts import LAYOUTS, NOISE, RADII, Conditions, layout_task, measured, record_parts, run_parts
+from dynpf_lab.studies.rows import Sample
+from dynpf_lab.studies.study import run_study, settings_from
+from dynpf_services.scenario.schema import load_scenario
 
 
 def gap(name):

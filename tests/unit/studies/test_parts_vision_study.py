@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-
-from services.studies.parts_vision import CAMERAS, STUDIES, calibrated_node, frame_errors
-from services.studies.rows import Sample
+from dynpf_lab.studies.parts_vision import CAMERAS, STUDIES, calibrated_node, frame_errors
+from dynpf_lab.studies.rows import Sample
 
 
 @pytest.mark.parametrize("name", ["plain", "lens and light"])

@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from services.cli.main import main
-from services.studies.indoor import IndoorSettings, fitted
-from services.studies.rooms import dead_reckoning, measures, record, world
-from services.studies.study import run_study, settings_from
-from services.studies.turtlebot import STUDIES
+from dynpf_lab.cli.main import main
+from dynpf_lab.studies.indoor import IndoorSettings, fitted
+from dynpf_lab.studies.rooms import dead_reckoning, measures, record, world
+from dynpf_lab.studies.study import run_study, settings_from
+from dynpf_lab.studies.turtlebot import STUDIES
 
 
 def rows_of(capsys: pytest.CaptureFixture[str], *words: str) -> list[dict[str, Any]]:

@@ -6,9 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from dynpf_lab.studies.rows import Sample, as_csv, as_table, summarized
 from scipy import stats
-
-from services.studies.rows import Sample, as_csv, as_table, summarized
 
 
 def samples(values: list[float], tube: str, lost: int = 0) -> list[Sample]:

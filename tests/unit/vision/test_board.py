@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from dynpf_services.world.camera import CameraParams, project
 
 from dynpf import rng
 from dynpf.vision import Board, CalibrationError, Disc, calibrate, find_board
-from services.simulator.camera import CameraParams, project
 
 BOARD = Board()
 

@@ -3,12 +3,12 @@
 import cv2
 import numpy as np
 import pytest
+from dynpf_services.world.camera import CameraParams, calibration_pairs, project
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynpf import rng
 from dynpf.vision import CalibrationError, Disc, PlaneProjection, calibrate, fit_circle
-from services.simulator.camera import CameraParams, calibration_pairs, project
 
 CAMERA = CameraParams()
 CENTRE = (639.5, 511.5)

@@ -5,13 +5,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from dynpf_lab.studies.disc_scenes import KINDS, draw_scene, score
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from dynpf import rng
 from dynpf.vision import DetectionParams, Disc, detect_discs, subsample, to_full_px
-from services.studies.disc_scenes import KINDS, draw_scene, score
 
 SMARTIES = Path(__file__).parents[3] / "../shared/data/images/opencv_smarties.png"
 OVERSAMPLING = 8

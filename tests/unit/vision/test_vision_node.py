@@ -4,13 +4,14 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
+from dynpf_protocol.messages import CompressedImage, Detections, Log, Message, timestamp
+from dynpf_runtime.node import Received, Step, decode_state, encode_state
+from dynpf_services.simulator.camera import DrawnDisc, board_discs, encode, render
+from dynpf_services.vision.config import VisionConfig
+from dynpf_services.vision.node import VisionNode
+from dynpf_services.world.camera import CameraParams
 
 from dynpf.vision import Board
-from protocol.messages import CompressedImage, Detections, Log, Message, timestamp
-from services.node import Received, Step, decode_state, encode_state
-from services.simulator.camera import CameraParams, DrawnDisc, board_discs, encode, render
-from services.vision.config import VisionConfig
-from services.vision.node import VisionNode
 
 CAMERA = CameraParams()
 SCENE = [

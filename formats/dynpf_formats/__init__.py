@@ -1,0 +1,1 @@
+"""Files: recordings, and the formats of others that become recordings or are made of them."""

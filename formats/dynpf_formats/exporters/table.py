@@ -1,0 +1,87 @@
+"""The messages of a topic as a table: one row a message, one column a field.
+
+Fields of fields are joined by dots, lists of a fixed length have a column for each place; other lists stay one value. A
+field that a message leaves out is empty.
+"""
+
+import csv
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, TextIO
+
+import msgspec
+from dynpf_protocol.codec import decode
+from dynpf_protocol.topics import topic as row_of
+from msgspec import inspect as types
+
+from dynpf_formats.recording.reader import Recording
+
+__all__ = ["columns", "header", "in_json", "rows", "write_csv"]
+
+Getter = Callable[[Any], Any]
+Columns = Mapping[str, tuple[types.Type, Getter]]
+
+
+def columns(topic: str) -> Columns:
+    """Return the columns of a topic's table by name: the type of their values, and what takes one from a message."""
+    return dict(_leaves(types.type_info(row_of(topic).type), "", lambda message: message))
+
+
+def _leaves(info: types.Type, name: str, get: Getter) -> Iterator[tuple[str, tuple[types.Type, Getter]]]:
+    match info:
+        case types.StructType(fields=fields):
+            for field in fields:
+                inner = f"{name}.{field.name}" if name else field.name
+                yield from _leaves(field.type, inner, _of_field(get, field.name))
+        case types.VarTupleType(item_type=item, min_length=low, max_length=high) if low == high and low is not None:
+            for place in range(low):
+                yield from _leaves(item, f"{name}.{place}", _of_place(get, place))
+        case _:
+            yield name, (info, get)
+
+
+def _of_field(get: Getter, name: str) -> Getter:
+    def field(message: Any) -> Any:
+        whole = get(message)
+        value = None if whole is None else getattr(whole, name)
+        return None if value is msgspec.UNSET else value
+
+    return field
+
+
+def _of_place(get: Getter, place: int) -> Getter:
+    def item(message: Any) -> Any:
+        whole = get(message)
+        return None if whole is None else whole[place]
+
+    return item
+
+
+def rows(recording: Recording, topic: str) -> Iterator[list[Any]]:
+    """Yield the messages in the order of the file: stamp in ns, stamp in s, sequence, and the columns."""
+    getters = [get for _, get in columns(topic).values()]
+    for record in recording.messages(topic):
+        message = decode(topic, record.payload)
+        yield [record.stamp_ns, record.stamp_ns / 1e9, record.sequence, *(get(message) for get in getters)]
+
+
+def header(topic: str) -> list[str]:
+    """Return the names of what ``rows`` yields."""
+    return ["stamp_ns", "stamp_s", "sequence", *columns(topic)]
+
+
+def write_csv(recording: Recording, topic: str, stream: TextIO) -> int:
+    """Write the table, numbers with all their digits, lists as JSON; return how many rows it has."""
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(header(topic))
+    count = 0
+    for row in rows(recording, topic):
+        writer.writerow(
+            ["" if one is None else one if isinstance(one, str | int | float) else in_json(one) for one in row]
+        )
+        count += 1
+    return count
+
+
+def in_json(value: Any) -> str:
+    """Return what has no cell of its own, such as a list, as JSON."""
+    return msgspec.json.encode(value).decode()

@@ -1,0 +1,56 @@
+"""Trajectories in the format of the TUM RGB-D benchmark, as evo reads them: time, position and quaternion a line."""
+
+import math
+from collections.abc import Iterator
+
+from dynpf_protocol.codec import decode
+from dynpf_protocol.messages import Estimate, Message, OdometryPose, Pose, PoseInFrame, RobotState, planar_pose
+from dynpf_protocol.topics import TOPICS
+
+from dynpf_formats.recording.reader import Recorded, Recording
+
+__all__ = ["POSE_TOPICS", "tum_lines"]
+
+REFERENCE = "log/truth"
+_KINDS = (Estimate, OdometryPose, PoseInFrame, RobotState)
+
+POSE_TOPICS = tuple(name for name, row in TOPICS.items() if row.type in _KINDS)
+"""The topics whose messages are poses."""
+
+
+def tum_lines(recording: Recording, topic: str) -> Iterator[str]:
+    """Yield the poses of a topic in order of time; of several at one time the last, or the one that is scored.
+
+    A log whose clock jumps back has records of one stamp at different moments. So where the reference has a pose of
+    that stamp, the first that follows it in the file is meant: poses and reference then pair up by their stamps. Times
+    have all their nanoseconds, numbers all their digits. ``topic`` is one of POSE_TOPICS.
+    """
+    chosen = _one_of_each_stamp(recording, topic)
+    for stamp_ns in sorted(chosen):
+        pose = _pose(decode(topic, chosen[stamp_ns].payload))
+        at, q = pose.position, pose.orientation
+        numbers = " ".join(map(repr, (at.x, at.y, at.z, q.x, q.y, q.z, q.w)))
+        yield f"{stamp_ns // 10**9}.{stamp_ns % 10**9:09d} {numbers}"
+
+
+def _one_of_each_stamp(recording: Recording, topic: str) -> dict[int, Recorded]:
+    chosen: dict[int, Recorded] = {}
+    answered: set[int] = set()
+    due_ns: int | None = None
+    for record in recording.messages():
+        if record.topic == REFERENCE != topic:
+            due_ns = record.stamp_ns
+        elif record.topic == topic and record.stamp_ns not in answered:
+            chosen[record.stamp_ns] = record
+            if record.stamp_ns == due_ns:
+                answered.add(due_ns)
+    return chosen
+
+
+def _pose(message: Message) -> Pose:
+    match message:
+        case PoseInFrame(pose=pose):
+            return pose
+        case Estimate(x=x, y=y, theta=theta) | OdometryPose(x=x, y=y, theta=theta) | RobotState(x=x, y=y, theta=theta):
+            return planar_pose(x, y, math.remainder(theta, math.tau))
+    raise TypeError(f"{type(message).__name__} is no pose")

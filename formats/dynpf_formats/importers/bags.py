@@ -1,0 +1,114 @@
+"""ROS bags, 1 and 2, opened with the package rosbags; whatever that raises is told as an import's failure."""
+
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rosbags.interfaces import MessageDefinitionFormat
+from rosbags.rosbag1 import Reader as Reader1
+from rosbags.rosbag2 import Reader as Reader2
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+from dynpf_formats.importers.errors import ImportFailedError
+from dynpf_formats.importers.stream import Losses
+from dynpf_formats.importers.text import refuse_pointer
+
+__all__ = ["Bag", "Message", "open_bag"]
+
+SUFFIXES = (".bag", ".mcap", ".db3")
+IDL_SEPARATOR = "=" * 80 + "\n"  # between the files of a type's definition
+
+
+class Message(NamedTuple):
+    """A message as it was recorded: its topic, when it arrived (ns), and what it says."""
+
+    topic: str
+    arrival_ns: int
+    content: Any
+
+
+class Bag:
+    """An open bag: its topics with their types, and their messages in the order of arrival."""
+
+    def __init__(self, path: Path, reader: Any, types: Collection[str]) -> None:
+        self.path = path
+        self._reader = reader
+        self.topics: dict[str, str] = {one.topic: one.msgtype for one in reader.connections}
+        store = _typestore([one for one in reader.connections if one.msgtype in types])
+        self._decode = store.deserialize_ros1 if isinstance(reader, Reader1) else store.deserialize_cdr
+
+    def of_type(self, *types: str) -> list[str]:
+        """Return the topics of the given types, by name."""
+        return sorted(name for name, kind in self.topics.items() if kind in types)
+
+    def messages(self, topics: Collection[str], losses: Losses) -> Iterator[Message]:
+        """Yield the messages of the given topics; those that do not decode are left out.
+
+        Raises ImportFailedError where the bag cannot be read on.
+        """
+        chosen = [one for one in self._reader.connections if one.topic in topics]
+        last_ns = 0
+        stream = iter(self._reader.messages(chosen)) if chosen else iter(())
+        while True:
+            try:
+                connection, last_ns, data = next(stream)
+            except StopIteration:
+                return
+            except Exception as error:  # the library lets through what its parts raise on broken bytes
+                told = f"cannot be read beyond {last_ns * 1e-9:.3f} s"
+                raise ImportFailedError(f"{self.path}: {told}: {_in_a_line(error)}") from error
+            try:
+                content = self._decode(data, connection.msgtype)
+            except Exception as error:  # as above
+                place = f"{connection.topic} at {last_ns * 1e-9:.3f} s: {_in_a_line(error)}"
+                losses.add("messages that do not decode", place)
+                continue
+            yield Message(connection.topic, last_ns, content)
+
+
+@contextmanager
+def open_bag(path: Path, types: Collection[str]) -> Iterator[Bag]:
+    """Open a .bag file, a .mcap or .db3 file, or the folder of a ROS 2 bag; raises ImportFailedError.
+
+    ``types`` are those whose messages shall be read: of other types a bag may hold what nobody can read.
+    """
+    if path.is_dir():
+        if not (path / "metadata.yaml").is_file():
+            raise ImportFailedError(f"{path}: no metadata.yaml in it; expected the folder of a ROS 2 bag")
+        for part in sorted(path.iterdir()):
+            if part.suffix in SUFFIXES:
+                refuse_pointer(part)
+    else:
+        refuse_pointer(path)
+        if path.suffix not in SUFFIXES:
+            raise ImportFailedError(f"{path}: expected {', '.join(SUFFIXES)} or the folder of a ROS 2 bag")
+    with ExitStack() as stack:
+        try:
+            reader = stack.enter_context(Reader1(path) if path.suffix == ".bag" and path.is_file() else Reader2(path))
+            bag = Bag(path, reader, types)
+        except Exception as error:  # the library lets through what its parts raise on broken bytes
+            raise ImportFailedError(f"{path}: cannot be read: {_in_a_line(error)}") from error
+        yield bag
+
+
+def _typestore(connections: Sequence[Any]) -> Any:
+    """Return the types of the connections as the bag defines them; old bags of ROS 2 do not: there, as in Humble."""
+    store = get_typestore(Stores.EMPTY)
+    found: dict[str, Any] = {}
+    for one in connections:
+        text = one.msgdef.data
+        match one.msgdef.format:
+            case MessageDefinitionFormat.MSG:
+                found.update(get_types_from_msg(text, one.msgtype))
+            case MessageDefinitionFormat.IDL:
+                parts = [part.partition("\n")[2] for part in text.split(IDL_SEPARATOR)[1:]] or [text]
+                for part in parts:
+                    found.update(get_types_from_idl(part))
+    store.register(found or get_typestore(Stores.ROS2_HUMBLE).fielddefs)
+    return store
+
+
+def _in_a_line(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    return f"{text or 'no reason given'} ({type(error).__name__})"[:200]

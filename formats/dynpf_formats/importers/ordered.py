@@ -1,0 +1,68 @@
+"""Records of several sensors in the order of their stamps, though they arrive out of order; memory is bounded."""
+
+import heapq
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from dynpf_formats.importers.log import Record
+from dynpf_formats.importers.stream import Losses
+
+__all__ = ["Reorder"]
+
+WINDOW_NS = 2 * 10**9  # how much later than a newer one a record may come
+AHEAD_NS = 60 * 10**9  # a stamp that leaps further ahead than this, beyond what passed meanwhile, is wrong
+RANKS = {"log/truth": 0, "log/odometry_pose": 1, "log/scan": 2}  # of records with the same stamp
+
+BACKWARDS = "records whose clock went backwards"
+LEAPT = "records whose clock leapt ahead"
+
+
+class _Waiting(NamedTuple):
+    stamp_ns: int
+    rank: int
+    number: int
+    record: Record
+
+
+class Reorder:
+    """A buffer of two seconds.
+
+    A record that comes after one more than two seconds newer has been written out is left out, as is one whose stamp
+    leaps ahead of the bag's own clock by over a minute: each would tear the log's order.
+    """
+
+    def __init__(self, losses: Losses) -> None:
+        self._losses = losses
+        self._heap: list[_Waiting] = []
+        self._number = 0
+        self._newest_ns: int | None = None
+        self._arrival_ns = 0
+        self._told_ns = -1
+
+    def take(self, record: Record, arrival_ns: int) -> Iterator[Record]:
+        """Take in a record that the bag's clock dates to ``arrival_ns``; yield what is now in order."""
+        stamp_ns = record.stamp_ns
+        place = f"{record.topic} at {stamp_ns * 1e-9:.3f} s"
+        if self._newest_ns is not None:
+            passed = max(arrival_ns - self._arrival_ns, 0)
+            if stamp_ns - self._newest_ns > passed + AHEAD_NS:
+                self._losses.add(LEAPT, f"{place}, after {self._newest_ns * 1e-9:.3f} s")
+                return
+            if stamp_ns < self._told_ns or stamp_ns < self._newest_ns - WINDOW_NS:
+                self._losses.add(BACKWARDS, f"{place}, after {self._newest_ns * 1e-9:.3f} s")
+                return
+        if self._newest_ns is None or stamp_ns >= self._newest_ns:
+            self._newest_ns, self._arrival_ns = stamp_ns, arrival_ns
+        heapq.heappush(self._heap, _Waiting(stamp_ns, RANKS[record.topic], self._number, record))
+        self._number += 1
+        yield from self._release(self._newest_ns - WINDOW_NS)
+
+    def rest(self) -> Iterator[Record]:
+        """Yield what is left at the end of the log."""
+        yield from self._release(None)
+
+    def _release(self, before_ns: int | None) -> Iterator[Record]:
+        while self._heap and (before_ns is None or self._heap[0].stamp_ns < before_ns):
+            waiting = heapq.heappop(self._heap)
+            self._told_ns = waiting.stamp_ns
+            yield waiting.record

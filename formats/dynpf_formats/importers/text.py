@@ -1,0 +1,87 @@
+"""Foreign text files, plain or compressed, and the numbers in them."""
+
+import bz2
+import gzip
+import lzma
+import math
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import IO
+
+from dynpf_formats.importers.errors import ImportFailedError
+
+__all__ = ["LFS_POINTER", "finite_number", "lines_of", "refuse_pointer", "seconds_to_ns", "whole_number"]
+
+LFS_POINTER = b"version https://git-lfs.github.com/spec/"
+LONGEST_LINE = 2**22  # characters; what is longer is no line of a log
+
+_PACKED: Mapping[bytes, Callable[[Path], IO[bytes] | gzip.GzipFile]] = {
+    b"\x1f\x8b": gzip.GzipFile,
+    b"\xfd7zXZ\x00": lzma.LZMAFile,
+    b"BZh": bz2.BZ2File,
+}
+
+
+def refuse_pointer(path: Path) -> None:
+    """Raise ImportFailedError where a file is missing or empty, or only the pointer that Git LFS keeps in its place."""
+    try:
+        with path.open("rb") as stream:
+            start = stream.read(len(LFS_POINTER))
+    except OSError as error:
+        raise ImportFailedError(f"{path}: cannot be read: {(error.strerror or str(error)).lower()}") from error
+    if start == LFS_POINTER:
+        raise ImportFailedError(f"{path}: a Git LFS pointer, not the file itself; fetch it with `git lfs pull`")
+    if not start:
+        raise ImportFailedError(f"{path}: the file is empty")
+
+
+def lines_of(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield the lines of a text file with their numbers from 1; gzip, xz and bzip2 are unpacked on the way.
+
+    Raises ImportFailedError for what cannot be read, at the place where it cannot.
+    """
+    refuse_pointer(path)
+    number = 0
+    try:
+        with path.open("rb") as plain:
+            magic = plain.read(6)
+        unpacked = next((one for start, one in _PACKED.items() if magic.startswith(start)), None)
+        with path.open("rb") if unpacked is None else unpacked(path) as stream:
+            while line := stream.readline(LONGEST_LINE):
+                number += 1
+                if len(line) == LONGEST_LINE:
+                    raise ImportFailedError(f"{path}:{number}: a line of over {LONGEST_LINE} bytes; not a text log")
+                yield number, line.decode("utf-8", errors="replace")
+    except (OSError, EOFError, lzma.LZMAError, zlib.error) as error:
+        raise ImportFailedError(f"{path}: cannot be read beyond line {number}: {str(error).lower()}") from error
+
+
+def finite_number(text: str, name: str) -> float:
+    """Return the number; raises ValueError that names it where it is none, or NaN or infinite."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"{name} is {text[:60]!r}; expected a finite number")
+    return value
+
+
+def whole_number(text: str, name: str) -> int:
+    """Return the number; raises ValueError that names it where it is none of at most nine digits."""
+    if not (text.isascii() and text.isdigit()) or len(text) > 9:
+        raise ValueError(f"{name} is {text[:60]!r}; expected a whole number")
+    return int(text)
+
+
+def seconds_to_ns(text: str) -> int:
+    """Return a time in seconds as nanoseconds, without going through a float that has not the digits."""
+    try:
+        seconds = Decimal(text)
+    except InvalidOperation:
+        seconds = Decimal("NaN")
+    if not seconds.is_finite() or not 0 <= seconds < 2**63 // 10**9:
+        raise ValueError(f"time is {text[:60]!r}; expected seconds, 0 or more")
+    return int(seconds * 10**9)

@@ -1,0 +1,97 @@
+"""Importer of trajectories in the format of the TUM RGB-D benchmark, which evo writes too: reference poses.
+
+A line is a pose: time (s), x, y, z (m), and the quaternion x, y, z, w; what stands behind # is not read. Of the
+orientation the heading is kept, of the position the plane.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from dynpf_protocol.codec import decode
+from dynpf_protocol.messages import RobotState
+from dynpf_protocol.topics import LOG_NODE
+
+from dynpf_formats.importers.errors import ImportFailedError
+from dynpf_formats.importers.log import Record
+from dynpf_formats.importers.stream import LogStream, Losses
+from dynpf_formats.importers.text import finite_number, lines_of, seconds_to_ns
+from dynpf_formats.importers.transforms import matrix, planar
+from dynpf_formats.recording.reader import read_recording
+
+__all__ = ["import_tum"]
+
+COLUMNS = ("time", "x", "y", "z", "qx", "qy", "qz", "qw")
+TRUTH = "log/truth"
+
+
+class _Vector(NamedTuple):
+    x: float
+    y: float
+    z: float
+    w: float = 0.0
+
+
+def import_tum(path: Path, log: Path | None = None) -> LogStream:
+    """Return the poses as a reference alone, or, given an imported ``log``, that log with them as its reference.
+
+    Lines that cannot be read, and poses earlier than the one before them, are left out and counted. Raises
+    ImportFailedError for a file without poses, RecordingError for a log that cannot be read.
+    """
+    if next(_poses(path, Losses()), None) is None:
+        raise ImportFailedError(f"{path}: no line of 8 numbers; expected time, x, y, z, qx, qy, qz, qw")
+    losses = Losses()
+    truth = _poses(path, losses)
+    if log is None:
+        return LogStream(path.name, "tum", {}, truth, losses)
+    recording = read_recording(log)
+    kept = [one for one in recording.messages(node=LOG_NODE) if one.topic != TRUTH]
+    if not kept:
+        raise ImportFailedError(f"{log}: holds no records of an imported log to which a reference could be given")
+    records = (Record(one.topic, one.stamp_ns, decode(one.topic, one.payload)) for one in kept)
+    settings = {"log": log.name}
+    return LogStream(path.name, "tum", settings, _merged(truth, records), losses, recording.attachments)
+
+
+def _poses(path: Path, losses: Losses) -> Iterator[Record]:
+    newest_ns = 0
+    for number, line in lines_of(path):
+        fields = line.partition("#")[0].split()
+        if not fields:
+            continue
+        place = f"{path.name}:{number}"
+        try:
+            stamp_ns, pose = _pose(fields)
+        except ValueError as error:
+            losses.add("lines that cannot be read", f"{place}: {error}")
+            continue
+        if stamp_ns < newest_ns:
+            losses.add("poses whose clock went backwards", f"{place}: {fields[0]} s")
+            continue
+        newest_ns = stamp_ns
+        yield Record(TRUTH, stamp_ns, pose)
+
+
+def _pose(fields: list[str]) -> tuple[int, RobotState]:
+    if len(fields) != len(COLUMNS):
+        raise ValueError(f"{len(fields)} columns; expected {len(COLUMNS)}")
+    stamp_ns = seconds_to_ns(fields[0])
+    x, y, z, *q = (finite_number(text, name) for text, name in zip(fields[1:], COLUMNS[1:], strict=True))
+    found = matrix(_Vector(x, y, z), _Vector(*q))
+    if found is None:
+        raise ValueError(f"quaternion is {' '.join(fields[4:])}; expected one of length 1")
+    x, y, theta = planar(found)
+    return stamp_ns, RobotState(x=x, y=y, theta=theta)
+
+
+def _merged(truth: Iterator[Record], others: Iterator[Record]) -> Iterator[Record]:
+    """Yield the others in their order, each after the poses up to its time."""
+    waiting = next(truth, None)
+    for record in others:
+        while waiting is not None and waiting.stamp_ns <= record.stamp_ns:
+            yield waiting
+            waiting = next(truth, None)
+        yield record
+    if waiting is not None:
+        yield waiting
+    yield from truth

@@ -1,0 +1,248 @@
+"""Compares two recordings and finds the first difference: in which message of which tick, and in which field."""
+
+from itertools import zip_longest
+from typing import Any
+
+import msgspec
+from dynpf_protocol.journal import JOURNAL_PREFIX
+from dynpf_protocol.topics import LOG_NODE, NODES, TOPICS
+
+from dynpf_formats.recording.digest import Key, Leaf, StateKey, leaves, starts, states
+from dynpf_formats.recording.reader import Recording
+
+__all__ = ["Difference", "FirstDifference", "TopicCounts", "diff", "first_field"]
+
+_SHOWN = 80  # characters of a text
+
+_NODE_ORDER = {node: place for place, node in enumerate((LOG_NODE, *NODES))}
+_TOPIC_ORDER = {topic: place for place, topic in enumerate(TOPICS)}
+_LAST = 2**63
+
+_Order = tuple[int, int, int, str, int, int, int]
+
+
+class FirstDifference(msgspec.Struct, frozen=True, kw_only=True):
+    """The first message, or state, that differs.
+
+    ``field`` is the path inside the message, such as ``parts[2].x``; or ``tick``, ``stamp_ns``, ``state``, ``message``
+    (one side lacks it), ``consumed[i]`` (the step took another input in that place) or ``payload`` (other bytes, the
+    same values). ``tick`` is None where no journal tells it.
+    """
+
+    node: str
+    topic: str
+    tick: int | None
+    sequence: int
+    field: str
+    a: Any
+    b: Any
+
+
+class TopicCounts(msgspec.Struct, frozen=True, kw_only=True):
+    """How many messages of a topic either recording has, and how many of them differ or lack their counterpart."""
+
+    a: int
+    b: int
+    differ: int
+
+
+class Difference(msgspec.Struct, frozen=True, kw_only=True):
+    """The result of a comparison, in the form in which ``dynpf diff --json`` prints it, the measures aside."""
+
+    same: bool
+    first: FirstDifference | None
+    counts: dict[str, TopicCounts]
+
+
+def diff(a: Recording, b: Recording) -> Difference:
+    """Compare what counts as the same run.
+
+    The first difference is the first by tick, then in the order of the nodes in a tick, then of the topic table, then
+    by sequence. Two recordings are the same exactly if their content digests are and their nodes consumed the same
+    messages in the same order.
+    """
+    left, right = leaves(a), leaves(b)
+    left_states, right_states = states(a), states(b)
+    keys = [key for key in {**left, **right} if _differ(left.get(key), right.get(key))]
+    state_keys = [key for key in {**left_states, **right_states} if left_states.get(key) != right_states.get(key)]
+    found: list[tuple[_Order, Key | StateKey]] = [(_order(key, left.get(key), right.get(key)), key) for key in keys]
+    found += [(_state_order(key, left_states.get(key), right_states.get(key)), key) for key in state_keys]
+    first: FirstDifference | None = None
+    if found:
+        _, key = min(found)
+        if isinstance(key, StateKey):
+            first = _state_difference(key, left_states.get(key), right_states.get(key))
+        else:
+            first = _message_difference(key, left.get(key), right.get(key))
+    first = first or _consumed_difference(a, b)
+    return Difference(same=first is None, first=first, counts=_counts(left, right, keys))
+
+
+def first_field(a: bytes, b: bytes) -> tuple[str, Any, Any] | None:
+    """Return path, value in ``a`` and value in ``b`` of the first field in which two payloads differ, or None."""
+    if a == b:
+        return None
+    try:
+        found = _first_value("", msgspec.json.decode(a), msgspec.json.decode(b))
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        found = None
+    if found is None:
+        return ("payload", *_excerpts(a.decode(errors="replace"), b.decode(errors="replace")))
+    path, left, right = found
+    if isinstance(left, str) and isinstance(right, str):
+        return (path, *_excerpts(left, right))
+    return (path, _summary(left), _summary(right))
+
+
+def _differ(a: Leaf | None, b: Leaf | None) -> bool:
+    return a is None or b is None or (a.tick, a.stamp_ns, a.digest) != (b.tick, b.stamp_ns, b.digest)
+
+
+def _order(key: Key, a: Leaf | None, b: Leaf | None) -> _Order:
+    present = [leaf for leaf in (a, b) if leaf is not None]
+    tick = min((leaf.tick for leaf in present if leaf.tick >= 0), default=_LAST)
+    # Without a journal there are no ticks, and the stamp tells what came first.
+    stamp = min(leaf.stamp_ns for leaf in present) if tick == _LAST else 0
+    node = _NODE_ORDER.get(key.node, len(_NODE_ORDER))
+    return (tick, stamp, node, key.node, _TOPIC_ORDER[key.topic], key.start, key.sequence)
+
+
+def _state_order(key: StateKey, a: tuple[int, str] | None, b: tuple[int, str] | None) -> _Order:
+    tick = min(state[0] for state in (a, b) if state is not None)
+    node = _NODE_ORDER.get(key.node, len(_NODE_ORDER))
+    return (tick, 0, node, key.node, len(_TOPIC_ORDER), key.start, key.number)  # behind the node's messages
+
+
+def _message_difference(key: Key, a: Leaf | None, b: Leaf | None) -> FirstDifference:
+    left: Any
+    right: Any
+    if a is None or b is None:
+        field, left, right = "message", _presence(a), _presence(b)
+    elif a.tick != b.tick:
+        field, left, right = "tick", _tick(a), _tick(b)
+    elif a.stamp_ns != b.stamp_ns:
+        field, left, right = "stamp_ns", a.stamp_ns, b.stamp_ns
+    else:
+        found = first_field(a.record.payload, b.record.payload)
+        assert found is not None, "payloads with different digests are equal"
+        field, left, right = found
+    ticks = [leaf.tick for leaf in (a, b) if leaf is not None and leaf.tick >= 0]
+    return FirstDifference(
+        node=key.node,
+        topic=key.topic,
+        tick=min(ticks, default=None),
+        sequence=key.sequence,
+        field=field,
+        a=left,
+        b=right,
+    )
+
+
+def _state_difference(key: StateKey, a: tuple[int, str] | None, b: tuple[int, str] | None) -> FirstDifference:
+    field = "state" if a is None or b is None or a[1] != b[1] else "tick"
+    left, right = ((None if side is None else side[field == "state"]) for side in (a, b))
+    return FirstDifference(
+        node=key.node,
+        topic=JOURNAL_PREFIX + key.node,
+        tick=min(state[0] for state in (a, b) if state is not None),
+        sequence=key.number,
+        field=field,
+        a=left,
+        b=right,
+    )
+
+
+def _consumed_difference(a: Recording, b: Recording) -> FirstDifference | None:
+    """Find the first step that took other inputs, or the same in another order, though all messages are the same."""
+    left, right = _consumed(a), _consumed(b)
+    differing = [key for key in left.keys() | right.keys() if left.get(key) != right.get(key)]
+    if not differing:
+        return None
+    key = min(differing, key=lambda key: (key[0], _NODE_ORDER.get(key[1], len(_NODE_ORDER)), key))
+    pairs = list(zip_longest(left.get(key, ()), right.get(key, ())))
+    place = next((place for place, pair in enumerate(pairs) if pair[0] != pair[1]), 0)
+    before, after = pairs[place] if pairs else (None, None)
+    tick, node, _, step = key
+    return FirstDifference(
+        node=node,
+        topic=JOURNAL_PREFIX + node,
+        tick=tick,
+        sequence=step,
+        field=f"consumed[{place}]",
+        a=before,
+        b=after,
+    )
+
+
+def _consumed(recording: Recording) -> dict[tuple[int, str, int, int], tuple[str, ...]]:
+    """Return, by (tick, node, start, step), the inputs of every step in order, in words and without boots."""
+    numbers = starts(recording)
+    return {
+        (entry.tick, node, numbers[node, boot], entry.step): tuple(
+            f"{one.topic} {one.sequence} of {one.node}" for one in entry.consumed
+        )
+        for node, boot in recording.journals()
+        for entry in recording.journal(node, boot)
+    }
+
+
+def _counts(left: dict[Key, Leaf], right: dict[Key, Leaf], differing: list[Key]) -> dict[str, TopicCounts]:
+    counts = {topic: [0, 0, 0] for topic in TOPICS}
+    for column, keys in enumerate((left, right, differing)):
+        for key in keys:
+            counts[key.topic][column] += 1
+    return {topic: TopicCounts(a=a, b=b, differ=differ) for topic, (a, b, differ) in counts.items() if a or b}
+
+
+def _first_value(path: str, a: Any, b: Any) -> tuple[str, Any, Any] | None:
+    if isinstance(a, dict) and isinstance(b, dict):
+        return _first_member(path, a, b)
+    if isinstance(a, list) and isinstance(b, list):
+        return _first_element(path, a, b)
+    return None if type(a) is type(b) and a == b else (path or "payload", a, b)
+
+
+def _first_member(path: str, a: dict[str, Any], b: dict[str, Any]) -> tuple[str, Any, Any] | None:
+    for name in {**a, **b}:
+        inner = f"{path}.{name}" if path else name
+        if name not in a or name not in b:
+            return inner, a.get(name), b.get(name)
+        if found := _first_value(inner, a[name], b[name]):
+            return found
+    return None
+
+
+def _first_element(path: str, a: list[Any], b: list[Any]) -> tuple[str, Any, Any] | None:
+    for place, (left, right) in enumerate(zip(a, b, strict=False)):
+        if found := _first_value(f"{path}[{place}]", left, right):
+            return found
+    return None if len(a) == len(b) else (f"{path}.length", len(a), len(b))
+
+
+def _excerpts(a: str, b: str) -> tuple[str, str]:
+    """Return both texts, cut down to where they part if they are long."""
+    if max(len(a), len(b)) <= _SHOWN:
+        return a, b
+    parting = next((place for place, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
+    start = max(0, parting - _SHOWN // 4)
+    return _excerpt(a, start), _excerpt(b, start)
+
+
+def _excerpt(text: str, start: int) -> str:
+    before = "..." if start else ""
+    after = "..." if start + _SHOWN < len(text) else ""
+    return before + text[start : start + _SHOWN] + after
+
+
+def _summary(value: Any) -> Any:
+    if isinstance(value, dict | list):
+        return _excerpt(msgspec.json.encode(value).decode(), 0)
+    return _excerpt(value, 0) if isinstance(value, str) else value
+
+
+def _presence(leaf: Leaf | None) -> str:
+    return "missing" if leaf is None else "present"
+
+
+def _tick(leaf: Leaf) -> int | None:
+    return leaf.tick if leaf.tick >= 0 else None

@@ -1,0 +1,167 @@
+"""Says what is wrong with a recording: bytes, framing, gaps, journal, payloads, and who sent what."""
+
+from collections import Counter
+from collections.abc import Iterator
+from enum import StrEnum
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+from dynpf_protocol.codec import decode
+from dynpf_protocol.errors import BadMessageError
+from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
+from dynpf_protocol.topics import NODES, TOPICS
+
+from dynpf_formats.recording.code import recorded_code
+from dynpf_formats.recording.errors import RecordingError
+from dynpf_formats.recording.reader import Recording, Source, load
+from dynpf_formats.user_classes import UserClass
+
+__all__ = ["Diagnosis", "Finding", "Severity", "diagnose", "examine"]
+
+
+class Severity(StrEnum):
+    UNREADABLE = "unreadable"  # nothing can be said about the run
+    ERROR = "error"  # something of the run is lost or wrong
+    WARNING = "warning"  # something is odd
+
+
+class Finding(msgspec.Struct, frozen=True, kw_only=True):
+    """One thing that is wrong; ``where`` names the place in file or run."""
+
+    severity: Severity
+    what: str
+    where: str
+
+
+class Diagnosis(NamedTuple):
+    """What is wrong with a file, and what code a replay of it would import and run if it were allowed to."""
+
+    findings: list[Finding]
+    code: tuple[UserClass, ...] = ()
+
+
+def examine(path: Path | str) -> list[Finding]:
+    """Return everything that is wrong with a file; an empty list for a whole and complete recording."""
+    return diagnose(path).findings
+
+
+def diagnose(path: Path | str) -> Diagnosis:
+    """Return everything that is wrong with a file, and the code that it names, none of which is imported.
+
+    Never raises for what a file holds: a file that is no recording has one finding that says so.
+    """
+    try:
+        recording, damage = load(path)
+    except RecordingError as error:
+        return Diagnosis([Finding(severity=Severity.UNREADABLE, what=str(error), where=str(path))])
+    findings = [
+        Finding(severity=Severity.ERROR, what=f"{found.kind}: {found.text}", where=f"byte {found.offset}")
+        for found in damage
+    ]
+    for check in (_end, _senders, _gaps, _repetitions, _payloads, _journals):
+        findings.extend(check(recording))
+    return Diagnosis(findings, recorded_code(recording))
+
+
+def _error(what: str, where: str) -> Finding:
+    return Finding(severity=Severity.ERROR, what=what, where=where)
+
+
+def _warning(what: str, where: str) -> Finding:
+    return Finding(severity=Severity.WARNING, what=what, where=where)
+
+
+def _end(recording: Recording) -> Iterator[Finding]:
+    if recording.end is None:
+        yield _error("the end of the run was never written: the recorder did not finish", "end of file")
+    elif not recording.end.complete:
+        yield _error(f"the run is not complete: {recording.end.reason}", "end of run")
+
+
+def _senders(recording: Recording) -> Iterator[Finding]:
+    for source in recording.sources:
+        if source.topic.startswith(JOURNAL_PREFIX):
+            if source.node not in NODES or source.topic != JOURNAL_PREFIX + source.node:
+                yield _error(f"a journal of unknown node {source.node!r}", source.topic)
+        elif source.topic not in TOPICS:
+            yield _error(f"topic {source.topic!r} is not in the topic table", source.topic)
+        elif source.node not in TOPICS[source.topic].publishers:
+            publishers = ", ".join(TOPICS[source.topic].publishers)
+            yield _error(f"sent by {source.node!r}; expected {publishers}", source.topic)
+
+
+def _gaps(recording: Recording) -> Iterator[Finding]:
+    for source in recording.sources:
+        if source.topic.startswith(JOURNAL_PREFIX):
+            continue  # told by its steps
+        expected = 0
+        for record in recording.of(source):
+            if record.sequence > expected:
+                missing = _range(expected, record.sequence - 1)
+                yield _error(f"missing: sequence {missing} of {source.node}, boot {source.boot}", source.topic)
+            expected = record.sequence + 1
+
+
+def _repetitions(recording: Recording) -> Iterator[Finding]:
+    same: Counter[Source] = Counter()
+    other: Counter[Source] = Counter()
+    for record in recording.records:
+        first = recording.find(record.node, record.boot, record.topic, record.sequence)
+        if first is None or first is record:
+            continue
+        equal = first.stamp_ns == record.stamp_ns and first.payload == record.payload
+        (same if equal else other)[record.source] += 1
+    for source, count in same.items():
+        yield _warning(f"{count} messages of {source.node} were recorded twice", source.topic)
+    for source, count in other.items():
+        yield _error(f"{count} sequence numbers of {source.node} stand for two different messages", source.topic)
+
+
+def _payloads(recording: Recording) -> Iterator[Finding]:
+    reasons: dict[tuple[str, str], list[str]] = {}
+    for record in recording.messages():
+        if record.topic not in TOPICS:
+            continue
+        try:
+            decode(record.topic, record.payload)
+        except BadMessageError as error:
+            reasons.setdefault((record.topic, record.node), []).append(f"sequence {record.sequence}: {error}")
+        except RecordingError as error:
+            yield _error(str(error), record.topic)
+            return
+    for (topic, node), texts in reasons.items():
+        yield _error(f"{len(texts)} unreadable messages of {node}, first {texts[0]}", topic)
+
+
+def _journals(recording: Recording) -> Iterator[Finding]:
+    for node, boot in recording.journals():
+        name = JOURNAL_PREFIX + node
+        expected = 0
+        unresolved: list[str] = []
+        for record in recording.of(Source(name, node, boot)):
+            try:
+                entry = decode_entry(record.payload)
+            except msgspec.DecodeError as error:
+                yield _error(f"entry {record.sequence} is unreadable: {error}", name)
+                continue
+            if entry.step != expected:
+                missing = _range(expected, entry.step - 1) if entry.step > expected else f"{entry.step} again"
+                yield _error(f"missing: step {missing}, boot {boot}", name)
+            expected = entry.step + 1
+            unresolved.extend(_unresolved(recording, node, boot, entry))
+        if unresolved:
+            yield _error(f"{len(unresolved)} references to messages that are not recorded, first {unresolved[0]}", name)
+
+
+def _unresolved(recording: Recording, node: str, boot: str, entry: JournalEntry) -> Iterator[str]:
+    references = [("consumed", read.node, read.boot, read.topic, read.sequence) for read in entry.consumed]
+    references += [("produced", node, boot, made.topic, made.sequence) for made in entry.produced]
+    for how, sender, start, topic, sequence in references:
+        recorded = topic not in TOPICS or TOPICS[topic].recorded
+        if recorded and recording.find(sender, start, topic, sequence) is None:
+            yield f"{topic} {sequence} of {sender}, {how} in step {entry.step}"
+
+
+def _range(first: int, last: int) -> str:
+    return str(first) if first == last else f"{first} to {last}"

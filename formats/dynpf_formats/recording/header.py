@@ -1,0 +1,102 @@
+"""What a recording says about its run: the header at the start, attachments, and how the run ended.
+
+Header and end are stored as MCAP metadata records. MCAP protects chunks by a checksum, but not these; so each carries
+the SHA-256 of its own entries, which also holds for a file that was cut off before its last checksum.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import msgspec
+from dynpf_protocol.messages import Gap
+from dynpf_protocol.version import SCHEMA_VERSION
+
+__all__ = ["PROFILE", "RUN", "RUN_END", "Attachment", "Provenance", "RunEnd", "RunHeader", "seal", "unseal"]
+
+PROFILE = "dynpf"
+"""MCAP profile of a recording."""
+
+RUN = "run"
+RUN_END = "run_end"
+
+_SEAL = "sha256"
+
+
+class Provenance(msgspec.Struct, frozen=True, kw_only=True):
+    """What made a run: program, packages and platform; ``dynpf_formats.recording.provenance.collect`` gives it."""
+
+    dynpf_version: str
+    code_digest: str  # SHA-256 over the sources of dynpf's packages
+    packages: dict[str, str]  # distribution -> version
+    platform: dict[str, str]  # the platform fingerprint
+
+
+class RunHeader(msgspec.Struct, frozen=True, kw_only=True):
+    """How to run it again. ``scenario`` is the resolved scenario as a JSON object."""
+
+    scenario: str
+    seed: int
+    provenance: Provenance
+    schema_version: int = SCHEMA_VERSION
+
+
+class Attachment(msgspec.Struct, frozen=True, kw_only=True):
+    """A file that travels in the recording, such as a map."""
+
+    name: str
+    media_type: str
+    data: bytes
+
+
+class RunEnd(msgspec.Struct, frozen=True, kw_only=True):
+    """How a run ended, as its recorder saw it."""
+
+    complete: bool
+    reason: str
+    counts: dict[str, int]  # topic -> messages
+    gaps: tuple[Gap, ...]  # sequence numbers never received; the first 1000 ranges
+    missing: int  # how many sequence numbers were never received
+    duplicates: int  # messages received again
+    late: int  # messages received after a later one
+    unresolved: int  # messages that the journal refers to and that were never received
+
+
+_T = TypeVar("_T", RunHeader, RunEnd)
+
+
+def seal(record: RunHeader | RunEnd) -> dict[str, str]:
+    """Return ``record`` as the entries of a metadata record: text as it is, everything else as JSON, and the seal."""
+    fields = {name: getattr(record, name) for name in record.__struct_fields__}
+    entries = {name: value if isinstance(value, str) else _json(value) for name, value in fields.items()}
+    if isinstance(record, RunHeader):
+        entries["dynpf_version"] = record.provenance.dynpf_version  # stands alone, for a reader of another version
+    return {**entries, _SEAL: _digest(entries)}
+
+
+def unsealed(entries: Mapping[str, str]) -> bool:
+    """Return whether the entries of a metadata record are not what was sealed."""
+    return entries.get(_SEAL) != _digest({key: value for key, value in entries.items() if key != _SEAL})
+
+
+def unseal(entries: Mapping[str, str], kind: type[_T]) -> _T:
+    """Return the record that ``seal`` was given; raises ValueError where the entries hold something else."""
+    if unsealed(entries):
+        raise ValueError("its checksum does not match")
+    types = {field.name: field.type for field in msgspec.structs.fields(kind)}
+    missing = [name for name in types if name not in entries]
+    if missing:
+        raise ValueError(f"{missing[0]} is missing")
+    fields = {
+        name: entries[name] if expected is str else msgspec.json.decode(entries[name], type=expected)
+        for name, expected in types.items()
+    }
+    return msgspec.convert(fields, kind)
+
+
+def _json(value: Any) -> str:
+    return msgspec.json.encode(value).decode()
+
+
+def _digest(entries: Mapping[str, str]) -> str:
+    return hashlib.sha256(msgspec.json.encode(dict(entries), order="sorted")).hexdigest()

@@ -1,0 +1,105 @@
+"""Says what is in a recording, for scripts and for people."""
+
+from typing import Any
+
+import msgspec
+from dynpf_protocol.journal import JOURNAL_PREFIX
+
+from dynpf_formats.recording.code import code_in_words, described_code, recorded_code
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.provenance import collect, told_apart
+from dynpf_formats.recording.reader import Recording
+
+__all__ = ["describe", "text"]
+
+
+def describe(recording: Recording) -> dict[str, Any]:
+    """Return the summary that ``dynpf info --json`` prints."""
+    end = recording.end
+    topics: dict[str, dict[str, int]] = {}
+    first_stamp, last_stamp = None, 0
+    for record in recording.messages():
+        row = topics.setdefault(record.topic, {"messages": 0, "bytes": 0})
+        row["messages"] += 1
+        row["bytes"] += record.size
+        first_stamp = record.stamp_ns if first_stamp is None else min(first_stamp, record.stamp_ns)
+        last_stamp = max(last_stamp, record.stamp_ns)
+    provenance = recording.header.provenance
+    return {
+        "file": str(recording.path),
+        "file_bytes": recording.path.stat().st_size,
+        "title": _title(recording),
+        "seed": recording.header.seed,
+        "complete": end is not None and end.complete,
+        "reason": end.reason if end is not None else "the end of the run was never written",
+        "truncated": recording.truncated,
+        "duration_s": (last_stamp - (first_stamp or 0)) / 1e9,
+        "ticks": _ticks(recording),
+        "messages": sum(row["messages"] for row in topics.values()),
+        "gaps": _missing(recording),
+        "content_digest": content_digest(recording),
+        "topics": dict(sorted(topics.items())),
+        "nodes": {node: len(recording.boots(node)) for node in sorted({source.node for source in recording.sources})},
+        "attachments": {item.name: len(item.data) for item in recording.attachments},
+        "code": described_code(recorded_code(recording)),
+        "schema_version": recording.header.schema_version,
+        "dynpf_version": provenance.dynpf_version,
+        "code_digest": provenance.code_digest,
+        "packages": provenance.packages,
+        "platform": provenance.platform,
+        "platform_differs": told_apart(provenance, collect()),
+    }
+
+
+def text(summary: dict[str, Any]) -> str:
+    """Return a summary as lines for a person."""
+    state = "complete" if summary["complete"] else f"INCOMPLETE: {summary['reason']}"
+    lines = [
+        f"{summary['file']}: {summary['title']}, seed {summary['seed']}",
+        f"  {state}",
+        f"  {summary['duration_s']:.3f} s, {summary['ticks']} ticks, {summary['messages']} messages, "
+        f"{summary['gaps']} missing, {summary['file_bytes']} bytes",
+        f"  content {summary['content_digest']}",
+        f"  dynpf {summary['dynpf_version']}, code {summary['code_digest'][:12]}, "
+        f"schema version {summary['schema_version']}",
+        f"  {', '.join(f'{name} {version}' for name, version in summary['packages'].items())}",
+        *(f"  {name}: {value}" for name, value in summary["platform"].items()),
+        *(f"  {line}" for line in (summary["platform_differs"],) if line),
+        *(f"  attachment {name}: {size} bytes" for name, size in summary["attachments"].items()),
+        *(f"  {line}" for line in code_in_words(summary["code"])),
+    ]
+    width = max((len(topic) for topic in summary["topics"]), default=0)
+    lines += [
+        f"  {topic:{width}}  {row['messages']:>8} messages  {row['bytes']:>11} bytes"
+        for topic, row in summary["topics"].items()
+    ]
+    return "\n".join(lines)
+
+
+def _title(recording: Recording) -> str:
+    try:
+        scenario = msgspec.json.decode(recording.header.scenario, type=dict[str, Any])
+    except msgspec.DecodeError:
+        return "untitled"
+    imported = scenario.get("import")  # what an importer tells of its source, in the place of a scenario
+    if isinstance(imported, dict) and "source" in imported:
+        return f"log imported from {imported['source']}"
+    return str(scenario.get("title", "untitled"))
+
+
+def _ticks(recording: Recording) -> int:
+    """Ticks that the journals span."""
+    last = -1
+    for node, boot in recording.journals():
+        for entry in recording.journal(node, boot):
+            last = max(last, entry.tick)
+    return last + 1
+
+
+def _missing(recording: Recording) -> int:
+    missing = 0
+    for source in recording.sources:
+        if not source.topic.startswith(JOURNAL_PREFIX):
+            records = recording.of(source)
+            missing += records[-1].sequence + 1 - len(records)
+    return missing

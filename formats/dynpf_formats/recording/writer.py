@@ -1,0 +1,338 @@
+"""Writes a recording: channels on demand, chunks that are closed in time, and an account of what is missing."""
+
+import errno
+import functools
+import os
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import msgspec
+from dynpf_protocol.codec import encode
+from dynpf_protocol.envelope import Envelope
+from dynpf_protocol.errors import BadMessageError
+from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
+from dynpf_protocol.messages import Gap, Message
+from dynpf_protocol.schemas import json_schema
+from dynpf_protocol.topics import TOPICS, topic
+from mcap.writer import Writer
+
+from dynpf_formats.recording.errors import RecordingError, RecordingExistsError
+from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, seal
+
+__all__ = ["CHUNK_BYTES", "FLUSH_NS", "MAX_PAYLOAD", "RecordingWriter"]
+
+CHUNK_BYTES = 256 * 1024
+"""Largest chunk, uncompressed; only a message that is larger itself makes a larger one."""
+
+FLUSH_NS = 250_000_000
+"""How long, in nanoseconds, a message may wait before it is in the operating system's hands."""
+
+MAX_PAYLOAD = 32 * 2**20
+"""Largest payload and attachment, in bytes; well below what the reader accepts as a record."""
+
+_MESSAGE_OVERHEAD = 31  # opcode, length and fields of a message record before its payload
+_MAX_CHANNELS = 2**16 - 1
+_LISTED_GAPS = 1000
+
+_RECORDER = "recorder"
+_GAP_TOPIC = "recorder/gap"
+
+_Source = tuple[str, str, str]
+
+
+class _File:
+    """An unbuffered file: what has been written stays written when the disk is full or the process is killed."""
+
+    def __init__(self, path: Path, overwrite: bool) -> None:
+        self._raw = path.open("wb" if overwrite else "xb", buffering=0)
+        self._position = 0
+
+    def write(self, data: bytes) -> int:
+        view = memoryview(data)
+        while view:
+            written = self._raw.write(view)
+            view = view[written:]
+            self._position += written
+        return len(data)
+
+    def tell(self) -> int:
+        return self._position
+
+    def flush(self) -> None:
+        """Nothing is held back."""
+
+    def close(self) -> None:
+        self._raw.close()
+
+
+class _Track:
+    """One channel: its id, the next sequence number expected, the ranges missing so far, and the message count."""
+
+    __slots__ = ("channel", "count", "expected", "missing")
+
+    def __init__(self, channel: int) -> None:
+        self.channel = channel
+        self.expected = 0
+        self.missing: list[tuple[int, int]] = []
+        self.count = 0
+
+    def has(self, sequence: int) -> bool:
+        return sequence < self.expected and not any(first <= sequence <= last for first, last in self.missing)
+
+    def fill(self, sequence: int) -> bool:
+        """Take ``sequence`` out of what is missing; return False if it was not missing."""
+        for place, (first, last) in enumerate(self.missing):
+            if first <= sequence <= last:
+                parts = ((first, sequence - 1), (sequence + 1, last))
+                self.missing[place : place + 1] = [part for part in parts if part[0] <= part[1]]
+                return True
+        return False
+
+
+class RecordingWriter:
+    """Writes one run to ``path``.
+
+    Messages that never came are found by their sequence numbers, per topic, node and boot: each gap is written as a
+    ``recorder/gap`` message when it shows, and those that stay open are listed at the end. Messages that come twice or
+    late are recorded and counted. Raises RecordingExistsError, or RecordingError where the file cannot be written;
+    after that everything up to the last whole chunk can be recovered.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        header: RunHeader,
+        attachments: tuple[Attachment, ...] = (),
+        overwrite: bool = False,
+        boot: str = "recorder",
+    ) -> None:
+        self.path = Path(path)
+        self._boot = boot
+        self._tracks: dict[_Source, _Track] = {}
+        self._schemas: dict[str, int] = {}
+        self._unresolved: set[tuple[_Source, int]] = set()
+        self._gaps = 0
+        self._duplicates = 0
+        self._late = 0
+        self._pending = 0  # bytes in the open chunk
+        self._flushed_ns: int | None = None
+        self._failure: RecordingError | None = None
+        self._closed = False
+        for attachment in attachments:
+            _check_size(self.path, f"attachment {attachment.name!r}", len(attachment.data))
+        try:
+            self._file = _File(self.path, overwrite)
+        except FileExistsError:
+            raise RecordingExistsError(f"{self.path}: the file exists; choose another name or overwrite it") from None
+        except OSError as error:
+            raise _unwritable(self.path, error) from error
+        self._mcap = Writer(self._file, chunk_size=2 * CHUNK_BYTES, enable_data_crcs=True)  # type: ignore[arg-type]
+        try:
+            self._mcap.start(PROFILE)
+            self._mcap.add_metadata(RUN, seal(header))
+            for item in attachments:
+                self._mcap.add_attachment(0, 0, item.name, item.media_type, item.data)
+        except OSError as error:
+            self._file.close()
+            raise _unwritable(self.path, error) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if not self._closed:
+            self.close(complete=False, reason=f"ended by {kind.__name__}: {error}" if kind else "never closed")
+
+    @property
+    def messages(self) -> int:
+        """Messages recorded so far, without the journal."""
+        return sum(track.count for (name, _, _), track in self._tracks.items() if not name.startswith(JOURNAL_PREFIX))
+
+    @property
+    def missing(self) -> int:
+        """Messages known to be missing so far."""
+        return sum(last - first + 1 for track in self._tracks.values() for first, last in track.missing)
+
+    def journal(self, envelope: Envelope, payload: bytes) -> None:
+        """Record one journal entry of the envelope's node; the envelope's sequence counts entries."""
+        self.message(JOURNAL_PREFIX + envelope.node, envelope, payload)
+
+    def message(self, name: str, envelope: Envelope, payload: bytes) -> None:
+        """Record one message, or journal entry, as it travelled. The envelope's tick is left to the journal.
+
+        Raises UnknownTopicError, BadMessageError for what should be a journal entry, RecordingError.
+        """
+        if self._failure is not None:
+            raise self._failure
+        if len(payload) > MAX_PAYLOAD:
+            _check_size(self.path, f"message {envelope.sequence} on {name}", len(payload))
+        entry = _entry(name, payload) if name.startswith(JOURNAL_PREFIX) else None
+        source = (name, envelope.node, envelope.boot)
+        track = self._tracks.get(source) or self._open(source)
+        if envelope.sequence == track.expected:
+            track.expected += 1
+        else:
+            self._irregular(track, source, envelope)
+        track.count += 1
+        size = len(payload) + _MESSAGE_OVERHEAD
+        try:
+            if self._pending + size > CHUNK_BYTES:
+                self._flush()
+            self._pending += size
+            self._mcap.add_message(track.channel, envelope.stamp_ns, payload, envelope.publish_ns, envelope.sequence)
+        except OSError as error:
+            raise self._fail(error) from error
+        if entry is not None:
+            self._refer(envelope.node, envelope.boot, entry)
+
+    def flush_if_due(self, now_ns: int) -> None:
+        """Close the chunk and hand it to the operating system if the last one is FLUSH_NS old; call this often."""
+        if self._failure is not None:
+            raise self._failure
+        if self._flushed_ns is None:
+            self._flushed_ns = now_ns
+        if now_ns - self._flushed_ns < FLUSH_NS:
+            return
+        self._flushed_ns = now_ns
+        try:
+            self._flush()
+        except OSError as error:
+            raise self._fail(error) from error
+
+    def close(self, complete: bool, reason: str) -> RunEnd:
+        """End the recording and return what was written about its end.
+
+        A run whose journal refers to messages that were never received is not complete, whatever is said here. After a
+        failure to write, nothing more is written, and the end tells so.
+        """
+        self._settle()
+        unresolved = len(self._unresolved)
+        if unresolved and complete:
+            (name, node, _), sequence = min(self._unresolved)
+            reason = (
+                f"the journal refers to {unresolved} messages that never arrived, first {name} {sequence} of {node}"
+            )
+        if self._failure is not None:
+            reason = str(self._failure)
+        end = RunEnd(
+            complete=complete and not unresolved and self._failure is None,
+            reason=reason,
+            counts=self._counts(),
+            gaps=self._open_gaps(),
+            missing=self.missing,
+            duplicates=self._duplicates,
+            late=self._late,
+            unresolved=unresolved,
+        )
+        if self._closed:
+            return end
+        self._closed = True
+        failed = self._failure
+        self._failure = failed or RecordingError(f"{self.path}: the recording has been closed")
+        try:
+            if failed is None:
+                self._flush()
+                self._mcap.add_metadata(RUN_END, seal(end))
+                self._mcap.finish()  # type: ignore[no-untyped-call]
+        except OSError as error:
+            raise self._fail(error) from error
+        finally:
+            self._file.close()
+        return end
+
+    def _open(self, source: _Source) -> _Track:
+        name, node, boot = source
+        if len(self._tracks) >= _MAX_CHANNELS:
+            raise RecordingError(f"{self.path}: more than {_MAX_CHANNELS} senders and topics in one recording")
+        kind: type[Message] | type[JournalEntry]
+        kind = JournalEntry if name.startswith(JOURNAL_PREFIX) else topic(name).type
+        schema = self._schemas.get(kind.schema_name)
+        if schema is None:
+            schema = self._mcap.register_schema(kind.schema_name, "jsonschema", _schema(kind))
+            self._schemas[kind.schema_name] = schema
+        channel = self._mcap.register_channel(name, "json", schema, {"node": node, "boot": boot})
+        track = self._tracks[source] = _Track(channel)
+        return track
+
+    def _irregular(self, track: _Track, source: _Source, envelope: Envelope) -> None:
+        if envelope.sequence < track.expected:
+            if track.fill(envelope.sequence):
+                self._late += 1
+            else:
+                self._duplicates += 1
+            return
+        name, node, boot = source
+        gap = Gap(topic=name, node=node, boot=boot, first=track.expected, last=envelope.sequence - 1)
+        track.missing.append((gap.first, gap.last))
+        track.expected = envelope.sequence + 1
+        number = self._gaps
+        self._gaps += 1
+        place = Envelope(_RECORDER, self._boot, number, envelope.tick, envelope.stamp_ns, envelope.publish_ns)
+        self.message(_GAP_TOPIC, place, encode(_GAP_TOPIC, gap))
+
+    def _refer(self, node: str, boot: str, entry: JournalEntry) -> None:
+        """Remember the entry's references to messages that have not come yet."""
+        references = [((made.topic, node, boot), made.sequence) for made in entry.produced]
+        references += [((read.topic, read.node, read.boot), read.sequence) for read in entry.consumed]
+        self._unresolved.update(reference for reference in references if not self._resolves(reference))
+
+    def _resolves(self, reference: tuple[_Source, int]) -> bool:
+        source, sequence = reference
+        row = TOPICS.get(source[0])
+        if row is not None and not row.recorded:
+            return True
+        track = self._tracks.get(source)
+        return track is not None and track.has(sequence)
+
+    def _settle(self) -> None:
+        self._unresolved = {reference for reference in self._unresolved if not self._resolves(reference)}
+
+    def _flush(self) -> None:
+        self._mcap.flush()  # type: ignore[no-untyped-call]
+        self._pending = 0
+        self._settle()
+
+    def _counts(self) -> dict[str, int]:
+        counts: dict[str, int] = {}
+        for (name, _, _), track in sorted(self._tracks.items()):
+            counts[name] = counts.get(name, 0) + track.count
+        return counts
+
+    def _open_gaps(self) -> tuple[Gap, ...]:
+        return tuple(
+            Gap(topic=name, node=node, boot=boot, first=first, last=last)
+            for (name, node, boot), track in sorted(self._tracks.items())
+            for first, last in track.missing
+        )[:_LISTED_GAPS]
+
+    def _fail(self, error: OSError) -> RecordingError:
+        self._failure = _unwritable(self.path, error)
+        return self._failure
+
+
+@functools.cache
+def _schema(kind: type[Message] | type[JournalEntry]) -> bytes:
+    return json_schema(kind)
+
+
+def _entry(name: str, payload: bytes) -> JournalEntry:
+    try:
+        return decode_entry(payload)
+    except msgspec.DecodeError as error:
+        raise BadMessageError(f"{name}: {error}") from error
+
+
+def _unwritable(path: Path, error: OSError) -> RecordingError:
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        return RecordingError(
+            f"{path}: no room left to write ({os.strerror(error.errno)}); what was written can be recovered"
+        )
+    return RecordingError(f"{path}: cannot be written: {error.strerror}")
+
+
+def _check_size(path: Path, what: str, size: int) -> None:
+    if size > MAX_PAYLOAD:
+        raise RecordingError(f"{path}: {what} has {size} bytes; at most {MAX_PAYLOAD} can be recorded")

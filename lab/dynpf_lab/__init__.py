@@ -1,0 +1,1 @@
+"""The laboratory: studies, measures, references, benchmarks and the command line."""

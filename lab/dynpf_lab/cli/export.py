@@ -1,0 +1,106 @@
+"""``dynpf export``: a topic of a recording in a format that other programs read."""
+
+import argparse
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
+
+from dynpf_protocol.errors import UsageError
+
+if TYPE_CHECKING:
+    from dynpf_formats.recording.reader import Recording
+
+__all__ = ["add_parser"]
+
+PREFERRED = ("estimator/state", "log/truth", "truth/robot")
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add ``export RUN.mcap --format F`` to the command line."""
+    parser = subparsers.add_parser("export", help="write a topic of a recording for other programs")
+    parser.add_argument("recording", metavar="RUN.mcap", type=Path)
+    parser.add_argument(
+        "--format",
+        choices=("tum", "csv", "parquet"),
+        required=True,
+        help="tum: poses as evo reads them; csv, parquet: a row for each message",
+    )
+    parser.add_argument("--topic", help=f"which; else the first there is of {', '.join(PREFERRED)}")
+    parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="file to be written; else standard output")
+    parser.set_defaults(run=_export)
+
+
+def _export(args: argparse.Namespace) -> int:
+    from dynpf_formats.recording.reader import read_recording
+
+    recording = read_recording(args.recording)
+    topic = _topic(recording, args.topic)
+    count = {"tum": _tum, "csv": _csv, "parquet": _parquet}[args.format](recording, topic, args)
+    print(f"{count} of {topic} written to {args.output or 'standard output'}", file=sys.stderr)
+    return 0
+
+
+def _topic(recording: "Recording", wanted: str | None) -> str:
+    from dynpf_protocol.journal import JOURNAL_PREFIX
+    from dynpf_protocol.topics import TOPICS
+
+    there = {source.topic for source in recording.sources if not source.topic.startswith(JOURNAL_PREFIX)} & set(TOPICS)
+    found = next((one for one in ((wanted,) if wanted else PREFERRED) if one in there), None)
+    if found is None:
+        listed = ", ".join(sorted(there)) or "no messages"
+        raise UsageError(f"{recording.path}: nothing on {wanted or ' or '.join(PREFERRED)}; it has {listed}")
+    return found
+
+
+def _tum(recording: "Recording", topic: str, args: argparse.Namespace) -> int:
+    from dynpf_formats.exporters.trajectory import POSE_TOPICS, tum_lines
+
+    if topic not in POSE_TOPICS:
+        raise UsageError(f"{topic} holds no poses; --format tum takes {', '.join(POSE_TOPICS)}")
+    count = 0
+    with _text(args.output) as stream:
+        for line in tum_lines(recording, topic):
+            stream.write(f"{line}\n")
+            count += 1
+    return count
+
+
+def _csv(recording: "Recording", topic: str, args: argparse.Namespace) -> int:
+    from dynpf_formats.exporters.table import write_csv
+
+    with _text(args.output) as stream:
+        return write_csv(recording, topic, stream)
+
+
+def _parquet(recording: "Recording", topic: str, args: argparse.Namespace) -> int:
+    from dynpf_lab.cli.extras import needing
+
+    if args.output is None:
+        raise UsageError("--format parquet needs -o FILE: it is not text")
+    with needing("pyarrow", extra="parquet", what="writing Parquet"):
+        from dynpf_formats.exporters.parquet import write_parquet
+    with _told(args.output):
+        return write_parquet(recording, topic, args.output)
+
+
+@contextmanager
+def _text(path: Path | None) -> Iterator[TextIO]:
+    if path is None:
+        yield sys.stdout
+        return
+    with _told(path), path.open("x", encoding="utf-8", newline="") as stream:
+        yield stream
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except FileExistsError:
+        raise UsageError(f"{path}: the file exists; choose another name") from None
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be written: {error.strerror}") from error

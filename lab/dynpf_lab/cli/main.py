@@ -1,0 +1,83 @@
+"""``dynpf``: dispatches to one module a command, and loads only that one."""
+
+import argparse
+import difflib
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib import import_module
+
+from dynpf_protocol.errors import DynpfError, StepError
+
+__all__ = ["main"]
+
+_COMMANDS = {
+    "list": ("list_", "scenarios, one line each"),
+    "run": ("run", "run a scenario, all processes, into one recording"),
+    "service": ("service", "one process of a run on its own"),
+    "health": ("health", "whether a process of a run is alive and its main loop goes round"),
+    "replay": ("replay", "re-execute nodes from a recording and compare"),
+    "play": ("play", "publish a recording onto the bus"),
+    "diff": ("diff", "first difference of two recordings"),
+    "info": ("info", "what is in a recording"),
+    "doctor": ("doctor", "what is wrong with a recording"),
+    "recover": ("recover", "mend a recording into a new file"),
+    "metrics": ("metrics", "a recorded run against the truth in it"),
+    "fit": ("fit", "the beam model's parameters from a recorded run"),
+    "import": ("import_", "make a recording of somebody else's log"),
+    "export": ("export", "write a topic of a recording for other programs"),
+    "study": ("study", "an experiment of the source documents, with confidence intervals"),
+    "bench": ("bench", "what updates cost, against plain NumPy and other libraries"),
+    "references": ("references", "check or make anew the reference recordings"),
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code: 0 done or same, 1 differs or failed, 2 wrong usage."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads cost more than they give
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if not words or words[0] in {"-h", "--help"}:
+        print(_overview())
+        return 0 if words else 2
+    command = words[0]
+    if command not in _COMMANDS:
+        close = difflib.get_close_matches(command, _COMMANDS, n=1)
+        hint = f"did you mean {close[0]!r}?" if close else "dynpf --help shows the commands"
+        print(f"dynpf: unknown command {command!r}; {hint}", file=sys.stderr)
+        return 2
+    label = command
+    try:
+        parser = argparse.ArgumentParser(prog="dynpf", allow_abbrev=False)
+        commands = parser.add_subparsers(required=True)
+        import_module(f"dynpf_lab.cli.{_COMMANDS[command][0]}").add_parser(commands)
+        options, unknown = parser.parse_known_args(words)
+        if unknown:
+            commands.choices[command].error(f"unrecognized arguments: {' '.join(unknown)}")
+        label = options.name if command == "service" else command
+        return int(options.run(options))
+    except DynpfError as error:
+        if isinstance(error, StepError):
+            traceback.print_exception(error.__cause__)
+        print(f"dynpf {label}: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print(f"dynpf {label}: stopped", file=sys.stderr)
+        return 1
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 1
+    except SystemExit as stop:  # argparse has said what is wrong
+        return stop.code if isinstance(stop.code, int) else 2
+
+
+def _overview() -> str:
+    rows = "\n".join(f"  {name:<11} {text}" for name, (_, text) in _COMMANDS.items())
+    return (
+        "usage: dynpf COMMAND ...\n\nA localization laboratory: processes on a bus, one recording a run, exact replay."
+        f"\n\n{rows}\n\ndynpf COMMAND --help tells more."
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

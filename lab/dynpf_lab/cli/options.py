@@ -1,0 +1,65 @@
+"""Options that several commands share: the scenario, its overrides, the log that it plays, and what code may be run."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dynpf_formats.user_classes import MODULE_NAME
+from dynpf_services.scenario.schema import Scenario, load_scenario
+
+if TYPE_CHECKING:
+    from dynpf_services.scenario.played_log import PlayedLog
+
+__all__ = ["add_allow_code", "add_scenario_options", "load_log", "scenario_from"]
+
+
+def add_scenario_options(parser: argparse.ArgumentParser) -> None:
+    """Add SCENARIO, --seed, --set and --log."""
+    parser.add_argument("scenario", metavar="SCENARIO", help="name (dynpf list) or TOML file")
+    parser.add_argument("--seed", type=int, metavar="N", help="seed of everything random in the run")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        dest="overrides",
+        metavar="KEY=VALUE",
+        help="override one key of the scenario, such as estimator.n=500; may be repeated",
+    )
+    parser.add_argument("--log", type=Path, metavar="IN.mcap", help="imported log that the sensors process plays")
+
+
+def add_allow_code(parser: argparse.ArgumentParser) -> None:
+    """Add --allow-code, which a command needs that runs what a recording names."""
+    parser.add_argument(
+        "--allow-code",
+        action="append",
+        default=[],
+        type=_module,
+        metavar="MODULE",
+        help="import this module, such as mylab.models, where the recording names a class of it; the recording does "
+        "not hold its code: it is taken from your Python path; may be repeated (default: no code of yours is run)",
+    )
+
+
+def _module(text: str) -> str:
+    if MODULE_NAME.fullmatch(text) is None:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected the name of a module, such as mylab.models")
+    return text
+
+
+def load_log(options: argparse.Namespace) -> "PlayedLog | None":
+    """Return the log named on the command line, or None."""
+    from dynpf_services.scenario.played_log import PlayedLog
+
+    return PlayedLog(options.log) if options.log is not None else None
+
+
+def scenario_from(options: argparse.Namespace, log: "PlayedLog | None") -> Scenario:
+    """Return the resolved scenario that the command line describes; raises ScenarioError."""
+    return load_scenario(
+        options.scenario,
+        overrides=options.overrides,
+        seed=options.seed,
+        clock=getattr(options, "clock", None),
+        log=log.facts if log else None,
+    )

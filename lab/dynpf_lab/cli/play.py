@@ -1,0 +1,66 @@
+"""``dynpf play``: publish a recording onto the bus."""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from dynpf_lab.cli.service import DEFAULT_ENDPOINT, endpoint
+
+__all__ = ["add_parser"]
+
+
+def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
+    parser = commands.add_parser("play", help="publish a recording onto the bus")
+    parser.add_argument("recording", type=Path, metavar="RUN.mcap")
+    parser.add_argument("--rate", type=_rate, default=1.0, metavar="X", help="times as fast as it was (default 1)")
+    parser.add_argument("--topics", nargs="+", metavar="TOPIC", help="only these topics")
+    parser.add_argument(
+        "--connect", default=DEFAULT_ENDPOINT, type=endpoint, metavar="tcp/HOST:PORT", help="where a router listens"
+    )
+    parser.set_defaults(run=run)
+
+
+def _rate(text: str) -> float:
+    rate = float(text)
+    if not 0.0 < rate < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text}: expected a positive number")
+    return rate
+
+
+def run(options: argparse.Namespace) -> int:
+    from dynpf_formats.recording.reader import read_recording
+    from dynpf_protocol.envelope import Envelope, encode_envelope
+    from dynpf_protocol.errors import UsageError
+    from dynpf_runtime.bus.member import StopSignal, say
+    from dynpf_runtime.bus.session import DATA, Bus
+
+    recording = read_recording(options.recording)
+    wanted = set(options.topics or ())
+    present = {record.topic for record in recording.messages()}
+    if lacking := sorted(wanted - present):
+        raise UsageError(
+            f"{options.recording}: has no {', '.join(lacking)}; its topics are {', '.join(sorted(present))}"
+        )
+    records = [record for record in recording.messages() if not wanted or record.topic in wanted]
+    records.sort(key=lambda record: record.stamp_ns)  # stable: messages of one stamp keep the order of the file
+    with (
+        StopSignal.installed() as stop,
+        Bus.connect(options.connect, lambda text: say("play", text), lambda: stop.requested) as bus,
+    ):
+        stop.wakes(bus)
+        began = time.monotonic()
+        first_ns = records[0].stamp_ns if records else 0
+        for place, record in enumerate(records):
+            due = began + (record.stamp_ns - first_ns) * 1e-9 / options.rate
+            while not stop.requested and (left := due - time.monotonic()) > 0:
+                bus.receive(left)
+            if stop.requested:
+                print(f"played {place} of {len(records)} messages", file=sys.stderr)
+                return 1
+            tick = recording.tick_of(record) or 0
+            envelope = Envelope(record.node, record.boot, record.sequence, tick, record.stamp_ns, time.time_ns())
+            bus.put(DATA + record.topic, record.payload, encode_envelope(envelope))
+    print(f"played {len(records)} messages")
+    return 0

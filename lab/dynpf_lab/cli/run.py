@@ -1,0 +1,102 @@
+"""``dynpf run``: a scenario from beginning to end, into one recording."""
+
+import argparse
+import json
+import os
+import sys
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dynpf_protocol.errors import DynpfError, UsageError
+from dynpf_services.scenario.schema import Scenario
+
+from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
+
+if TYPE_CHECKING:
+    from dynpf_services.scenario.played_log import PlayedLog
+
+__all__ = ["add_parser", "default_output"]
+
+
+def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
+    parser = commands.add_parser("run", help="run a scenario, all processes, into one recording")
+    add_scenario_options(parser)
+    parser.add_argument("-o", "--output", type=Path, metavar="RUN.mcap", help="the recording to write (default: runs/)")
+    parser.add_argument("--runner", choices=["bus", "inline"], default="bus", help="processes on Zenoh, or one process")
+    parser.add_argument("--clock", choices=["lockstep", "realtime"])
+    parser.add_argument("--json", action="store_true", help="print the metrics of the run as JSON")
+    parser.set_defaults(run=run)
+
+
+def default_output(scenario: str, seed: int) -> Path:
+    """Return a name under ``runs/`` that nothing has yet; raises UsageError if that folder cannot be made."""
+    folder = Path("runs")
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise UsageError(
+            f"{folder.absolute()}: cannot be made: {error.strerror}; say with -o where to record"
+        ) from error
+    return folder / f"{scenario}-{seed}-{datetime.now():%Y%m%d-%H%M%S}.mcap"
+
+
+def run(options: argparse.Namespace) -> int:
+    from dynpf_services.scenario.build import build_nodes
+
+    log = load_log(options)
+    scenario = scenario_from(options, log)
+    if scenario.needs_log and log is None:
+        raise UsageError("this scenario plays an imported log: give it with --log IN.mcap (dynpf import makes one)")
+    if log is not None and not scenario.needs_log:
+        raise UsageError(f"--log {log.path}: this scenario plays no log")
+    if options.runner == "inline" and scenario.clock == "realtime":
+        raise UsageError("--runner inline goes in lockstep only; a realtime run needs --runner bus")
+    path = options.output or default_output(Path(options.scenario).stem, scenario.seed)
+    _check_output(path)
+    build_nodes(scenario)  # whatever does not fit is told here, before any process is started
+    try:
+        (_run_inline if options.runner == "inline" else _run_on_bus)(scenario, path, log)
+    except DynpfError:
+        if path.exists():
+            print(f"dynpf run: what was recorded is in {path} (dynpf doctor tells what is missing)", file=sys.stderr)
+        raise
+    return _summary(path, as_json=options.json)
+
+
+def _check_output(path: Path) -> None:
+    """Refuse early, before any process is started."""
+    if path.exists():
+        raise UsageError(f"{path}: the file exists; choose another name")
+    if not path.parent.is_dir():
+        raise UsageError(f"{path}: the folder {path.parent} does not exist")
+    if not os.access(path.parent, os.W_OK):
+        raise UsageError(f"{path}: the folder {path.parent} cannot be written to")
+
+
+def _run_inline(scenario: Scenario, path: Path, log: "PlayedLog | None") -> None:
+    from dynpf_runtime.bus.member import StopSignal
+    from dynpf_services.scenario.record import record_inline
+
+    with StopSignal.installed() as stop:
+        record_inline(scenario, path, log, stopped=lambda: stop.reason if stop.requested else "")
+
+
+def _run_on_bus(scenario: Scenario, path: Path, log: "PlayedLog | None") -> None:
+    from dynpf_runtime.bus.member import StopSignal
+    from dynpf_runtime.bus.processes import run_on_bus
+    from dynpf_services.scenario.schema import whole_json
+
+    with StopSignal.installed() as stop:
+        run_on_bus(scenario.nodes, whole_json(scenario), path, log.path if log else None, stop)
+
+
+def _summary(path: Path, *, as_json: bool) -> int:
+    from dynpf_formats.recording.reader import read_recording
+
+    from dynpf_lab.measures.run import measure, summary
+
+    recording = read_recording(path)
+    measures = measure(recording)
+    print(json.dumps({"recording": str(path), **measures}) if as_json else summary(recording, measures))
+    return 0 if measures["complete"] else 1

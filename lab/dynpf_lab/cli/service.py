@@ -1,0 +1,89 @@
+"""``dynpf service``: one process of a run on its own."""
+
+import argparse
+import re
+from pathlib import Path
+from typing import Any
+
+from dynpf_protocol.errors import BrokenOffError, RunError, UsageError
+from dynpf_protocol.topics import NODES
+
+from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
+
+__all__ = ["DEFAULT_ENDPOINT", "add_parser", "endpoint"]
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+
+
+def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
+    parser = commands.add_parser("service", help="one process of a run on its own")
+    parser.add_argument("name", choices=["router", *NODES, "recorder"], metavar="NAME")
+    add_scenario_options(parser)
+    parser.add_argument("--clock", choices=["lockstep", "realtime"])
+    parser.add_argument(
+        "--connect", default=DEFAULT_ENDPOINT, type=endpoint, metavar="tcp/HOST:PORT", help="where the router listens"
+    )
+    parser.add_argument(
+        "--listen", default=DEFAULT_ENDPOINT, type=endpoint, metavar="tcp/HOST:PORT", help="router: where to listen"
+    )
+    parser.add_argument("-o", "--output", type=Path, metavar="RUN.mcap", help="recorder: the recording to write")
+    parser.add_argument("--quiet", action="store_true", help="say only what goes wrong in this very process")
+    parser.add_argument("--parent", type=int, help=argparse.SUPPRESS)  # end when this process is gone
+    parser.set_defaults(run=run)
+
+
+def endpoint(text: str) -> str:
+    """Check an endpoint of the form tcp/HOST:PORT; for argparse."""
+    if re.fullmatch(r"tcp/(\[[0-9a-fA-F:]+\]|[^/:\s]+):\d{1,5}", text) is None:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected tcp/HOST:PORT, such as {DEFAULT_ENDPOINT}")
+    return text
+
+
+def run(options: argparse.Namespace) -> int:
+    try:
+        return _run(options)
+    except BrokenOffError as error:
+        if options.quiet:  # whoever started us knows what happened
+            return error.exit_code
+        raise RunError(str(error)) from error
+    except KeyboardInterrupt:
+        if options.quiet:
+            return 1
+        raise
+
+
+def _run(options: argparse.Namespace) -> int:
+    from dynpf_runtime.bus.member import StopSignal, say
+
+    log = load_log(options) if options.name != "router" or options.log else None
+    scenario = scenario_from(options, log)
+    if options.name not in {"router", "recorder", *scenario.nodes}:
+        raise UsageError(
+            f"{options.name} takes no part in this scenario; its processes are {', '.join(scenario.nodes)}"
+        )
+    if options.name == scenario.nodes[0] and scenario.needs_log and log is None:
+        raise UsageError("this scenario plays an imported log: give it with --log IN.mcap (dynpf import makes one)")
+    with StopSignal.installed(options.parent) as stop:
+        if options.name == "router":
+            from dynpf_services.router.host import run_router
+            from dynpf_services.scenario.schema import resolved_json
+
+            run_router(resolved_json(scenario), options.listen, stop, quiet=options.quiet)
+        elif options.name == "recorder":
+            from dynpf_services.recorder.host import run_recorder
+            from dynpf_services.scenario.build import plan_of
+            from dynpf_services.scenario.recorded import attachments_of
+
+            from dynpf_lab.cli.run import default_output
+
+            path = options.output or default_output(Path(options.scenario).stem, scenario.seed)
+            attachments = attachments_of(scenario, log.attachments if log else ())
+            end = run_recorder(plan_of(scenario), options.connect, path, attachments, stop)
+            if not options.quiet:
+                say("recorder", f"{path} is complete: {end.reason}")
+        else:
+            from dynpf_runtime.bus.host import run_node
+            from dynpf_services.scenario.build import plan_of
+
+            run_node(options.name, plan_of(scenario), options.connect, log.records if log else [], stop)
+    return 0

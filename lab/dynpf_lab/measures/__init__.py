@@ -1,0 +1,1 @@
+"""What a recorded run is worth: the estimate against the truth."""

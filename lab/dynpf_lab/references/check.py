@@ -1,0 +1,108 @@
+"""Checks reference recordings: the file, every node replayed from it, and the run made anew."""
+
+import tempfile
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+from dynpf_formats.recording.diff import Difference, diff
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.provenance import collect, told_where_bytes_differ
+from dynpf_formats.recording.reader import Recording, read_recording
+from dynpf_protocol.errors import DynpfError, ProtocolError, UsageError
+from dynpf_runtime.replay import Mismatch, replay_node
+from dynpf_services.scenario.build import build_node
+from dynpf_services.scenario.recorded import recorded_scenario
+
+from dynpf_lab.references.runs import has_data, resolve, run_anew
+from dynpf_lab.references.table import CHECKOUT, Entry, Made, recording_file
+
+__all__ = ["FILE", "RUN", "Finding", "check_part", "parts"]
+
+FILE = "file"
+RUN = "run"
+
+
+class Finding(msgspec.Struct, frozen=True, kw_only=True):
+    """What came of checking one part of a recording: the file, the run made anew, or a node."""
+
+    recording: str
+    part: str
+    verdict: Literal["same", "differs", "skipped"]
+    note: str = ""
+    first: Mismatch | None = None
+
+
+def parts(entry: Entry) -> tuple[str, ...]:
+    """Return what there is to check of a recording."""
+    if entry.log:
+        return (RUN,)
+    again = (RUN,) if resolve(entry).clock == "lockstep" else ()
+    return (FILE, *entry.nodes, *again)
+
+
+def check_part(entry: Entry, part: str, checkout: Path = CHECKOUT) -> Finding:
+    """Check one of ``parts(entry)``. Whatever cannot be read or run is a difference, not an error."""
+    try:
+        if entry.made is None:
+            raise UsageError("not recorded yet; dynpf references update makes it")
+        if part == FILE:
+            return _check_file(entry, entry.made, checkout)
+        if part == RUN:
+            return _check_run(entry, entry.made, checkout)
+        return _check_node(entry, part, checkout)
+    except (DynpfError, ProtocolError) as error:
+        return Finding(recording=entry.name, part=part, verdict="differs", note=str(error))
+
+
+def _check_file(entry: Entry, made: Made, checkout: Path) -> Finding:
+    found = content_digest(_read(entry, checkout))
+    if found == made.digest:
+        return _finding(entry, FILE, None)
+    text = f"content digest {found}, the table says {made.digest}"
+    return Finding(recording=entry.name, part=FILE, verdict="differs", note=text)
+
+
+def _check_node(entry: Entry, node: str, checkout: Path) -> Finding:
+    recording = _read(entry, checkout)
+    # The table says which run this is, and so which code: a file that names other code does not get it run.
+    scenario = recorded_scenario(recording, allow_code=resolve(entry).user_code)
+    replayed = replay_node(recording, build_node(scenario, node), scenario.state_digest_ticks)
+    if not replayed.messages:
+        return Finding(recording=entry.name, part=node, verdict="differs", note="said nothing: nothing was compared")
+    note = told_where_bytes_differ(recording.header.provenance, collect()) if replayed.mismatch is not None else ""
+    return _finding(entry, node, replayed.mismatch, note)
+
+
+def _check_run(entry: Entry, made: Made, checkout: Path) -> Finding:
+    if not has_data(checkout, entry):
+        return Finding(recording=entry.name, part=RUN, verdict="skipped", note=f"{entry.log} is not there")
+    with tempfile.TemporaryDirectory(prefix="dynpf-") as folder:
+        anew = run_anew(checkout, entry, Path(folder) / "anew.mcap")
+        digest = content_digest(anew)
+        if digest == made.digest:
+            return _finding(entry, RUN, None)
+        notes, first = [f"content digest {digest}, the table says {made.digest}"], None
+        if not entry.log:
+            recorded = _read(entry, checkout)
+            first = _first(diff(recorded, anew))
+            notes.append(told_where_bytes_differ(recorded.header.provenance, anew.header.provenance))
+        note = "; ".join(filter(None, notes))
+        return Finding(recording=entry.name, part=RUN, verdict="differs", note=note, first=first)
+
+
+def _read(entry: Entry, checkout: Path) -> Recording:
+    return read_recording(recording_file(checkout, entry))
+
+
+def _finding(entry: Entry, part: str, first: Mismatch | None, note: str = "") -> Finding:
+    return Finding(
+        recording=entry.name, part=part, verdict="same" if first is None else "differs", note=note, first=first
+    )
+
+
+def _first(difference: Difference) -> Mismatch | None:
+    one = difference.first
+    if one is None:
+        return None
+    return Mismatch(one.node, one.topic, -1 if one.tick is None else one.tick, one.sequence, one.field, one.a, one.b)

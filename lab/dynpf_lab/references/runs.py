@@ -1,0 +1,62 @@
+"""Runs of the table's rows: made anew, each into one recording."""
+
+import tempfile
+from pathlib import Path
+
+from dynpf_formats.importers.mrclam import import_mrclam
+from dynpf_formats.importers.recording import write_recording
+from dynpf_formats.recording.provenance import code_digest
+from dynpf_formats.recording.reader import Recording, read_recording
+from dynpf_protocol.errors import RunError, UsageError
+from dynpf_runtime.bus.member import StopSignal
+from dynpf_runtime.bus.processes import run_on_bus
+from dynpf_services.scenario.played_log import PlayedLog
+from dynpf_services.scenario.record import record_inline
+from dynpf_services.scenario.schema import Scenario, load_scenario, whole_json
+
+from dynpf_lab.references.table import Entry
+
+__all__ = ["has_data", "resolve", "run_anew"]
+
+
+def resolve(entry: Entry, log: PlayedLog | None = None) -> Scenario:
+    """Return the scenario of a row as it stands today."""
+    return load_scenario(
+        entry.scenario, overrides=entry.overrides, seed=entry.seed, log=log.facts if log is not None else None
+    )
+
+
+def has_data(checkout: Path, entry: Entry) -> bool:
+    """Return whether the log that the run plays is there; True for a run that plays none."""
+    return not entry.log or (checkout / entry.log).is_dir()
+
+
+def run_anew(checkout: Path, entry: Entry, path: Path) -> Recording:
+    """Make the run of a row into ``path``: inline, or over the bus where its clock is the wall's.
+
+    Raises RunError if it does not come to its end, or if the processes on the bus are of another dynpf than this one.
+    """
+    log = _import(checkout / entry.log) if entry.log else None
+    scenario = resolve(entry, log)
+    if scenario.clock == "realtime":
+        if log is not None:
+            raise UsageError(f"{entry.name}: a realtime run that plays a log cannot be a reference")
+        with StopSignal.installed() as stop:
+            run_on_bus(scenario.nodes, whole_json(scenario), path, None, stop)
+    else:
+        record_inline(scenario, path, log)
+    recording = read_recording(path)
+    if recording.end is None or not recording.end.complete:
+        raise RunError(f"{entry.name}: the run is incomplete: {recording.end.reason if recording.end else 'no end'}")
+    if recording.header.provenance.code_digest != code_digest():
+        raise RunError(
+            f"{entry.name}: the processes on the bus ran another dynpf than this one; install this checkout first"
+        )
+    return recording
+
+
+def _import(folder: Path) -> PlayedLog:
+    with tempfile.TemporaryDirectory(prefix="dynpf-") as temporary:
+        path = Path(temporary) / "log.mcap"
+        write_recording(import_mrclam(folder), path)
+        return PlayedLog(path)

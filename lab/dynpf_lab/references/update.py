@@ -1,0 +1,237 @@
+"""Makes the reference recordings anew, all of them or none, and reports what changed."""
+
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+from dynpf_formats.recording.diff import FirstDifference, first_field
+from dynpf_formats.recording.digest import Leaf, content_digest, leaves, states
+from dynpf_formats.recording.provenance import collect
+from dynpf_formats.recording.reader import Recording, read_recording
+from dynpf_protocol.errors import DynpfError, UsageError
+from dynpf_services.scenario.schema import resolved_json
+
+from dynpf_lab.measures.run import measure
+from dynpf_lab.references.check import FILE, check_part, parts
+from dynpf_lab.references.runs import has_data, resolve, run_anew
+from dynpf_lab.references.table import CHECKOUT, Entry, Made, read_table, recording_file, render_table, table_file
+
+__all__ = ["MAX_BYTES", "Change", "first_differences", "git_status", "report_file", "update"]
+
+MAX_BYTES = 1_000_000
+
+
+class Change(NamedTuple):
+    """What became of one recording; ``first`` has the first difference of each node and topic, a old and b new."""
+
+    old: Entry
+    new: Entry
+    first: tuple[FirstDifference, ...]
+    measures: tuple[tuple[str, Any, Any], ...]  # name, old, new
+    note: str = ""
+
+
+def report_file(checkout: Path) -> Path:
+    return checkout / "recordings" / "REPORT.md"
+
+
+def git_status(checkout: Path) -> str:
+    """Return what git says is changed in the checkout, ``recordings/`` excepted; raises UsageError without git."""
+    command = ["git", "-C", str(checkout), "status", "--porcelain", "--", ".", ":(exclude)recordings"]
+    try:
+        return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    except FileNotFoundError:
+        raise UsageError("git is not installed: it tells whether the checkout is clean") from None
+    except subprocess.CalledProcessError as error:
+        raise UsageError(f"{checkout}: git status failed: {error.stderr.strip()}") from error
+
+
+def update(
+    reason: str,
+    checkout: Path = CHECKOUT,
+    *,
+    status: Callable[[Path], str] = git_status,
+    show: Callable[[str], None] = lambda _: None,
+) -> list[Change]:
+    """Make every recording of the table anew, put those that changed in place with table and report, and return them.
+
+    A realtime run never comes out the same twice: its recording stays as long as it replays exactly. Raises UsageError
+    without a reason, in a checkout with uncommitted changes, and where the data of a run is absent; DynpfError if a
+    run fails. Nothing is written then.
+    """
+    if not reason.strip():
+        raise UsageError("--reason: say in a sentence why what the recordings hold may change")
+    dirty = status(checkout).splitlines()
+    if dirty:
+        more = f" and {len(dirty) - 3} more" if len(dirty) > 3 else ""
+        listed = ", ".join(line[3:] for line in dirty[:3])
+        raise UsageError(f"{checkout}: has uncommitted changes: {listed}{more}; commit them first")
+    entries = read_table(checkout)
+    absent = [entry.log for entry in entries if not has_data(checkout, entry)]
+    if absent:
+        raise UsageError(f"{checkout / absent[0]}: no such folder; all recordings are made anew, or none")
+    changes, new_entries = [], []
+    with tempfile.TemporaryDirectory(prefix="dynpf-") as temporary:
+        folder = Path(temporary)
+        for entry in entries:
+            show(entry.name)
+            change = _make(entry, checkout, folder / f"{entry.name}.mcap")
+            changes += [change] if change is not None else []
+            new_entries.append(change.new if change is not None else entry)
+        if changes:
+            for change in changes:
+                if not change.new.log:
+                    shutil.copyfile(folder / f"{change.new.name}.mcap", recording_file(checkout, change.new))
+            table_file(checkout).write_text(render_table(new_entries), encoding="utf-8")
+            report_file(checkout).write_text(_report(reason, changes, new_entries), encoding="utf-8")
+    return changes
+
+
+def _make(entry: Entry, checkout: Path, path: Path) -> Change | None:
+    """Return what changed about a recording, or None if nothing did."""
+    old, note = _old(entry, checkout)
+    realtime = not entry.log and resolve(entry).clock == "realtime"
+    if realtime and old is not None and _still_replays(entry, old, checkout):
+        return None
+    anew = run_anew(checkout, entry, path)
+    size = path.stat().st_size
+    if size > MAX_BYTES and not entry.log:
+        raise UsageError(f"{entry.name}: {size} bytes; a reference recording has at most {MAX_BYTES}: make it shorter")
+    digest = content_digest(anew)
+    if entry.made is not None and entry.made.digest == digest and (entry.log or not note):
+        return None
+    made = Made(digest=digest, dynpf=collect().dynpf_version)
+    before = measure(old) if old is not None else {}
+    after = measure(anew)
+    measures = tuple(
+        (name, before.get(name), after.get(name))
+        for name in {**before, **after}
+        if before.get(name) != after.get(name) and name != "content_digest"
+    )
+    first = tuple(first_differences(old, anew)) if old is not None and not realtime else ()
+    if realtime and old is not None:
+        first, note = (
+            _replay_differences(entry, checkout),
+            "realtime: the differences are those of replaying the old one",
+        )
+    return Change(entry, msgspec.structs.replace(entry, made=made), first, measures, note)
+
+
+def _old(entry: Entry, checkout: Path) -> tuple[Recording | None, str]:
+    """Return the recording as it stands, or None and why it cannot be compared."""
+    path = recording_file(checkout, entry)
+    if entry.made is None:
+        return None, "new"
+    if entry.log:
+        return None, "held by digest only"
+    try:
+        old = read_recording(path)
+    except DynpfError as error:
+        return None, f"the old one cannot be read: {error}"
+    return old, "" if content_digest(old) == entry.made.digest else "the old file is not the one the table tells of"
+
+
+def _still_replays(entry: Entry, old: Recording, checkout: Path) -> bool:
+    same = all(check_part(entry, part, checkout).verdict == "same" for part in parts(entry))
+    return same and old.header.scenario == resolved_json(resolve(entry))
+
+
+def _replay_differences(entry: Entry, checkout: Path) -> tuple[FirstDifference, ...]:
+    findings = [check_part(entry, part, checkout).first for part in parts(entry) if part != FILE]
+    return tuple(
+        FirstDifference(
+            node=one.node,
+            topic=one.topic,
+            tick=one.tick,
+            sequence=one.sequence,
+            field=one.field,
+            a=one.recorded,
+            b=one.replayed,
+        )
+        for one in findings
+        if one is not None
+    )
+
+
+def first_differences(a: Recording, b: Recording) -> list[FirstDifference]:
+    """Return, for each node and topic, the first message that differs, by tick and sequence; then the states."""
+    left, right = leaves(a), leaves(b)
+    found: dict[tuple[str, str], FirstDifference] = {}
+    ticks = {key: min(side[key].tick for side in (left, right) if key in side) for key in {**left, **right}}
+    for key in sorted(ticks, key=lambda key: (ticks[key], key)):
+        values = None if (key.node, key.topic) in found else _values(left.get(key), right.get(key))
+        if values is not None:
+            found[key.node, key.topic] = _difference(key.node, key.topic, ticks[key], key.sequence, values)
+    old_states, new_states = states(a), states(b)
+    for state in sorted({**old_states, **new_states}):
+        old, new = (side.get(state, (-1, "missing")) for side in (old_states, new_states))
+        topic = f"journal/{state.node}"
+        if old != new and (state.node, topic) not in found:
+            values = ("state", old[1], new[1])
+            found[state.node, topic] = _difference(state.node, topic, max(old[0], new[0]), state.number, values)
+    return list(found.values())
+
+
+def _values(a: Leaf | None, b: Leaf | None) -> tuple[str, Any, Any] | None:
+    if a is None or b is None:
+        return "message", "missing" if a is None else "present", "missing" if b is None else "present"
+    if (a.tick, a.stamp_ns) != (b.tick, b.stamp_ns):
+        return ("tick", a.tick, b.tick) if a.tick != b.tick else ("stamp_ns", a.stamp_ns, b.stamp_ns)
+    return None if a.digest == b.digest else first_field(a.record.payload, b.record.payload)
+
+
+def _difference(node: str, topic: str, tick: int, sequence: int, values: tuple[str, Any, Any]) -> FirstDifference:
+    field, a, b = values
+    return FirstDifference(node=node, topic=topic, tick=tick, sequence=sequence, field=field, a=a, b=b)
+
+
+def _report(reason: str, changes: Sequence[Change], entries: Iterable[Entry]) -> str:
+    provenance = collect()
+    packages = ", ".join(f"{name} {version}" for name, version in sorted(provenance.packages.items()))
+    platform = ", ".join(f"{name} {value}" for name, value in provenance.platform.items())
+    changed = {change.new.name for change in changes}
+    unchanged = ", ".join(entry.name for entry in entries if entry.name not in changed) or "none"
+    lines = [
+        "# What changed in the reference recordings",
+        "",
+        f"Reason: {reason.strip()}",
+        "",
+        f"Made by dynpf {provenance.dynpf_version}, code {provenance.code_digest[:12]}; {packages}.",
+        f"Platform: {platform}.",
+        "",
+        f"Unchanged: {unchanged}.",
+    ]
+    for change in changes:
+        lines += ["", f"## {change.new.name}", "", *_told(change)]
+    return "\n".join(lines) + "\n"
+
+
+def _told(change: Change) -> list[str]:
+    lines = [f"{change.note[:1].upper()}{change.note[1:]}.", ""] if change.note else []
+    assert change.new.made is not None
+    old = msgspec.structs.asdict(change.old.made) if change.old.made is not None else {}
+    new = msgspec.structs.asdict(change.new.made)
+    lines += _rows(("", "old", "new"), [(name, old.get(name, "none"), value) for name, value in new.items()])
+    if change.first:
+        rows = [(one.node, one.topic, one.tick, one.sequence, one.field, one.a, one.b) for one in change.first]
+        lines += ["", *_rows(("node", "topic", "tick", "sequence", "first field", "old", "new"), rows)]
+    if change.measures:
+        metrics = [(name, a, b, _delta(a, b)) for name, a, b in change.measures]
+        lines += ["", *_rows(("measure", "old", "new", "change"), metrics)]
+    return lines
+
+
+def _delta(old: Any, new: Any) -> str:
+    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in (old, new))
+    return f"{new - old:+.6g}" if numbers else ""
+
+
+def _rows(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> list[str]:
+    table = [header, ["---"] * len(header), *rows]
+    return [
+        "| " + " | ".join("" if cell is None else str(cell).replace("|", "\\|") for cell in row) + " |" for row in table
+    ]

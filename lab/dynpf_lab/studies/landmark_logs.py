@@ -1,0 +1,228 @@
+"""Logs with landmarks for studies: read once a process, cut into stretches, and run through the estimator's node."""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
+from itertools import groupby
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+from dynpf_formats.importers.log import Record
+from dynpf_formats.importers.mrclam import import_mrclam, robots_in
+from dynpf_protocol.codec import decode
+from dynpf_protocol.errors import UsageError
+from dynpf_protocol.landmarks import Landmark
+from dynpf_protocol.messages import Estimate, LandmarkReadings, PoseInFrame, RobotState, heading
+from dynpf_runtime.node import Received, Step
+from dynpf_services.scenario.build import build_node
+from dynpf_services.scenario.played_log import PlayedLog
+from dynpf_services.scenario.schema import LogFacts, load_scenario
+from numpy.typing import NDArray
+
+from dynpf.metrics.trajectory import Trajectory
+
+__all__ = [
+    "LandmarkLog",
+    "Run",
+    "Stretch",
+    "datasets",
+    "every_second_landmark",
+    "follow",
+    "nearest_past",
+    "opened",
+    "stretches",
+    "withheld",
+]
+
+SCENARIO = "landmark-mrclam"
+PERIOD_NS = 10**8  # the estimator is asked for its estimate at the end of each tenth of a second
+GAP_S = 0.5  # no stretch starts where the reference has a gap
+
+Change = Callable[[Sequence[Record]], Sequence[Record]]
+
+
+class LandmarkLog(NamedTuple):
+    """Odometry and readings in order of time, the reference with where its heading is good, and the landmarks."""
+
+    name: str
+    records: tuple[Record, ...]
+    truth: Trajectory
+    heading_valid: NDArray[np.bool_]
+    landmarks: tuple[Landmark, ...]
+
+    @property
+    def start_ns(self) -> int:
+        return self.records[0].stamp_ns
+
+
+class Stretch(NamedTuple):
+    """A part of a log, in seconds since its first record, and the pose at its beginning."""
+
+    first: float
+    last: float
+    pose: tuple[float, float, float]
+
+
+class Run(NamedTuple):
+    """What an estimator made of a stretch: estimates, how many readings each followed, and odometry alone.
+
+    Odometry alone has no poses where the start was unknown.
+    """
+
+    estimate: Trajectory
+    sigma: NDArray[np.float64]  # m, the greatest standard deviation of each position, as the estimator has it
+    readings: NDArray[np.int64]
+    reckoned: Trajectory
+
+
+def datasets(paths: Sequence[str], robot: int | None) -> list[tuple[str, int | None]]:
+    """Return the logs in recordings and data sets' folders: the path and, of several robots, the number.
+
+    Raises UsageError for a path that is not there.
+    """
+    found: list[tuple[str, int | None]] = []
+    for path in paths:
+        if not Path(path).exists():
+            raise UsageError(
+                f"--set data={path}: not there; give folders of UTIAS MRCLAM data sets (mrclam.utias.utoronto.ca"
+                " has them), or recordings that dynpf import mrclam made: --set \"data=['FOLDER', 'IN.mcap']\""
+            )
+        numbers = robots_in(Path(path)) if Path(path).is_dir() else []
+        if robot is not None and numbers:
+            numbers = [robot]
+        found += [(path, number) for number in numbers] or [(path, None)]
+    return found
+
+
+@lru_cache(maxsize=2)
+def opened(path: str, robot: int | None) -> LandmarkLog:
+    """Return a log; raises ImportFailedError, RecordingError or UsageError where there is none to be used."""
+    if Path(path).is_dir():
+        whole, landmarks, _ = import_mrclam(Path(path), robot)
+    else:
+        played = PlayedLog(Path(path))
+        whole = tuple(Record(one.topic, one.stamp_ns, decode(one.topic, one.payload)) for one in played.records)
+        landmarks = tuple(msgspec.convert(played.facts.landmarks, list[Landmark]))
+    poses = [(one.stamp_ns, one.message) for one in whole if isinstance(one.message, RobotState)]
+    records = tuple(one for one in whole if one.topic in ("log/odometry", "log/landmarks"))
+    if len(poses) < 2 or not any(isinstance(one.message, LandmarkReadings) for one in records):
+        raise UsageError(f"{path}: has no landmark readings with a reference to score against")
+    truth = Trajectory(
+        np.array([stamp for stamp, _ in poses]) * 1e-9, np.array([(one.x, one.y, one.theta) for _, one in poses]).T
+    )
+    name = Path(path).stem if robot is None else f"{Path(path).stem} robot {robot}"
+    return LandmarkLog(name, records, truth, np.array([one.heading_valid for _, one in poses]), landmarks)
+
+
+def stretches(log: LandmarkLog, count: int, length: float) -> list[Stretch]:
+    """Return stretches of ``length`` seconds whose starts are spread evenly over the log.
+
+    They are spread over the poses of the reference whose heading is good and that follow no gap.
+    """
+    stamps = log.truth.stamps
+    begin, end = max(log.start_ns * 1e-9, stamps[0]), min(log.records[-1].stamp_ns * 1e-9, stamps[-1])
+    good = log.heading_valid & (np.diff(stamps, prepend=stamps[0]) <= GAP_S)
+    good &= (stamps >= begin) & (stamps <= max(end - length, begin + 1.0))
+    places = np.flatnonzero(good)
+    if places.size < count:
+        raise UsageError(
+            f"{log.name}: its reference has no {count} places from which to start {length:g} s; take fewer"
+        )
+    found = []
+    for place in places[np.arange(count) * places.size // count].tolist():
+        first = float(stamps[place]) - log.start_ns * 1e-9
+        x, y, theta = log.truth.poses[:, place].tolist()
+        found.append(Stretch(first, first + length, (x, y, theta)))
+    return found
+
+
+def follow(
+    log: LandmarkLog, stretch: Stretch, seed: int, overrides: Sequence[str], change: Change | None = None
+) -> Run:
+    """Return what the estimator of the scenario makes of a stretch, its settings overridden as on the command line.
+
+    It is the node that runs on the bus, given the same records; only the steps are tenths of a second, so that not
+    every record is answered. ``change`` may leave records out or move them.
+    """
+    marks = [msgspec.to_builtins(mark) for mark in log.landmarks]
+    facts = LogFacts(digest="", landmarks=marks, start=stretch.pose, files={}, range_max=None)
+    scenario = load_scenario(SCENARIO, overrides=overrides, seed=seed, log=facts)
+    node = build_node(scenario, "estimator")
+    first, last = (log.start_ns + round(second * 1e9) for second in stretch[:2])
+    records: Sequence[Record] = [one for one in log.records if first <= one.stamp_ns <= last]
+    if change is not None:
+        records = change(records)
+    rows: list[tuple[float, ...]] = []
+    reckoned: list[tuple[float, ...]] = []
+    seen = 0
+    for number, (_, group) in enumerate(groupby(records, lambda one: (one.stamp_ns - first) // PERIOD_NS)):
+        batch = list(group)
+        seen += sum(len(one.message.readings) for one in batch if isinstance(one.message, LandmarkReadings))
+        stamp_ns = batch[-1].stamp_ns
+        inputs = tuple(
+            Received(one.topic.replace("log/", "sensors/", 1), "sensors", "study", place, one.stamp_ns, one.message)
+            for place, one in enumerate(batch)
+        )
+        for output in node.step(Step(number, number, stamp_ns, inputs)).outputs:
+            match output.message:
+                case Estimate(x=x, y=y, theta=theta, covariance=covariance):
+                    sigma = float(np.sqrt(np.linalg.eigvalsh(np.reshape(covariance, (3, 3))[:2, :2])[-1]))
+                    rows.append((stamp_ns * 1e-9, x, y, theta, sigma, seen))
+                case PoseInFrame(pose=pose) if output.topic == "estimator/dead_reckoning":
+                    place = pose.position
+                    reckoned.append((stamp_ns * 1e-9, place.x, place.y, heading(pose.orientation)))
+    found, alone = np.array(rows).reshape(-1, 6).T, np.array(reckoned).reshape(-1, 4).T
+    return Run(Trajectory(found[0], found[1:4]), found[4], found[5].astype(np.int64), Trajectory(alone[0], alone[1:]))
+
+
+# Changes of the records.
+
+
+def withheld(count: int) -> Change:
+    """Return what leaves out the first ``count`` readings; odometry goes on."""
+
+    def change(records: Sequence[Record]) -> list[Record]:
+        left, kept = count, []
+        for record in records:
+            if isinstance(record.message, LandmarkReadings) and left > 0:
+                rest = record.message.readings[left:]
+                left -= len(record.message.readings)
+                kept += [record._replace(message=LandmarkReadings(readings=rest))] if rest else []
+            else:
+                kept.append(record)
+        return kept
+
+    return change
+
+
+def every_second_landmark(records: Sequence[Record]) -> list[Record]:
+    """Leave out readings of landmarks of odd number."""
+    return [one for one in map(_even_only, records) if one is not None]
+
+
+def _even_only(record: Record) -> Record | None:
+    if not isinstance(record.message, LandmarkReadings):
+        return record
+    kept = tuple(one for one in record.message.readings if one.landmark % 2 == 0)
+    return record._replace(message=LandmarkReadings(readings=kept)) if kept else None
+
+
+def nearest_past(records: Sequence[Record]) -> list[Record]:
+    """Pair each odometry record with the newest readings before it, as if they were of its time; others are left out.
+
+    LANDMARK, section 5, remark 1.
+    """
+    return list(_paired(records))
+
+
+def _paired(records: Sequence[Record]) -> Iterator[Record]:
+    newest: Record | None = None
+    for record in records:
+        if isinstance(record.message, LandmarkReadings):
+            newest = record
+            continue
+        yield record
+        if newest is not None:
+            yield newest._replace(stamp_ns=record.stamp_ns)
+            newest = None

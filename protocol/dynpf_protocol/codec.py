@@ -1,0 +1,43 @@
+"""Codec: messages to JSON and back; whatever is not exactly what the topic promises is refused."""
+
+import msgspec
+
+from dynpf_protocol.errors import BadMessageError
+from dynpf_protocol.messages import Message
+from dynpf_protocol.topics import TOPICS, topic
+
+__all__ = ["decode", "encode"]
+
+_ENCODER = msgspec.json.Encoder()
+_DECODERS: dict[str, msgspec.json.Decoder[Message]] = {
+    name: msgspec.json.Decoder(row.type) for name, row in TOPICS.items()
+}
+
+
+def encode(name: str, message: Message) -> bytes:
+    """Return the payload of ``message`` for topic ``name``.
+
+    Raises BadMessageError for another type than the topic's, for NaN or infinite numbers, which JSON lacks, and
+    for text that UTF-8 cannot hold.
+    """
+    expected = topic(name).type
+    if type(message) is not expected:
+        raise BadMessageError(f"{name}: got {type(message).__name__}, expected {expected.__name__}")
+    try:
+        payload = _ENCODER.encode(message)
+    except UnicodeEncodeError as error:
+        raise BadMessageError(f"{name}: {error}") from error
+    # JSON writes NaN and infinities as null, and no message has an optional field: a null is a bad number,
+    # unless it stands inside a text, which decoding tells.
+    if b"null" in payload:
+        decode(name, payload)
+    return payload
+
+
+def decode(name: str, payload: bytes) -> Message:
+    """Return the message in ``payload``; raises BadMessageError naming the topic, the field and what was expected."""
+    decoder = _DECODERS[topic(name).name]
+    try:
+        return decoder.decode(payload)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise BadMessageError(f"{name}: {error}") from error

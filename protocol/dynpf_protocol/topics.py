@@ -1,0 +1,281 @@
+"""The topic table: what travels, who writes it, who it wakes, how it is delivered, and what is kept of it.
+
+Host, recorder, replay, documentation and tests all read this one table.
+"""
+
+from enum import StrEnum
+
+import msgspec
+
+from dynpf_protocol import messages
+from dynpf_protocol.errors import UnknownTopicError
+from dynpf_protocol.messages import Message
+
+__all__ = ["HOST_NODES", "LOG_NODE", "NODES", "TOPICS", "Delivery", "Topic", "topic"]
+
+NODES = ("simulator", "vision", "sensors", "estimator", "controller")
+"""The nodes, in the order in which a lockstep tick goes round."""
+
+LOG_NODE = "log"
+"""The sender's name of records that a host feeds in from an imported log."""
+
+HOST_NODES = (*NODES, LOG_NODE)
+"""Every sender whose messages a node may consume."""
+
+
+class Delivery(StrEnum):
+    """What of a topic a node takes. The bus itself drops nothing: the recorder has to get every message."""
+
+    RELIABLE = "reliable"  # every message counts
+    FRESH = "fresh"  # in realtime runs a node takes only the newest that has arrived; in lockstep as reliable
+
+
+class Topic(msgspec.Struct, frozen=True, kw_only=True):
+    """One row of the table."""
+
+    name: str
+    type: type[Message]
+    publishers: tuple[str, ...]
+    description: str
+    delivery: Delivery = Delivery.RELIABLE
+    triggers: tuple[str, ...] = ()  # nodes that step when it arrives (realtime clock)
+    compared: bool = True  # part of "the same run"
+    recorded: bool = True
+
+
+_ROWS = (
+    Topic(
+        name="log/odometry",
+        type=messages.Odometry,
+        publishers=(LOG_NODE,),
+        triggers=("sensors",),
+        description="Odometry record of an imported log, as a twist",
+    ),
+    Topic(
+        name="log/odometry_pose",
+        type=messages.OdometryPose,
+        publishers=(LOG_NODE,),
+        triggers=("sensors",),
+        description="Odometry record of an imported log, as a pose",
+    ),
+    Topic(
+        name="log/landmarks",
+        type=messages.LandmarkReadings,
+        publishers=(LOG_NODE,),
+        triggers=("sensors",),
+        description="Landmark readings of an imported log",
+    ),
+    Topic(
+        name="log/scan",
+        type=messages.LaserScan,
+        publishers=(LOG_NODE,),
+        triggers=("sensors",),
+        description="Range scan of an imported log",
+    ),
+    Topic(
+        name="log/truth",
+        type=messages.RobotState,
+        publishers=(LOG_NODE,),
+        description="Reference pose of an imported log; rides along with the next sensor record and wakes nobody",
+    ),
+    Topic(
+        name="camera/image",
+        type=messages.CompressedImage,
+        publishers=("simulator",),
+        triggers=("vision",),
+        delivery=Delivery.FRESH,
+        description="Frame of the overhead camera",
+    ),
+    Topic(
+        name="truth/robot",
+        type=messages.RobotState,
+        publishers=("simulator",),
+        triggers=("sensors",),
+        description="True pose and twist of the robot",
+    ),
+    Topic(
+        name="truth/parts",
+        type=messages.PartsState,
+        publishers=("simulator",),
+        description="True positions of the parts, what is held, contacts so far",
+    ),
+    Topic(
+        name="truth/capsule",
+        type=messages.CapsuleState,
+        publishers=("simulator",),
+        triggers=("sensors",),
+        description="True pose of the capsule in pixels of its map, and the name of the map that holds",
+    ),
+    Topic(
+        name="truth/obstacles",
+        type=messages.Obstacles,
+        publishers=("simulator",),
+        description="People about and doors that are closed, in a room that has any",
+    ),
+    Topic(
+        name="truth/scene",
+        type=messages.SceneUpdate,
+        publishers=("simulator",),
+        description="The true world as shapes, for looking at: at most five times a second",
+    ),
+    Topic(
+        name="vision/detections",
+        type=messages.Detections,
+        publishers=("vision",),
+        triggers=("estimator",),
+        description="Discs that the camera chain found, in workspace coordinates",
+    ),
+    Topic(
+        name="sensors/overhead",
+        type=messages.Detections,
+        publishers=("sensors",),
+        triggers=("estimator",),
+        description="Discs as a noisy overhead tracker gives them, for runs without camera frames",
+    ),
+    Topic(
+        name="sensors/odometry",
+        type=messages.Odometry,
+        publishers=("sensors",),
+        triggers=("estimator",),
+        description="Forward speed and turning rate as the wheel encoders see them",
+    ),
+    Topic(
+        name="sensors/odometry_pose",
+        type=messages.OdometryPose,
+        publishers=("sensors",),
+        triggers=("estimator",),
+        description="Where the wheel encoders put the robot, in a frame of their own",
+    ),
+    Topic(
+        name="sensors/landmarks",
+        type=messages.LandmarkReadings,
+        publishers=("sensors",),
+        triggers=("estimator",),
+        description="Range and bearing to the landmarks in view",
+    ),
+    Topic(
+        name="sensors/scan",
+        type=messages.LaserScan,
+        publishers=("sensors",),
+        triggers=("estimator",),
+        delivery=Delivery.FRESH,
+        description="Ranges of a scanning sensor on the robot",
+    ),
+    Topic(
+        name="sensors/lines",
+        type=messages.LineReadings,
+        publishers=("sensors",),
+        triggers=("estimator",),
+        description="Straight pieces of wall in view, in polar form",
+    ),
+    Topic(
+        name="sensors/position",
+        type=messages.PositionFix,
+        publishers=("sensors",),
+        triggers=("estimator",),
+        description="Measured position of the robot in the map",
+    ),
+    Topic(
+        name="sensors/capsule",
+        type=messages.CapsuleReading,
+        publishers=("sensors",),
+        triggers=("estimator",),
+        description="The capsule's last motion, as it was told to make it, and its five ranges",
+    ),
+    Topic(
+        name="sensors/gripper",
+        type=messages.Gripper,
+        publishers=("sensors",),
+        description="Gripper contact switch and angle encoder",
+    ),
+    Topic(
+        name="estimator/state",
+        type=messages.Estimate,
+        publishers=("estimator",),
+        triggers=("controller",),
+        description="Estimate of the robot's pose, with covariance and effective sample size, and of the parts",
+    ),
+    Topic(
+        name="estimator/capsule",
+        type=messages.CapsuleEstimate,
+        publishers=("estimator",),
+        description="Estimate of the capsule's pose in pixels, posterior over maps, and what has changed in them",
+    ),
+    Topic(
+        name="estimator/pose",
+        type=messages.PoseInFrame,
+        publishers=("estimator",),
+        description="The estimated pose, for looking at",
+    ),
+    Topic(
+        name="estimator/dead_reckoning",
+        type=messages.PoseInFrame,
+        publishers=("estimator",),
+        description="Where odometry alone would put the robot",
+    ),
+    Topic(
+        name="estimator/particles",
+        type=messages.PosesInFrame,
+        publishers=("estimator",),
+        description="At most 200 of the particles, at most five times a second of logical time",
+    ),
+    Topic(
+        name="estimator/transforms",
+        type=messages.FrameTransforms,
+        publishers=("estimator",),
+        description="Where the estimated robot is in the map, for looking at; sent with the particles",
+    ),
+    Topic(
+        name="estimator/scene",
+        type=messages.SceneUpdate,
+        publishers=("estimator",),
+        description="Landmarks or tube, and the estimated robot, as shapes for looking at: at most once a second",
+    ),
+    Topic(
+        name="controller/command",
+        type=messages.Command,
+        publishers=("controller",),
+        description="Velocity, turning rate and grip commanded to the robot",
+    ),
+    *(
+        Topic(
+            name=f"event/{node}",
+            type=messages.HostEvent,
+            publishers=(node,),
+            compared=False,
+            description=f"What the host of {node} tells its node about missing inputs",
+        )
+        for node in NODES
+    ),
+    Topic(
+        name="log",
+        type=messages.Log,
+        publishers=(*NODES, "recorder"),
+        compared=False,
+        description="Warnings and errors in words",
+    ),
+    Topic(
+        name="diagnostics",
+        type=messages.Diagnostics,
+        publishers=NODES,
+        compared=False,
+        description="Timings, refusals and queue lengths of each process; wall-clock figures",
+    ),
+    Topic(
+        name="recorder/gap",
+        type=messages.Gap,
+        publishers=("recorder",),
+        compared=False,
+        description="Sequence numbers that never reached the recorder",
+    ),
+)
+
+TOPICS: dict[str, Topic] = {row.name: row for row in _ROWS}
+
+
+def topic(name: str) -> Topic:
+    """Return the row of a topic; raises UnknownTopicError for a name that is not in the table."""
+    try:
+        return TOPICS[name]
+    except KeyError:
+        raise UnknownTopicError(f"topic {name!r} is not in the topic table") from None

@@ -1,0 +1,1 @@
+"""A run on the bus: one process a node, over Zenoh."""

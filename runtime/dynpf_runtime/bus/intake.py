@@ -1,0 +1,90 @@
+"""Intake: what reaches a host from the bus is checked before a node may see it.
+
+A bad message is refused, counted and told once for each topic and reason; the process goes on.
+"""
+
+from collections import Counter, defaultdict
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from dynpf_protocol.codec import decode
+from dynpf_protocol.control import TickDone, decode_control
+from dynpf_protocol.envelope import Envelope, decode_envelope
+from dynpf_protocol.errors import ProtocolError
+from dynpf_protocol.topics import LOG_NODE, topic
+
+from dynpf_runtime.bus.session import DATA, TICK, Arrival
+from dynpf_runtime.node import Received
+
+__all__ = ["Intake", "Refusal", "check_sender"]
+
+
+class Refusal(NamedTuple):
+    """Why a message was not accepted. ``envelope`` is set where the sender itself is known and genuine."""
+
+    topic: str
+    reason: str
+    first_of_its_kind: bool
+    envelope: Envelope | None = None
+
+
+def check_sender(arrival: Arrival, boots: Mapping[str, str], source: str) -> tuple[str, Envelope]:
+    """Return topic and envelope of a message from a known sender; raises ProtocolError.
+
+    Records of an imported log carry the boot of the ``source`` that feeds them in.
+    """
+    name = arrival.key[len(DATA) :]
+    row = topic(name)
+    envelope = decode_envelope(arrival.attachment)
+    sender = source if envelope.node == LOG_NODE else envelope.node
+    if envelope.node not in row.publishers:
+        raise ProtocolError(f"unknown sender {envelope.node!r}; expected {' or '.join(row.publishers)}")
+    if boots.get(sender) != envelope.boot:
+        raise ProtocolError(
+            f"unknown sender {envelope.node!r} with boot {envelope.boot!r}; this run's is {boots.get(sender)!r}"
+        )
+    return name, envelope
+
+
+class Intake:
+    """Turns arrivals into inputs, or refuses them. ``boots`` maps each peer to its boot in this run."""
+
+    def __init__(self, boots: Mapping[str, str], source: str) -> None:
+        self._boots = boots
+        self._source = source
+        self._next: defaultdict[tuple[str, str], int] = defaultdict(int)
+        self._reasons: set[tuple[str, str]] = set()
+        self.refused: Counter[str] = Counter()
+
+    def accept(self, arrival: Arrival) -> tuple[Received, Envelope] | Refusal:
+        name = arrival.key[len(DATA) :]
+        envelope = None
+        try:
+            name, known = check_sender(arrival, self._boots, self._source)
+            key = (known.node, name)
+            if known.sequence < self._next[key]:
+                raise ProtocolError(f"sequence {known.sequence} again; expected {self._next[key]} or later")
+            self._next[key] = known.sequence + 1
+            envelope = known
+            message = decode(name, arrival.payload)
+        except ProtocolError as error:
+            return self._refuse(name, str(error), envelope)
+        return Received(name, known.node, known.boot, known.sequence, known.stamp_ns, message), known
+
+    def accept_tick(self, arrival: Arrival) -> TickDone | Refusal:
+        """Return a peer's word that it has ended a tick, or refuse it."""
+        node = arrival.key[len(TICK) :]
+        try:
+            done = decode_control(arrival.payload, TickDone)
+            if done.node != node or self._boots.get(node) != done.boot:
+                raise ProtocolError(f"unknown sender {done.node!r} with boot {done.boot!r}")
+        except ProtocolError as error:
+            return self._refuse(f"tick/{node}", str(error), None)
+        return done
+
+    def _refuse(self, name: str, reason: str, envelope: Envelope | None) -> Refusal:
+        self.refused[name] += 1
+        first = (name, reason) not in self._reasons and len(self._reasons) < 100
+        if first:
+            self._reasons.add((name, reason))
+        return Refusal(name, reason, first, envelope)

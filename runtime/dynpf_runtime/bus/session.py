@@ -1,0 +1,178 @@
+"""The bus: one Zenoh session as our processes use it.
+
+Every process is a client of the router, which is the only hub: no scouting, no gossip, no shared memory. Callbacks only
+enqueue; the owner's main loop does everything else.
+"""
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from queue import Empty, SimpleQueue
+from typing import NamedTuple
+
+import zenoh
+from dynpf_protocol.errors import UsageError
+
+__all__ = ["ALIVE", "BEAT", "CONTROL", "DATA", "JOURNAL", "READY", "SCENARIO", "TICK", "Arrival", "Bus", "open_router"]
+
+DATA = "dynpf/data/"
+JOURNAL = "dynpf/journal/"
+TICK = "dynpf/tick/"
+BEAT = "dynpf/beat/"
+CONTROL = "dynpf/control/"
+ALIVE = "dynpf/alive/"
+READY = "dynpf/ready/"
+SCENARIO = "dynpf/scenario"
+
+LEASE_MS = 1500
+"""After this long without a sign, Zenoh takes a hung peer for dead."""
+
+
+class Arrival(NamedTuple):
+    """Something that came in: a sample, or a liveliness token that appeared or went (``present``)."""
+
+    key: str
+    payload: bytes
+    attachment: bytes
+    present: bool
+
+
+def _config(mode: str, *, connect: tuple[str, ...] = (), listen: tuple[str, ...] = ()) -> zenoh.Config:
+    config = zenoh.Config()
+    settings = {
+        "mode": mode,
+        "connect/endpoints": list(connect),
+        "listen/endpoints": list(listen),
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "transport/shared_memory/enabled": False,
+        "transport/link/tx/lease": LEASE_MS,
+    }
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+@contextmanager
+def open_router(endpoint: str) -> Iterator["Bus"]:
+    """Open the hub listening at ``endpoint``; raises UsageError if it cannot listen there."""
+    try:
+        session = zenoh.open(_config("router", listen=(endpoint,)))
+    except zenoh.ZError as error:
+        reason = "the address is already in use" if "in use" in str(error) else str(error).partition(" at /")[0]
+        raise UsageError(
+            f"router: cannot listen at {endpoint}: {reason}; stop what runs there or give another --listen"
+        ) from error
+    with session:
+        yield Bus(session)
+
+
+class Bus:
+    """A session with one queue for everything that it receives."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._queue: SimpleQueue[Arrival] = SimpleQueue()
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._declared: list[object] = []  # Zenoh undeclares what is garbage collected
+
+    @classmethod
+    @contextmanager
+    def connect(cls, endpoint: str, tell: Callable[[str], None], stopped: Callable[[], bool]) -> Iterator["Bus"]:
+        """Open a client of the router at ``endpoint``, trying until it is there or ``stopped`` says so."""
+        session = None
+        told = False
+        started = time.monotonic()
+        while session is None:
+            if stopped():
+                raise KeyboardInterrupt
+            try:
+                session = zenoh.open(_config("client", connect=(endpoint,)))
+            except zenoh.ZError as error:
+                if "Unable to connect" not in str(error):
+                    raise UsageError(f"cannot connect to {endpoint!r}: {str(error).partition(' at /')[0]}") from error
+                if not told and time.monotonic() - started > 1.0:
+                    told = True
+                    tell(f"waiting for the router at {endpoint} (dynpf service router SCENARIO)")
+                time.sleep(0.05)
+        with session:
+            yield cls(session)
+
+    def put(self, key: str, payload: bytes, attachment: bytes = b"") -> None:
+        """Publish, waiting for room."""
+        publisher = self._publishers.get(key)
+        if publisher is None:
+            publisher = self._session.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
+            self._publishers[key] = publisher
+        publisher.put(payload, attachment=attachment)
+
+    def subscribe(self, key: str) -> None:
+        queue = self._queue
+
+        def enqueue(sample: zenoh.Sample) -> None:
+            attachment = sample.attachment
+            queue.put(
+                Arrival(
+                    str(sample.key_expr),
+                    sample.payload.to_bytes(),
+                    b"" if attachment is None else attachment.to_bytes(),
+                    True,
+                )
+            )
+
+        self._declared.append(self._session.declare_subscriber(key, enqueue))
+
+    def watch(self, key: str) -> None:
+        """Subscribe to liveliness tokens, those already present included."""
+        queue = self._queue
+
+        def enqueue(sample: zenoh.Sample) -> None:
+            queue.put(Arrival(str(sample.key_expr), b"", b"", sample.kind == zenoh.SampleKind.PUT))
+
+        self._declared.append(self._session.liveliness().declare_subscriber(key, enqueue, history=True))
+
+    def declare(self, key: str) -> None:
+        """Declare a liveliness token, gone when this process is."""
+        self._declared.append(self._session.liveliness().declare_token(key))
+
+    def tokens(self, key: str) -> list[str]:
+        """Return the liveliness tokens that match ``key`` now."""
+        replies = self._session.liveliness().get(key, timeout=2.0)
+        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+    def answer(self, key: str, payload: bytes) -> None:
+        """Answer every query of ``key`` with ``payload``."""
+        self._declared.append(self._session.declare_queryable(key, lambda query: query.reply(key, payload)))
+
+    def ask(self, key: str, patience_s: float, stopped: Callable[[], bool]) -> bytes | None:
+        """Return the answer to ``key``, or None if nobody gives one within ``patience_s``."""
+        deadline = time.monotonic() + patience_s
+        while True:
+            for reply in self._session.get(key, timeout=patience_s):
+                if reply.ok is not None:
+                    return reply.ok.payload.to_bytes()
+            if stopped() or time.monotonic() > deadline:
+                return None
+            time.sleep(0.02)  # Zenoh says at once that nobody answers yet
+
+    def receive(self, timeout_s: float) -> Arrival | None:
+        """Return the next arrival, or None after ``timeout_s``."""
+        try:
+            return self._queue.get(timeout=timeout_s) if timeout_s > 0 else self._queue.get_nowait()
+        except Empty:
+            return None
+
+    def wake(self) -> None:
+        """Make a waiting ``receive`` return; may be called from a signal handler."""
+        self._queue.put(Arrival("", b"", b"", True))
+
+    @property
+    def waiting(self) -> int:
+        """How many arrivals wait to be received."""
+        return self._queue.qsize()
+
+    @property
+    def connected(self) -> bool:
+        """Whether the router is there."""
+        return bool(self._session.info.routers_zid())

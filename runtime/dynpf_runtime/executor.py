@@ -1,0 +1,102 @@
+"""The executor: runs the steps of one node, numbers and encodes what it returns, and journals what it consumed.
+
+The same for the bus, inline and replay runners; it neither sends nor receives.
+"""
+
+import traceback
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import NamedTuple
+
+from dynpf_protocol.codec import encode
+from dynpf_protocol.envelope import Envelope
+from dynpf_protocol.errors import StepError
+from dynpf_protocol.journal import Consumed, JournalEntry, Produced
+from dynpf_protocol.messages import Message
+
+from dynpf_runtime.node import Node, Received, Step, state_digest
+
+__all__ = ["Executed", "Executor", "Sent"]
+
+
+class Sent(NamedTuple):
+    """One message as it travels."""
+
+    topic: str
+    envelope: Envelope
+    payload: bytes
+
+
+class Executed(NamedTuple):
+    """What came of one step: the messages, and whether the source says that it was the last."""
+
+    sent: tuple[Sent, ...]
+    finished: bool
+
+
+class Executor:
+    """Runs ``node`` under one boot. A state digest is taken every ``digest_every`` steps and at the last."""
+
+    def __init__(self, node: Node, boot: str, digest_every: int) -> None:
+        self.node = node
+        self.boot = boot
+        self._digest_every = digest_every
+        self._sequences: defaultdict[str, int] = defaultdict(int)
+        self._writes = node.writes
+        self.steps = 0
+
+    def step(self, tick: int, stamp_ns: int, inputs: Sequence[Received], publish_ns: int) -> Executed:
+        """Run the next step; ``journal`` has to follow before the one after it.
+
+        Raises StepError where the node raises, or returns what its topics do not promise.
+        """
+        with self._blamed(tick):
+            result = self.node.step(Step(self.steps, tick, stamp_ns, tuple(inputs)))
+            if undeclared := {output.topic for output in result.outputs} - self._writes:
+                raise ValueError(f"returned messages for {', '.join(sorted(undeclared))}, which it does not declare")
+            sent = tuple(self.stamp(topic, message, tick, stamp_ns, publish_ns) for topic, message in result.outputs)
+        return Executed(sent, result.finished)
+
+    def journal(
+        self, tick: int, stamp_ns: int, inputs: Sequence[Received], sent: Sequence[Sent], *, last: bool
+    ) -> JournalEntry:
+        """Account for the step just run: what it consumed and produced, and at intervals the digest of the state.
+
+        Apart from ``step`` so that a host can send what others wait for first. ``last`` marks the node's last step.
+        """
+        state = ""
+        if last or (self.steps + 1) % self._digest_every == 0:
+            with self._blamed(tick):
+                state = state_digest(self.node.freeze())
+        entry = JournalEntry(
+            step=self.steps,
+            tick=tick,
+            stamp_ns=stamp_ns,
+            consumed=tuple(Consumed(one.node, one.boot, one.topic, one.sequence) for one in inputs),
+            produced=tuple(Produced(one.topic, one.envelope.sequence) for one in sent),
+            last=last,
+            state=state,
+        )
+        self.steps += 1
+        return entry
+
+    def stamp(self, topic: str, message: Message, tick: int, stamp_ns: int, publish_ns: int) -> Sent:
+        """Give a message its place in this boot's sequence of its topic."""
+        sequence = self._sequences[topic]
+        payload = encode(topic, message)
+        self._sequences[topic] = sequence + 1
+        envelope = Envelope(self.node.name, self.boot, sequence, tick, stamp_ns, publish_ns)
+        return Sent(topic, envelope, payload)
+
+    @contextmanager
+    def _blamed(self, tick: int) -> Iterator[None]:
+        """Say of an exception which node raised it, in which step, and where."""
+        try:
+            yield
+        except Exception as error:
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            raise StepError(
+                f"{self.node.name} failed in step {self.steps}, tick {tick}: {type(error).__name__}: {error} "
+                f"({place.filename}:{place.lineno})"
+            ) from error

@@ -1,0 +1,40 @@
+"""Gaps: messages that never reached a node, found by the jumps in the sequences of what it consumes."""
+
+from dynpf_protocol.messages import HostEvent
+
+from dynpf_runtime.executor import Executor, Sent
+from dynpf_runtime.inbox import Ready
+from dynpf_runtime.node import Received
+
+__all__ = ["GapWatch", "notice_gaps"]
+
+
+class GapWatch:
+    """Remembers how far each sequence has come. A message that comes late fills no gap already told."""
+
+    def __init__(self) -> None:
+        self._next: dict[tuple[str, str], int] = {}
+
+    def see(self, topic: str, node: str, sequence: int) -> HostEvent | None:
+        """Return the gap that this message shows, if any."""
+        expected = self._next.get((topic, node), 0)
+        self._next[topic, node] = max(expected, sequence + 1)
+        if sequence <= expected:
+            return None
+        return HostEvent(kind="gap", topic=topic, node=node, first=expected, last=sequence - 1)
+
+
+def notice_gaps(executor: Executor, watch: GapWatch, ready: Ready, stamp_ns: int, publish_ns: int) -> list[Sent]:
+    """Return an event for each gap in the inputs, and add it to the inputs if the node reads such events."""
+    topic = f"event/{executor.node.name}"
+    sent = []
+    for one in list(ready.inputs):
+        event = watch.see(one.topic, one.node, one.sequence)
+        if event is None:
+            continue
+        told = executor.stamp(topic, event, ready.tick, stamp_ns, publish_ns)
+        sent.append(told)
+        if topic in executor.node.reads:
+            place = told.envelope
+            ready.inputs.append(Received(topic, place.node, place.boot, place.sequence, stamp_ns, event))
+    return sent

@@ -1,0 +1,119 @@
+"""The inline runner: all nodes in one process, without a bus, as fast as the processor goes (lockstep only)."""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+import cv2
+from dynpf_formats.recording.writer import RecordingWriter
+from dynpf_protocol.codec import decode
+from dynpf_protocol.control import TickDone
+from dynpf_protocol.envelope import Envelope
+from dynpf_protocol.journal import encode_entry
+
+from dynpf_runtime.executor import Executor, Sent
+from dynpf_runtime.faults import FaultyLink
+from dynpf_runtime.gaps import GapWatch, notice_gaps
+from dynpf_runtime.graph import Graph
+from dynpf_runtime.inbox import LockstepInbox, Ready
+from dynpf_runtime.node import Node, Received
+from dynpf_runtime.plan import Plan
+from dynpf_runtime.progress import Progress
+from dynpf_runtime.source import LogRecord, feed_log, feed_ticks
+
+__all__ = ["BOOT", "run_inline"]
+
+BOOT = "inline"
+
+
+def run_inline(
+    plan: Plan,
+    log: Sequence[LogRecord],
+    writer: RecordingWriter,
+    *,
+    stopped: Callable[[], bool] = lambda: False,
+) -> int:
+    """Run ``plan`` to its end into ``writer`` and return the number of ticks.
+
+    The messages, their order and every state are those of the same plan on the bus. ``stopped`` is asked
+    before each tick whether it shall be the last.
+    """
+    cv2.setNumThreads(1)
+    nodes = plan.build()
+    graph = Graph.of(list(nodes.values()))
+    seats = {name: _Seat(nodes[name], graph, plan) for name in graph.nodes}
+    source = seats[graph.source]
+    feeds = (
+        feed_log(
+            log,
+            node=graph.source,
+            boot=BOOT,
+            reads=nodes[graph.source].reads,
+            publish_ns=0,
+            max_ticks=plan.max_ticks,
+        )
+        if plan.plays_log
+        else feed_ticks(plan.tick_ns, plan.max_ticks)
+    )
+
+    def run(seat: _Seat, ready: Ready, stamp_ns: int, fed: Sequence[Sent] = (), *, last: bool) -> bool:
+        done, sent, journal = seat.step(ready, stamp_ns, fed, last=last)
+        for one in sent:
+            writer.message(one.topic, one.envelope, one.payload)
+            for other in seats.values():
+                other.deliver(one)
+        envelope = Envelope(done.node, BOOT, done.step, done.tick, stamp_ns, 0)
+        writer.journal(envelope, journal)
+        for other in seats.values():
+            other.inbox.done(done)
+        return done.last
+
+    ticks = 0
+    progress = Progress()
+    for feed in feeds:
+        ready = source.take(feed.stamp_ns)
+        inputs = [*feed.inputs, *ready.inputs]
+        last = run(source, ready._replace(inputs=inputs), feed.stamp_ns, feed.sent, last=feed.last or stopped())
+        for name in graph.nodes[1:]:
+            ready = seats[name].take()
+            run(seats[name], ready, ready.stamp_ns, last=ready.last)
+        ticks += 1
+        progress.show(ticks, writer.messages)
+        if last:
+            break
+    progress.clear()
+    return ticks
+
+
+class _Seat:
+    """One node's place: its inbox and its executor."""
+
+    def __init__(self, node: Node, graph: Graph, plan: Plan) -> None:
+        self._node = node
+        self._executor = Executor(node, BOOT, plan.state_digest_ticks)
+        self._gaps = GapWatch()
+        link = FaultyLink(plan.faults, node.name, plan.seed)
+        self.inbox = LockstepInbox(graph, node.name, node.reads, link)
+
+    def deliver(self, one: Sent) -> None:
+        place = one.envelope
+        if one.topic in self._node.reads and place.node != self._node.name:
+            message = decode(one.topic, one.payload)
+            received = Received(one.topic, place.node, place.boot, place.sequence, place.stamp_ns, message)
+            self.inbox.deliver(received, place.tick)
+
+    def take(self, stamp_ns: int = 0) -> Ready:
+        ready = self.inbox.take(stamp_ns)
+        assert ready is not None, f"{self._node.name} lacks an input of tick {self.inbox.tick}"
+        return ready
+
+    def step(
+        self, ready: Ready, stamp_ns: int, fed: Sequence[Sent], *, last: bool
+    ) -> tuple[TickDone, tuple[Sent, ...], bytes]:
+        events = notice_gaps(self._executor, self._gaps, ready, stamp_ns, 0)
+        executed = self._executor.step(ready.tick, stamp_ns, ready.inputs, 0)
+        last = last or executed.finished
+        entry = self._executor.journal(ready.tick, stamp_ns, ready.inputs, executed.sent, last=last)
+        sent = (*fed, *events, *executed.sent)
+        counts = dict(Counter(one.topic for one in sent))
+        done = TickDone(self._node.name, BOOT, entry.step, ready.tick, stamp_ns, counts, entry.last)
+        return done, sent, encode_entry(entry)

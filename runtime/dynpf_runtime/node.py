@@ -1,0 +1,158 @@
+"""The node contract: a process's inside as a pure, replayable state machine.
+
+A node declares what it reads and writes. A step takes the chosen logical time and the messages consumed, in order,
+changes only the node's own state, and returns messages. It does no I/O, reads no clock, no environment and no global
+random generator, and starts no threads. All its state can be taken out and put back.
+"""
+
+import hashlib
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import msgspec
+import numpy as np
+from dynpf_protocol.messages import Message
+
+__all__ = [
+    "Node",
+    "Output",
+    "Received",
+    "Rehearsing",
+    "Result",
+    "State",
+    "Step",
+    "decode_state",
+    "encode_state",
+    "state_digest",
+]
+
+State = Mapping[str, Any]
+"""A node's whole state: text keys to None, bool, int, float, str, bytes, lists, dicts and NumPy arrays of these."""
+
+
+class Received(NamedTuple):
+    """One input: the message and its sender's reference."""
+
+    topic: str
+    node: str
+    boot: str
+    sequence: int
+    stamp_ns: int
+    message: Message
+
+
+class Step(NamedTuple):
+    """What a node is given: its step number, the tick, the logical time in nanoseconds, and its inputs in order."""
+
+    number: int
+    tick: int
+    stamp_ns: int
+    inputs: tuple[Received, ...]
+
+
+class Output(NamedTuple):
+    """One message for one topic."""
+
+    topic: str
+    message: Message
+
+
+class Result(NamedTuple):
+    """What a step returns. ``finished`` counts only from the source of the run: this tick is the last."""
+
+    outputs: tuple[Output, ...] = ()
+    finished: bool = False
+
+
+class Node(Protocol):
+    """A pure, replayable state machine.
+
+    ``reads`` and ``writes`` are topic names. ``freeze`` returns the whole state; a node built from the same scenario
+    and given that state by ``thaw`` continues exactly as the first would have.
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def reads(self) -> frozenset[str]: ...
+
+    @property
+    def writes(self) -> frozenset[str]: ...
+
+    def step(self, step: Step) -> Result: ...
+
+    def freeze(self) -> State: ...
+
+    def thaw(self, state: State) -> None: ...
+
+
+@runtime_checkable
+class Rehearsing(Protocol):
+    """A node whose first step would be late: what it calls has to be compiled first."""
+
+    def rehearse(self) -> None:
+        """Do once what steps do, on something made up, so that it is compiled; changes no state and no random stream.
+
+        A host calls it before the node joins its run.
+        """
+
+
+_ARRAY = 1
+
+
+def encode_state(state: State) -> bytes:
+    """Return ``state`` as bytes: equal states, equal bytes; arrays keep their type and shape.
+
+    Every NaN is written as the same one: which sign a computed NaN has, each processor decides for itself.
+    """
+    return _ENCODER.encode(_with_one_nan(state))
+
+
+def decode_state(data: bytes) -> dict[str, Any]:
+    """Return what encode_state was given."""
+    return _DECODER.decode(data)
+
+
+def state_digest(state: State) -> str:
+    """Return the SHA-256 of a state, in hexadecimal."""
+    return hashlib.sha256(encode_state(state)).hexdigest()
+
+
+def _with_one_nan(value: Any) -> Any:
+    match value:
+        case np.ndarray() | np.generic() if value.dtype.kind in "fc" and np.isnan(value).any():
+            known = np.array(value)
+            known[np.isnan(known)] = np.nan
+            return known
+        case float():
+            return math.nan if math.isnan(value) else value
+        case Mapping():
+            return {key: _with_one_nan(inner) for key, inner in value.items()}
+        case list() | tuple():
+            return [_with_one_nan(inner) for inner in value]
+    return value
+
+
+def _encode_array(value: object) -> msgspec.msgpack.Ext:
+    if not isinstance(value, np.ndarray | np.generic):
+        raise TypeError(f"a node's state holds a {type(value).__name__}; expected plain values and NumPy arrays")
+    array = np.ascontiguousarray(value)
+    if array.dtype.kind in "OV":  # addresses and fields, which no bytes can carry
+        raise TypeError(f"a node's state holds an array of {array.dtype}; expected numbers, truth values or text")
+    header = msgspec.msgpack.encode((array.dtype.str, np.shape(value)))
+    return msgspec.msgpack.Ext(_ARRAY, bytes([len(header)]) + header + array.tobytes())
+
+
+def _decode_array(code: int, data: memoryview) -> object:
+    if code != _ARRAY:
+        raise ValueError(f"extension {code} in a node's state; expected {_ARRAY}")
+    raw = bytes(data)
+    end = 1 + raw[0]
+    dtype, shape = msgspec.msgpack.decode(raw[1:end], type=tuple[str, tuple[int, ...]])
+    return np.frombuffer(raw[end:], dtype=dtype).reshape(shape).copy()
+
+
+_ENCODER = msgspec.msgpack.Encoder(enc_hook=_encode_array, order="sorted")
+_DECODER = msgspec.msgpack.Decoder(dict[str, Any], ext_hook=_decode_array)

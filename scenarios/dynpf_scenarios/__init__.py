@@ -1,0 +1,1 @@
+"""The scenarios that come with dynpf: one TOML file describes a whole run."""

@@ -1,1 +1,0 @@
-"""The processes: one folder each, their hosts and runners, recordings, and the command line."""

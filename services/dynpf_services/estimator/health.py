@@ -1,0 +1,58 @@
+"""The estimator's judgement of itself, at each update and, while there is none, once a second."""
+
+import math
+from typing import Any
+
+import msgspec
+from dynpf_protocol.messages import FilterHealth, HealthFigures, Log, LogLevel, timestamp
+from dynpf_runtime.node import Output, State
+
+from dynpf.filters.health import Health, HealthMemory, HealthParams, Signs, Status, Verdict
+
+__all__ = ["HealthWatch"]
+
+PERIOD_NS = 10**9
+
+
+class HealthWatch:
+    """The judge, with what it remembers from step to step; ``report`` is its verdict, None before the first."""
+
+    def __init__(self, params: HealthParams, name: str) -> None:
+        self._judge = Health(params)
+        self._name = name
+        self._memory = self._judge.begin()
+        self._judged_ns: int | None = None
+        self.report: FilterHealth | None = None
+
+    def due(self, stamp_ns: int) -> bool:
+        """Return whether it is time to judge though there was no update."""
+        return self._judged_ns is None or stamp_ns - self._judged_ns >= PERIOD_NS
+
+    def judge(self, signs: Signs, stamp_ns: int) -> list[Output]:
+        """Take in the signs; return a message if the status is another than before, or not good to begin with."""
+        before = Status.TRACKING if self.report is None else self.report.status
+        self._memory, verdict = self._judge.assess(self._memory, signs)
+        self._judged_ns = stamp_ns
+        self.report = _report(verdict)
+        return [] if verdict.status == before else [self._told(verdict, stamp_ns)]
+
+    def freeze(self) -> dict[str, Any]:
+        """Return the memory and the last verdict."""
+        report = None if self.report is None else msgspec.to_builtins(self.report)
+        return {"memory": list(self._memory), "judged_ns": self._judged_ns, "report": report}
+
+    def thaw(self, state: State) -> None:
+        """Continue from what freeze returned."""
+        self._memory = HealthMemory(*state["memory"])
+        self._judged_ns = state["judged_ns"]
+        self.report = None if state["report"] is None else msgspec.convert(state["report"], FilterHealth)
+
+    def _told(self, verdict: Verdict, stamp_ns: int) -> Output:
+        level = LogLevel.INFO if verdict.status in {Status.TRACKING, Status.UNCERTAIN} else LogLevel.WARNING
+        text = f"the estimate is {verdict.status}: {verdict.reason}"
+        return Output("log", Log(timestamp=timestamp(stamp_ns), level=level, message=text, name=self._name))
+
+
+def _report(verdict: Verdict) -> FilterHealth:
+    known = {name: value for name, value in verdict.figures._asdict().items() if math.isfinite(value)}
+    return FilterHealth(status=verdict.status.value, reason=verdict.reason, figures=HealthFigures(**known))

@@ -1,0 +1,90 @@
+"""The log that a run plays: an imported recording, or what a recorded run had played of one."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from dynpf_formats.recording.attachments import FOLDER, is_file
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.reader import Recording, read_recording
+from dynpf_protocol.codec import decode
+from dynpf_protocol.errors import UsageError
+from dynpf_protocol.messages import OdometryPose, RobotState
+from dynpf_protocol.topics import LOG_NODE, topic
+from dynpf_runtime.source import LogRecord
+
+from dynpf.se2 import compose, relative
+from dynpf_services.scenario.schema import LogFacts
+
+__all__ = ["PlayedLog", "log_records"]
+
+LANDMARKS = "landmarks.json"
+
+
+class PlayedLog:
+    """The records of an imported log, what they bring to a scenario, and what is attached to it.
+
+    Raises RecordingError for a file that cannot be read, UsageError for one that is no imported log.
+    """
+
+    def __init__(self, path: Path) -> None:
+        recording = read_recording(path)
+        self.path = path
+        self.records = log_records(recording)
+        if not any(topic(one.topic).triggers for one in self.records):
+            raise UsageError(f"{path}: holds no sensor records of an imported log; dynpf import makes such a recording")
+        self.attachments = recording.attachments
+        landmarks = [one.data for one in recording.attachments if one.name == LANDMARKS]
+        self.facts = LogFacts(
+            digest=content_digest(recording),
+            landmarks=_landmarks(path, landmarks[0]) if landmarks else [],
+            start=_start(self.records),
+            files={one.name.removeprefix(FOLDER): one.data for one in recording.attachments if is_file(one)},
+            range_max=_range_max(recording.header.scenario),
+        )
+
+
+def log_records(recording: Recording) -> list[LogRecord]:
+    """Return the records of an imported log, or those that a run of one played, in file order."""
+    return [LogRecord(one.topic, one.stamp_ns, one.payload) for one in recording.messages() if one.node == LOG_NODE]
+
+
+def _start(records: list[LogRecord]) -> tuple[float, float, float] | None:
+    """Return where the robot is at the first record: the first reference pose, less what odometry moved till then."""
+    first = last = None
+    for record in (one for one in records if one.topic in ("log/odometry_pose", "log/truth")):
+        match decode(record.topic, record.payload):
+            case OdometryPose(x=x, y=y, theta=theta):
+                last = np.array([x, y, theta])
+                first = last if first is None else first
+            case RobotState(x=x, y=y, theta=theta):
+                if first is None or last is None:
+                    return x, y, theta
+                x, y, theta = compose(np.array([x, y, theta]), relative(last, first)).tolist()
+                return x, y, theta
+    return None
+
+
+def _range_max(origin: str) -> float | None:
+    """Return what a beam without return reads, metres, where the importer, or the run that played the log, told it."""
+    try:
+        told = msgspec.json.decode(origin)
+    except (msgspec.DecodeError, RecursionError):
+        return None
+    settings = _table(_table(told, "import"), "settings") or _table(told, "estimator")
+    found = settings.get("range_max_m", settings.get("scan_range_max"))
+    return float(found) if isinstance(found, int | float) else None
+
+
+def _table(value: Any, key: str) -> Mapping[str, Any]:
+    found = value.get(key) if isinstance(value, dict) else None
+    return found if isinstance(found, dict) else {}
+
+
+def _landmarks(path: Path, data: bytes) -> list[dict[str, Any]]:
+    try:
+        return msgspec.json.decode(data, type=list[dict[str, Any]])
+    except (msgspec.DecodeError, RecursionError) as error:
+        raise UsageError(f"{path}: {LANDMARKS}: {error}; expected a list of id, x and y") from error

@@ -1,0 +1,1 @@
+"""What processes share of the world that they run in."""
