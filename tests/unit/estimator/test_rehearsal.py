@@ -109,9 +109,7 @@ from dynpf import kernels
 from dynpf.portable import rehearse
 from dynpf_runtime.node import Rehearsing
 from dynpf_services.scenario.build import build_nodes
-from dynpf_runtime.plan import run_header
-from dynpf_formats.recording.writer import RecordingWriter
-from dynpf_runtime.inline import run_inline
+from dynpf_services.scenario.record import record_inline
 from dynpf_services.scenario.schema import load_scenario
 
 def count():
