@@ -51,7 +51,7 @@ def test_wrong_words_are_refused(words, parts, here):
 
 
 def test_a_scenario_file_with_bad_keys_is_refused_with_its_name(tmp_path, here):
-    text = (ROOT / "scenarios" / "landmark-room.toml").read_text()
+    text = (ROOT / "scenarios" / "dynpf_scenarios" / "landmark-room.toml").read_text()
     path = tmp_path / "mine.toml"
     for good, bad, parts in (
         ("tick_s", "tick", ["tick: unknown key", "'tick_s'"]),
