@@ -47,7 +47,7 @@ def run(
     """Run jobs under a setting, showing each as it is done with the seconds since the start."""
     folder.mkdir(parents=True, exist_ok=True)
     environment = {name: value for name, value in os.environ.items() if name not in CHOOSERS}
-    paths = [str(CHECKOUT)]
+    paths = [str(CHECKOUT), *(str(package.parent) for package in sorted(CHECKOUT.glob("*/dynpf_*/")))]
     command: tuple[str, ...] = (sys.executable,)
     if setting.interpreter is not None:
         command = setting.interpreter.command
