@@ -2,9 +2,9 @@
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import cv2
-from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_protocol.codec import decode
 from dynpf_protocol.control import TickDone
 from dynpf_protocol.envelope import Envelope
@@ -20,19 +20,30 @@ from dynpf_runtime.plan import Plan
 from dynpf_runtime.progress import Progress
 from dynpf_runtime.source import LogRecord, feed_log, feed_ticks
 
-__all__ = ["BOOT", "run_inline"]
+__all__ = ["BOOT", "Sink", "run_inline"]
 
 BOOT = "inline"
+
+
+class Sink(Protocol):
+    """Where a run goes: into a recording, or nowhere."""
+
+    @property
+    def messages(self) -> int: ...
+
+    def message(self, topic: str, envelope: Envelope, payload: bytes) -> None: ...
+
+    def journal(self, envelope: Envelope, payload: bytes) -> None: ...
 
 
 def run_inline(
     plan: Plan,
     log: Sequence[LogRecord],
-    writer: RecordingWriter,
+    sink: Sink,
     *,
     stopped: Callable[[], bool] = lambda: False,
 ) -> int:
-    """Run ``plan`` to its end into ``writer`` and return the number of ticks.
+    """Run ``plan`` to its end into ``sink`` and return the number of ticks.
 
     The messages, their order and every state are those of the same plan on the bus. ``stopped`` is asked
     before each tick whether it shall be the last.
@@ -58,11 +69,11 @@ def run_inline(
     def run(seat: _Seat, ready: Ready, stamp_ns: int, fed: Sequence[Sent] = (), *, last: bool) -> bool:
         done, sent, journal = seat.step(ready, stamp_ns, fed, last=last)
         for one in sent:
-            writer.message(one.topic, one.envelope, one.payload)
+            sink.message(one.topic, one.envelope, one.payload)
             for other in seats.values():
                 other.deliver(one)
         envelope = Envelope(done.node, BOOT, done.step, done.tick, stamp_ns, 0)
-        writer.journal(envelope, journal)
+        sink.journal(envelope, journal)
         for other in seats.values():
             other.inbox.done(done)
         return done.last
@@ -77,7 +88,7 @@ def run_inline(
             ready = seats[name].take()
             run(seats[name], ready, ready.stamp_ns, last=ready.last)
         ticks += 1
-        progress.show(ticks, writer.messages)
+        progress.show(ticks, sink.messages)
         if last:
             break
     progress.clear()

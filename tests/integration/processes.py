@@ -17,7 +17,7 @@ __all__ = ["DATA", "PATIENCE_S", "Child", "Running", "join_bus", "processes_of",
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data"
 
-PATIENCE_S = 60.0
+PATIENCE_S = 180.0
 """How long anything may take before a test gives up; nothing is measured by it."""
 
 _Found = TypeVar("_Found")

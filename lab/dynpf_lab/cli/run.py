@@ -85,8 +85,12 @@ def _run_inline(scenario: Scenario, path: Path, log: "PlayedLog | None") -> None
 def _run_on_bus(scenario: Scenario, path: Path, log: "PlayedLog | None") -> None:
     from dynpf_runtime.bus.member import StopSignal
     from dynpf_runtime.bus.processes import run_on_bus
+    from dynpf_runtime.rehearsal import rehearse_run
+    from dynpf_services.scenario.build import build_nodes, plan_of
     from dynpf_services.scenario.schema import whole_json
 
+    # Once here, where nobody waits for it, instead of in every process at the same time.
+    rehearse_run(plan_of(scenario), build_nodes(scenario), log.records if log else [])
     with StopSignal.installed() as stop:
         run_on_bus(scenario.nodes, whole_json(scenario), path, log.path if log else None, stop)
 

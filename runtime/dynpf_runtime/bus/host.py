@@ -25,6 +25,7 @@ from dynpf_runtime.graph import Graph
 from dynpf_runtime.inbox import LockstepInbox, Ready, RealtimeInbox
 from dynpf_runtime.node import Node, Rehearsing
 from dynpf_runtime.plan import Plan
+from dynpf_runtime.rehearsal import rehearse_run
 from dynpf_runtime.source import Feed, LogRecord, feed_log, feed_ticks
 
 __all__ = ["run_node"]
@@ -44,6 +45,7 @@ def run_node(name: str, plan: Plan, endpoint: str, log: Sequence[LogRecord], sto
     nodes = plan.build()
     graph = Graph.of(list(nodes.values()))
     node = nodes[name]
+    rehearse_run(plan, nodes, log)
     if plan.clock == "realtime":
         rehearse()  # in lockstep nobody minds a first step that loads what it calls
     if isinstance(node, Rehearsing):

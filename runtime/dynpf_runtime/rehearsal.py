@@ -1,0 +1,53 @@
+"""A run's first ticks, done once a machine before any run: what steps call is compiled then, and takes no time later.
+
+Kernels take seconds when they are first called on a machine. A process that compiles within a run looks as if it hung.
+"""
+
+import contextlib
+import hashlib
+from collections.abc import Mapping, Sequence
+from itertools import islice
+
+from dynpf_protocol.envelope import Envelope
+from dynpf_protocol.errors import RunError
+
+from dynpf.kernels.compiler import cache_folder
+from dynpf_runtime.inline import run_inline
+from dynpf_runtime.node import Node
+from dynpf_runtime.plan import Plan
+from dynpf_runtime.source import LogRecord
+
+__all__ = ["rehearse_run"]
+
+_TICKS = 5
+_RECORDS = 100
+
+
+class _Forgotten:
+    """A sink that keeps nothing."""
+
+    messages = 0
+
+    def message(self, topic: str, envelope: Envelope, payload: bytes) -> None:
+        """Forget a message."""
+
+    def journal(self, envelope: Envelope, payload: bytes) -> None:
+        """Forget a step."""
+
+
+def rehearse_run(plan: Plan, nodes: Mapping[str, Node], log: Sequence[LogRecord]) -> None:
+    """Run the first ticks of ``plan`` in this process, unless nodes of the same kinds have been on this machine.
+
+    ``nodes`` are the plan's, and stay as they are: others are built. A node that fails here will fail in the run, which
+    tells it.
+    """
+    folder = cache_folder()
+    if folder is None:
+        return
+    kinds = " ".join(sorted(f"{type(node).__module__}.{type(node).__qualname__}" for node in nodes.values()))
+    done = folder / f"rehearsed-{hashlib.sha256(kinds.encode()).hexdigest()[:16]}"
+    if done.exists():
+        return
+    with contextlib.suppress(RunError):
+        run_inline(plan._replace(max_ticks=_TICKS), list(islice(log, _RECORDS)), _Forgotten())
+    done.touch()
