@@ -18,6 +18,7 @@ from dynpf_protocol.messages import (
     PoseInFrame,
     PosesInFrame,
     planar_pose,
+    planar_poses,
     timestamp,
 )
 from dynpf_runtime.node import Output, Received, Result, State, Step
@@ -399,11 +400,10 @@ class LocalizationEstimator:
 
     def _shown_particles(self) -> PosesInFrame:
         assert self._stamp_ns is not None
-        poses = self._localizer.shown(self._belief, SHOWN_PARTICLES).T.tolist()
         return PosesInFrame(
             timestamp=timestamp(self._stamp_ns),
             frame_id=frames.MAP,
-            poses=tuple(planar_pose(x, y, theta) for x, y, theta in poses),
+            poses=planar_poses(self._localizer.shown(self._belief, SHOWN_PARTICLES)),
         )
 
     def _unknown_landmarks(self, received: Received, landmarks: Sequence[int]) -> list[Output]:
