@@ -1,5 +1,4 @@
 import numpy as np
-
 from dynpf_protocol.messages import heading, planar_pose, planar_poses
 
 
