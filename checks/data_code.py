@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from checks.pure_code import bindings, dotted, within
+from checks.pure_code import bindings, dotted, imported, within
 
 __all__ = ["findings"]
 
@@ -69,20 +69,12 @@ def findings(source: str, file: str) -> list[str]:
 
 
 def _imports(tree: ast.AST) -> Iterator[tuple[int, str, str]]:
-    for node in ast.walk(tree):
-        match node:
-            case ast.Import(names=aliases):
-                names = [alias.name for alias in aliases]
-            case ast.ImportFrom(module=str(module), names=aliases, level=0):
-                names = [f"{module}.{alias.name}" for alias in aliases]
-            case _:
-                continue
-        for name in names:
-            if name.endswith(".*") and any(one.startswith(name[:-1]) for one in FORBIDDEN):
-                yield node.lineno, name, "hides what is taken"
-            # What is taken from importlib is judged where it is used: of a literal name, import_module is an import.
-            elif not within(name, "importlib") and (why := _objection(name)):
-                yield node.lineno, name, why
+    for line, name in imported(tree):
+        if name.endswith(".*") and any(one.startswith(name[:-1]) for one in FORBIDDEN):
+            yield line, name, "hides what is taken"
+        # What is taken from importlib is judged where it is used: of a literal name, import_module is an import.
+        elif not within(name, "importlib") and (why := _objection(name)):
+            yield line, name, why
 
 
 def _uses(tree: ast.AST, bound: dict[str, str]) -> Iterator[tuple[int, str, str]]:

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from checks.portable_names import CASTS, EXACT, METHODS
-from checks.pure_code import bindings, dotted
+from checks.pure_code import bindings, dotted, imported
 
 __all__ = ["PORTABLE", "findings"]
 
@@ -217,17 +217,9 @@ def _sets(tree: ast.AST) -> Iterator[Finding]:
 
 def _imports(tree: ast.AST) -> Iterator[Finding]:
     apart = tuple(name.removesuffix(".py").replace("/", ".") for name in APART if "__init__" not in name)
-    for node in ast.walk(tree):
-        match node:
-            case ast.ImportFrom(module=str(module), names=aliases):
-                names = [f"{module}.{alias.name}" for alias in aliases]
-            case ast.Import(names=aliases):
-                names = [alias.name for alias in aliases]
-            case _:
-                continue
-        for name in names:
-            if name.startswith(apart):
-                yield node.lineno, f"{name}: is not held to be portable; a node may not reach it"
+    for line, name in imported(tree):
+        if name.startswith(apart):
+            yield line, f"{name}: is not held to be portable; a node may not reach it"
 
 
 def _within_functions(tree: ast.AST, function: str = "") -> Iterator[tuple[str, ast.AST]]:

@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["PURE", "bindings", "dotted", "findings", "within"]
+__all__ = ["PURE", "bindings", "dotted", "findings", "imported", "within"]
 
 PURE = (
     "dynpf",
@@ -105,21 +105,23 @@ def findings(source: str, file: str) -> list[str]:
 
 
 def _imports(tree: ast.AST) -> Iterator[tuple[int, str, str]]:
+    for line, name in imported(tree):
+        # Importing numpy.random only binds a module: what is taken from it is judged where that is done.
+        if name != "numpy.random" and (why := _objection(name)):
+            yield line, name, why
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.level > 1:
+            yield node.lineno, "." * node.level, "leaves the package: name the module in full"
+
+
+def imported(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Yield line and full name of each module, and each name of one, that is imported in any scope."""
     for node in ast.walk(tree):
         match node:
             case ast.Import(names=aliases):
-                names = [alias.name for alias in aliases]
+                yield from ((node.lineno, alias.name) for alias in aliases)
             case ast.ImportFrom(module=str(module), names=aliases, level=0):
-                names = [f"{module}.{alias.name}" for alias in aliases]
-            case ast.ImportFrom(level=level) if level > 1:
-                yield node.lineno, "." * level, "leaves the package: name the module in full"
-                continue
-            case _:
-                continue
-        for name in names:
-            # Importing numpy.random only binds a module: what is taken from it is judged where that is done.
-            if name != "numpy.random" and (why := _objection(name)):
-                yield node.lineno, name, why
+                yield from ((node.lineno, f"{module}.{alias.name}") for alias in aliases)
 
 
 def bindings(tree: ast.AST) -> dict[str, str]:

@@ -7,8 +7,6 @@ replacement (docs/machines.md says what is, and why).
 """
 
 from dynpf.portable.functions import (
-    acos,
-    asin,
     atan2,
     cos,
     dist,
@@ -19,7 +17,6 @@ from dynpf.portable.functions import (
     log,
     log1p,
     logaddexp,
-    logsumexp,
     normal_quantile,
     power,
     sin,
@@ -30,7 +27,6 @@ from dynpf.portable.functions import (
 )
 from dynpf.portable.linear import (
     SingularMatrixError,
-    dot,
     eigh,
     inverse,
     log_determinant,
@@ -43,12 +39,9 @@ from dynpf.portable.rehearsal import rehearse
 
 __all__ = [
     "SingularMatrixError",
-    "acos",
-    "asin",
     "atan2",
     "cos",
     "dist",
-    "dot",
     "eigh",
     "erf",
     "exp",
@@ -59,7 +52,6 @@ __all__ = [
     "log1p",
     "log_determinant",
     "logaddexp",
-    "logsumexp",
     "norm",
     "normal_quantile",
     "power",

@@ -14,9 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynpf import kernels
 
 __all__ = [
-    "acos",
     "as_values",
-    "asin",
     "atan2",
     "cos",
     "dist",
@@ -27,7 +25,6 @@ __all__ = [
     "log",
     "log1p",
     "logaddexp",
-    "logsumexp",
     "normal_quantile",
     "power",
     "sin",
@@ -163,16 +160,6 @@ def dist(point: Any, other: Any) -> float:
     return hypot(float(point[0] - other[0]), float(point[1] - other[1]))
 
 
-def asin(value: Any) -> Any:
-    """Return the arc sine in radians; NaN beyond 1."""
-    return atan2(value, _root((1.0 - value) * (1.0 + value)))
-
-
-def acos(value: Any) -> Any:
-    """Return the arc cosine in radians; NaN beyond 1."""
-    return atan2(_root((1.0 - value) * (1.0 + value)), value)
-
-
 def sinc(value: Any) -> Any:
     """Return sin(pi x) / (pi x), 1 at zero."""
     if isinstance(value, float):
@@ -199,14 +186,6 @@ def logaddexp(first: Any, second: Any) -> Any:
     larger, smaller = np.maximum(first, second), np.minimum(first, second)
     known = np.where(np.isinf(larger), 0.0, larger)
     return larger + log1p(exp(smaller - known))
-
-
-def logsumexp(values: FloatArray, axis: int) -> FloatArray:
-    """Return log of the sum of e^values along an axis, without overflow; -infinity where all are."""
-    largest = np.max(values, axis=axis, keepdims=True)
-    known = np.where(np.isfinite(largest), largest, 0.0)
-    total: FloatArray = log(np.sum(exp(values - known), axis=axis)) + np.squeeze(known, axis=axis)
-    return total
 
 
 @overload
@@ -282,13 +261,6 @@ def normal_quantile(probability: float) -> float:
 def _ratio(polynomials: tuple[tuple[float, ...], tuple[float, ...]], value: float) -> float:
     above, below = (reduce(lambda total, one: total * value + one, reversed(series)) for series in polynomials)
     return above / below
-
-
-def _root(value: Any) -> Any:
-    if isinstance(value, float):
-        return math.sqrt(value) if value >= 0.0 else math.nan
-    with np.errstate(invalid="ignore"):
-        return np.sqrt(value)
 
 
 def as_values(value: Any) -> FloatArray:

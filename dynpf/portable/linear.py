@@ -15,7 +15,6 @@ from dynpf.portable.functions import as_values, log
 
 __all__ = [
     "SingularMatrixError",
-    "dot",
     "eigh",
     "inverse",
     "log_determinant",
@@ -30,11 +29,6 @@ FloatArray = NDArray[np.float64]
 
 class SingularMatrixError(ValueError):
     """A matrix has no inverse."""
-
-
-def dot(left: ArrayLike, right: ArrayLike) -> float:
-    """Return the scalar product of two vectors (N,)."""
-    return float(np.sum(np.asarray(left, dtype=np.float64) * np.asarray(right, dtype=np.float64)))
 
 
 def norm(vectors: ArrayLike, axis: int | None = None) -> Any:

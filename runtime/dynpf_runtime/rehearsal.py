@@ -50,4 +50,4 @@ def rehearse_run(plan: Plan, nodes: Mapping[str, Node], log: Sequence[LogRecord]
         return
     with contextlib.suppress(RunError):
         run_inline(plan._replace(max_ticks=_TICKS), list(islice(log, _RECORDS)), _Forgotten())
-    done.touch()
+        done.touch()

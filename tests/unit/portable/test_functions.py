@@ -93,7 +93,6 @@ def test_one_number_and_many_give_the_same_bits_in_any_layout(values: list[float
 def test_logarithms_of_sums_do_not_overflow() -> None:
     values = np.array([[1000.0, -1e9, -np.inf], [1000.0, -1e9, -np.inf]])
     np.testing.assert_allclose(portable.logaddexp(*values), [1000.0 + np.log(2.0), -1e9 + np.log(2.0), -np.inf])
-    np.testing.assert_allclose(portable.logsumexp(values, axis=0), [1000.0 + np.log(2.0), -1e9 + np.log(2.0), -np.inf])
 
 
 @ANY
