@@ -15,8 +15,9 @@ SCENARIO ?= parts-3-easy
 run: .venv/.project
 	$(BIN)/dynpf run $(SCENARIO)
 
+# Two tests at a time, for a run in processes of its own uses two cores at most.
 test: .venv/.dev
-	$(BIN)/pytest
+	$(BIN)/pytest --numprocesses 2
 
 test-container: .venv/.dev
 	$(BIN)/pytest -m container

@@ -73,8 +73,17 @@ def arc_chord(length: ArrayLike, turn: ArrayLike) -> Any:
 
 def arc_displacement(length: ArrayLike, turn: ArrayLike) -> FloatArray:
     """Return the end pose (dx, dy, turn), shape (3, ...), of an arc in the frame of its start."""
+    if isinstance(length, float) and isinstance(turn, float):
+        return _displacement_of_one(length, turn)
     chord = arc_chord(length, turn)
     half = 0.5 * np.asarray(turn, dtype=np.float64)
     displacement = np.empty((3, *np.broadcast_shapes(np.shape(chord), np.shape(half))))
     displacement[0], displacement[1], displacement[2] = chord * cos(half), chord * sin(half), 2.0 * half
     return displacement
+
+
+def _displacement_of_one(length: float, turn: float) -> FloatArray:
+    half = 0.5 * turn
+    chord = length * sinc(half / np.pi)
+    sine, cosine = sincos(half)
+    return np.array((chord * cosine, chord * sine, 2.0 * half))

@@ -1,11 +1,11 @@
-"""Clearances of discs and walls as bounds on a step, and the step nearest to a wanted one that meets all of them."""
+"""Clearances of discs and walls as bounds on a step, the step nearest to a wanted one that meets them, and of a point."""
 
 import numpy as np
 
 from dynpf.kernels import linear
 from dynpf.kernels.compiler import device, kernel
 
-__all__ = ["disc_bounds", "project"]
+__all__ = ["disc_bounds", "project", "to_segments"]
 
 _solve = linear.solve
 
@@ -29,6 +29,21 @@ def disc_bounds(centre, radius, others, radii, half_size, rows, clearances):
         rows[count + wall, :] = 0.0
         rows[count + wall, axis] = side
         clearances[count + wall] = half_size[axis] + side * centre[axis] - radius
+
+
+@kernel
+def to_segments(x, y, segments):
+    """Return the distance from a point to the nearest of ``segments`` (S, 4), from (x, y) to (x, y); inf without any."""
+    nearest = np.inf
+    for i in range(len(segments)):
+        along_x, along_y = segments[i, 2] - segments[i, 0], segments[i, 3] - segments[i, 1]
+        from_x, from_y = x - segments[i, 0], y - segments[i, 1]
+        squared = along_x * along_x + along_y * along_y
+        fraction = (from_x * along_x + from_y * along_y) / squared if squared > 0.0 else 0.0
+        fraction = min(max(fraction, 0.0), 1.0)
+        apart_x, apart_y = from_x - fraction * along_x, from_y - fraction * along_y
+        nearest = min(nearest, apart_x * apart_x + apart_y * apart_y)
+    return np.sqrt(nearest)
 
 
 @kernel

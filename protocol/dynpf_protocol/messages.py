@@ -615,9 +615,12 @@ def planar_poses(poses: NDArray[Any]) -> tuple[Pose, ...]:
     """Return many poses (3, N) as ``planar_pose`` returns one."""
     x, y, theta = np.asarray(poses, dtype=np.float64)
     sines, cosines = sincos(theta / 2)
+    pose, vector, quaternion = Pose, Vector3, Quaternion
     return tuple(
-        Pose(position=Vector3(x=east, y=north), orientation=Quaternion(z=sine, w=cosine))
-        for east, north, sine, cosine in zip(x.tolist(), y.tolist(), sines.tolist(), cosines.tolist(), strict=True)
+        [
+            pose(position=vector(x=east, y=north), orientation=quaternion(z=sine, w=cosine))
+            for east, north, sine, cosine in zip(x.tolist(), y.tolist(), sines.tolist(), cosines.tolist(), strict=True)
+        ]
     )
 
 

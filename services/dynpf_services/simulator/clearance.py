@@ -5,9 +5,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from dynpf import kernels
 from dynpf.maps.distance import distance_field
 from dynpf.maps.occupancy import OccupancyGrid
-from dynpf.portable import norm
 from dynpf.se2 import FloatArray
 from dynpf_services.maps import Maps
 
@@ -26,13 +26,10 @@ def clearance_of(maps: Maps) -> Clearance | None:
 
 def from_segments(segments: FloatArray) -> Clearance:
     """Return the clearance among segments (S, 4), infinite where there are none."""
-    start, along = segments[:, :2], segments[:, 2:] - segments[:, :2]
-    squared = np.sum(along * along, axis=1)
+    walls = np.array(segments, dtype=np.float64)
 
     def clearance(x: float, y: float) -> float:
-        from_start = np.array([x, y]) - start
-        fraction = np.clip(np.sum(from_start * along, axis=1) / squared, 0.0, 1.0)
-        return float(np.min(norm(from_start - fraction[:, None] * along, axis=1), initial=np.inf))
+        return float(kernels.clearance.to_segments(float(x), float(y), walls))
 
     return clearance
 
