@@ -1,4 +1,4 @@
-"""Clearances of discs and walls as bounds on a step, the step nearest to a wanted one that meets them, and of a point."""
+"""Clearances of discs, walls and points, and the step nearest to a wanted one that meets the bounds they set."""
 
 import numpy as np
 
@@ -33,7 +33,7 @@ def disc_bounds(centre, radius, others, radii, half_size, rows, clearances):
 
 @kernel
 def to_segments(x, y, segments):
-    """Return the distance from a point to the nearest of ``segments`` (S, 4), from (x, y) to (x, y); inf without any."""
+    """Return the distance from a point to the nearest of ``segments`` (S, 4), rows x1, y1, x2, y2; inf without any."""
     nearest = np.inf
     for i in range(len(segments)):
         along_x, along_y = segments[i, 2] - segments[i, 0], segments[i, 3] - segments[i, 1]
