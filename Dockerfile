@@ -25,7 +25,7 @@ ENV PATH=/opt/dynpf/bin:$PATH PYTHONSAFEPATH=1 PYTHONUNBUFFERED=1 NUMBA_CACHE_DI
 USER dynpf
 WORKDIR /dynpf
 # What the scenarios need of the kernels is compiled into the image. Another kind of processor compiles anew when it runs.
-RUN for scenario in parts-3-tracked landmark-room; do \
-        dynpf run $scenario --runner inline --output /tmp/warm.mcap && rm /tmp/warm.mcap; done
+RUN for scenario in parts-3-easy parts-3-tracked landmark-room; do \
+        dynpf run $scenario --set max_ticks=20 --runner inline --output /tmp/warm.mcap && rm /tmp/warm.mcap; done
 ENTRYPOINT ["dynpf"]
 CMD ["--help"]
