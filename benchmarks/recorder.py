@@ -24,7 +24,8 @@ from dynpf_runtime.bus.member import Member, StopSignal, join
 from dynpf_runtime.bus.processes import free_port
 from dynpf_runtime.bus.session import DATA, JOURNAL, TICK
 from dynpf_services.scenario.build import plan_of
-from dynpf_services.scenario.schema import load_scenario, resolved_json
+from dynpf_services.scenario.load import load_scenario
+from dynpf_services.scenario.schema import resolved_json
 
 TICKS_PER_S = 100
 SCENARIO = 'title = "Nothing but messages"\n[simulator]\nkind = "room"\n'

@@ -12,8 +12,9 @@ import matplotlib as mpl
 import numpy as np
 from dynpf_formats.recording.reader import Recording, read_recording
 from dynpf_protocol.codec import decode
+from dynpf_services.scenario.load import load_scenario, override_resolved
 from dynpf_services.scenario.record import record_inline
-from dynpf_services.scenario.schema import Scenario, load_scenario, override_resolved
+from dynpf_services.scenario.schema import Scenario
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle

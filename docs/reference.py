@@ -16,8 +16,8 @@ import msgspec
 from dynpf_protocol.journal import JournalEntry
 from dynpf_protocol.messages import LogLevel
 from dynpf_protocol.topics import TOPICS, Delivery
-from dynpf_services.estimator.config import UserComponent
 from dynpf_services.scenario.schema import Scenario
+from dynpf_services.scenario.user_code import UserComponent
 from msgspec import inspect as types
 
 __all__ = ["PAGES", "scenarios", "topics"]
@@ -125,9 +125,9 @@ def topics() -> str:
                     f"`{row.name}`",
                     f"[{row.type.schema_name}](#{_anchor(row.type.schema_name)})",
                     ", ".join(row.publishers),
-                    ", ".join(row.triggers) or "-",
+                    "yes" if row.wakes else "no",
                     "fresh" if row.delivery is Delivery.FRESH else "reliable",
-                    ("yes" if row.compared else "no") + ("" if row.recorded else ", not recorded"),
+                    "yes" if row.compared else "no",
                     row.description,
                 )
                 for row in TOPICS.values()

@@ -13,11 +13,11 @@ from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_lab.references.runs import has_data, run_anew
 from dynpf_lab.references.table import CHECKOUT, Entry, read_table, recording_file
 from dynpf_runtime.replay import replay_node, write_replayed
-from dynpf_services.scenario.build import build_node
+from dynpf_services.scenario.build import plan_of
+from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.played_log import PlayedLog
 from dynpf_services.scenario.record import record_inline
 from dynpf_services.scenario.recorded import recorded_scenario
-from dynpf_services.scenario.schema import load_scenario
 
 __all__ = ["JOBS", "LOGS", "REFERENCE", "Job", "chosen", "run_job"]
 
@@ -107,10 +107,8 @@ def _execute_again(entry: Entry, path: Path) -> Path | None:
         return path
     recording = read_recording(recording_file(CHECKOUT, entry))
     scenario = recorded_scenario(recording)
-    outcomes = [
-        replay_node(recording, build_node(scenario, node), scenario.state_digest_ticks, keep=True)
-        for node in entry.nodes
-    ]
+    plan = plan_of(scenario)
+    outcomes = [replay_node(recording, plan, node, keep=True) for node in entry.nodes]
     with RecordingWriter(path, recording.header, recording.attachments) as writer:
         write_replayed(recording, outcomes, writer)
         writer.close(complete=True, reason="replayed")

@@ -1,26 +1,26 @@
 """Codec: messages to JSON and back; whatever is not exactly what the topic promises is refused."""
 
+from collections.abc import Mapping
+from functools import cache
+
 import msgspec
 
 from dynpf_protocol.errors import BadMessageError
 from dynpf_protocol.messages import Message
-from dynpf_protocol.topics import TOPICS, topic
+from dynpf_protocol.topics import TOPICS, Topic, topic
 
 __all__ = ["decode", "encode"]
 
 _ENCODER = msgspec.json.Encoder()
-_DECODERS: dict[str, msgspec.json.Decoder[Message]] = {
-    name: msgspec.json.Decoder(row.type) for name, row in TOPICS.items()
-}
 
 
-def encode(name: str, message: Message) -> bytes:
-    """Return the payload of ``message`` for topic ``name``.
+def encode(name: str, message: Message, topics: Mapping[str, Topic] = TOPICS) -> bytes:
+    """Return the payload of ``message`` for topic ``name`` of ``topics``.
 
     Raises BadMessageError for another type than the topic's, for NaN or infinite numbers, which JSON lacks, and
     for text that UTF-8 cannot hold.
     """
-    expected = topic(name).type
+    expected = topic(name, topics).type
     if type(message) is not expected:
         raise BadMessageError(f"{name}: got {type(message).__name__}, expected {expected.__name__}")
     try:
@@ -30,14 +30,19 @@ def encode(name: str, message: Message) -> bytes:
     # JSON writes NaN and infinities as null, and no message has an optional field: a null is a bad number,
     # unless it stands inside a text, which decoding tells.
     if b"null" in payload:
-        decode(name, payload)
+        decode(name, payload, topics)
     return payload
 
 
-def decode(name: str, payload: bytes) -> Message:
+def decode(name: str, payload: bytes, topics: Mapping[str, Topic] = TOPICS) -> Message:
     """Return the message in ``payload``; raises BadMessageError naming the topic, the field and what was expected."""
-    decoder = _DECODERS[topic(name).name]
+    decoder = _decoder(topic(name, topics).type)
     try:
         return decoder.decode(payload)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise BadMessageError(f"{name}: {error}") from error
+
+
+@cache
+def _decoder(kind: type[Message]) -> msgspec.json.Decoder[Message]:
+    return msgspec.json.Decoder(kind)

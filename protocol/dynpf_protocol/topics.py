@@ -3,6 +3,7 @@
 Host, recorder, replay, documentation and tests all read this one table.
 """
 
+from collections.abc import Mapping
 from enum import StrEnum
 
 import msgspec
@@ -11,7 +12,17 @@ from dynpf_protocol import messages
 from dynpf_protocol.errors import UnknownTopicError
 from dynpf_protocol.messages import Message
 
-__all__ = ["HOST_NODES", "LOG_NODE", "NODES", "TOPICS", "Delivery", "Topic", "topic"]
+__all__ = [
+    "EVENT_PREFIX",
+    "HOST_NODES",
+    "LOG_NODE",
+    "NODES",
+    "TOPICS",
+    "Delivery",
+    "Topic",
+    "is_compared",
+    "topic",
+]
 
 NODES = ("simulator", "vision", "sensors", "estimator", "controller")
 """The nodes, in the order in which a lockstep tick goes round."""
@@ -38,9 +49,8 @@ class Topic(msgspec.Struct, frozen=True, kw_only=True):
     publishers: tuple[str, ...]
     description: str
     delivery: Delivery = Delivery.RELIABLE
-    triggers: tuple[str, ...] = ()  # nodes that step when it arrives (realtime clock)
+    wakes: bool = True  # nodes that read it step when it arrives (realtime clock)
     compared: bool = True  # part of "the same run"
-    recorded: bool = True
 
 
 _ROWS = (
@@ -48,41 +58,37 @@ _ROWS = (
         name="log/odometry",
         type=messages.Odometry,
         publishers=(LOG_NODE,),
-        triggers=("sensors",),
         description="Odometry record of an imported log, as a twist",
     ),
     Topic(
         name="log/odometry_pose",
         type=messages.OdometryPose,
         publishers=(LOG_NODE,),
-        triggers=("sensors",),
         description="Odometry record of an imported log, as a pose",
     ),
     Topic(
         name="log/landmarks",
         type=messages.LandmarkReadings,
         publishers=(LOG_NODE,),
-        triggers=("sensors",),
         description="Landmark readings of an imported log",
     ),
     Topic(
         name="log/scan",
         type=messages.LaserScan,
         publishers=(LOG_NODE,),
-        triggers=("sensors",),
         description="Range scan of an imported log",
     ),
     Topic(
         name="log/truth",
         type=messages.RobotState,
         publishers=(LOG_NODE,),
+        wakes=False,
         description="Reference pose of an imported log; rides along with the next sensor record and wakes nobody",
     ),
     Topic(
         name="camera/image",
         type=messages.CompressedImage,
         publishers=("simulator",),
-        triggers=("vision",),
         delivery=Delivery.FRESH,
         description="Frame of the overhead camera",
     ),
@@ -90,74 +96,69 @@ _ROWS = (
         name="truth/robot",
         type=messages.RobotState,
         publishers=("simulator",),
-        triggers=("sensors",),
         description="True pose and twist of the robot",
     ),
     Topic(
         name="truth/parts",
         type=messages.PartsState,
         publishers=("simulator",),
+        wakes=False,
         description="True positions of the parts, what is held, contacts so far",
     ),
     Topic(
         name="truth/capsule",
         type=messages.CapsuleState,
         publishers=("simulator",),
-        triggers=("sensors",),
         description="True pose of the capsule in pixels of its map, and the name of the map that holds",
     ),
     Topic(
         name="truth/obstacles",
         type=messages.Obstacles,
         publishers=("simulator",),
+        wakes=False,
         description="People about and doors that are closed, in a room that has any",
     ),
     Topic(
         name="truth/scene",
         type=messages.SceneUpdate,
         publishers=("simulator",),
+        wakes=False,
         description="The true world as shapes, for looking at: at most five times a second",
     ),
     Topic(
         name="vision/detections",
         type=messages.Detections,
         publishers=("vision",),
-        triggers=("estimator",),
         description="Discs that the camera chain found, in workspace coordinates",
     ),
     Topic(
         name="sensors/overhead",
         type=messages.Detections,
         publishers=("sensors",),
-        triggers=("estimator",),
         description="Discs as a noisy overhead tracker gives them, for runs without camera frames",
     ),
     Topic(
         name="sensors/odometry",
         type=messages.Odometry,
         publishers=("sensors",),
-        triggers=("estimator",),
         description="Forward speed and turning rate as the wheel encoders see them",
     ),
     Topic(
         name="sensors/odometry_pose",
         type=messages.OdometryPose,
         publishers=("sensors",),
-        triggers=("estimator",),
         description="Where the wheel encoders put the robot, in a frame of their own",
     ),
     Topic(
         name="sensors/landmarks",
         type=messages.LandmarkReadings,
         publishers=("sensors",),
-        triggers=("estimator",),
         description="Range and bearing to the landmarks in view",
     ),
     Topic(
         name="sensors/scan",
         type=messages.LaserScan,
         publishers=("sensors",),
-        triggers=("estimator",),
         delivery=Delivery.FRESH,
         description="Ranges of a scanning sensor on the robot",
     ),
@@ -165,76 +166,80 @@ _ROWS = (
         name="sensors/lines",
         type=messages.LineReadings,
         publishers=("sensors",),
-        triggers=("estimator",),
         description="Straight pieces of wall in view, in polar form",
     ),
     Topic(
         name="sensors/position",
         type=messages.PositionFix,
         publishers=("sensors",),
-        triggers=("estimator",),
         description="Measured position of the robot in the map",
     ),
     Topic(
         name="sensors/capsule",
         type=messages.CapsuleReading,
         publishers=("sensors",),
-        triggers=("estimator",),
         description="The capsule's last motion, as it was told to make it, and its five ranges",
     ),
     Topic(
         name="sensors/gripper",
         type=messages.Gripper,
         publishers=("sensors",),
+        wakes=False,
         description="Gripper contact switch and angle encoder",
     ),
     Topic(
         name="estimator/state",
         type=messages.Estimate,
         publishers=("estimator",),
-        triggers=("controller",),
         description="Estimate of the robot's pose, with covariance and effective sample size, and of the parts",
     ),
     Topic(
         name="estimator/capsule",
         type=messages.CapsuleEstimate,
         publishers=("estimator",),
+        wakes=False,
         description="Estimate of the capsule's pose in pixels, posterior over maps, and what has changed in them",
     ),
     Topic(
         name="estimator/pose",
         type=messages.PoseInFrame,
         publishers=("estimator",),
+        wakes=False,
         description="The estimated pose, for looking at",
     ),
     Topic(
         name="estimator/dead_reckoning",
         type=messages.PoseInFrame,
         publishers=("estimator",),
+        wakes=False,
         description="Where odometry alone would put the robot",
     ),
     Topic(
         name="estimator/particles",
         type=messages.PosesInFrame,
         publishers=("estimator",),
+        wakes=False,
         description="At most 200 of the particles, at most five times a second of logical time",
     ),
     Topic(
         name="estimator/transforms",
         type=messages.FrameTransforms,
         publishers=("estimator",),
+        wakes=False,
         description="Where the estimated robot is in the map, for looking at; sent with the particles",
     ),
     Topic(
         name="estimator/scene",
         type=messages.SceneUpdate,
         publishers=("estimator",),
+        wakes=False,
         description="Landmarks or tube, and the estimated robot, as shapes for looking at: at most once a second",
     ),
     Topic(
         name="controller/command",
         type=messages.Command,
         publishers=("controller",),
+        wakes=False,
         description="Velocity, turning rate and grip commanded to the robot",
     ),
     *(
@@ -242,6 +247,7 @@ _ROWS = (
             name=f"event/{node}",
             type=messages.HostEvent,
             publishers=(node,),
+            wakes=False,
             compared=False,
             description=f"What the host of {node} tells its node about missing inputs",
         )
@@ -251,6 +257,7 @@ _ROWS = (
         name="log",
         type=messages.Log,
         publishers=(*NODES, "recorder"),
+        wakes=False,
         compared=False,
         description="Warnings and errors in words",
     ),
@@ -258,6 +265,7 @@ _ROWS = (
         name="diagnostics",
         type=messages.Diagnostics,
         publishers=NODES,
+        wakes=False,
         compared=False,
         description="Timings, refusals and queue lengths of each process; wall-clock figures",
     ),
@@ -265,17 +273,30 @@ _ROWS = (
         name="recorder/gap",
         type=messages.Gap,
         publishers=("recorder",),
+        wakes=False,
         compared=False,
         description="Sequence numbers that never reached the recorder",
     ),
 )
 
 TOPICS: dict[str, Topic] = {row.name: row for row in _ROWS}
+"""The topics of the nodes that come with dynpf, by the names that they have where each node has its usual name."""
 
 
-def topic(name: str) -> Topic:
+def topic(name: str, topics: Mapping[str, Topic] = TOPICS) -> Topic:
     """Return the row of a topic; raises UnknownTopicError for a name that is not in the table."""
     try:
-        return TOPICS[name]
+        return topics[name]
     except KeyError:
         raise UnknownTopicError(f"topic {name!r} is not in the topic table") from None
+
+
+def is_compared(name: str) -> bool:
+    """Return whether messages of a topic are part of "the same run"; what hosts and recorder say is not."""
+    return name not in _UNCOMPARED and not name.startswith(EVENT_PREFIX)
+
+
+EVENT_PREFIX = "event/"
+"""A host tells its node NODE of missing inputs on event/NODE."""
+
+_UNCOMPARED = frozenset(row.name for row in _ROWS if not row.compared)

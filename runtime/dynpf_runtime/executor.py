@@ -5,7 +5,7 @@ The same for the bus, inline and replay runners; it neither sends nor receives.
 
 import traceback
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
@@ -14,7 +14,9 @@ from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import StepError
 from dynpf_protocol.journal import Consumed, JournalEntry, Produced
 from dynpf_protocol.messages import Message
+from dynpf_protocol.topics import Topic
 
+from dynpf_runtime.graph import NodeSpec
 from dynpf_runtime.node import Node, Received, Step, state_digest
 
 __all__ = ["Executed", "Executor", "Sent"]
@@ -36,14 +38,20 @@ class Executed(NamedTuple):
 
 
 class Executor:
-    """Runs ``node`` under one boot. A state digest is taken every ``digest_every`` steps and at the last."""
+    """Runs ``node``, which ``spec`` describes, under one boot.
 
-    def __init__(self, node: Node, boot: str, digest_every: int) -> None:
+    A state digest is taken every ``digest_every`` steps and at the last. The node is given and gives its topics by its
+    own names for them.
+    """
+
+    def __init__(self, node: Node, spec: NodeSpec, topics: Mapping[str, Topic], boot: str, digest_every: int) -> None:
         self.node = node
+        self.spec = spec
         self.boot = boot
+        self._topics = topics
+        self._renamed = any(topic != own for topic, own in spec.reads.items())
         self._digest_every = digest_every
         self._sequences: defaultdict[str, int] = defaultdict(int)
-        self._writes = node.writes
         self.steps = 0
 
     def step(self, tick: int, stamp_ns: int, inputs: Sequence[Received], publish_ns: int) -> Executed:
@@ -52,10 +60,13 @@ class Executor:
         Raises StepError where the node raises, or returns what its topics do not promise.
         """
         with self._blamed(tick):
-            result = self.node.step(Step(self.steps, tick, stamp_ns, tuple(inputs)))
-            if undeclared := {output.topic for output in result.outputs} - self._writes:
+            writes = self.spec.writes
+            result = self.node.step(Step(self.steps, tick, stamp_ns, self._as_known(inputs)))
+            if undeclared := {output.topic for output in result.outputs} - writes.keys():
                 raise ValueError(f"returned messages for {', '.join(sorted(undeclared))}, which it does not declare")
-            sent = tuple(self.stamp(topic, message, tick, stamp_ns, publish_ns) for topic, message in result.outputs)
+            sent = tuple(
+                self.stamp(writes[own].name, message, tick, stamp_ns, publish_ns) for own, message in result.outputs
+            )
         return Executed(sent, result.finished)
 
     def journal(
@@ -84,10 +95,16 @@ class Executor:
     def stamp(self, topic: str, message: Message, tick: int, stamp_ns: int, publish_ns: int) -> Sent:
         """Give a message its place in this boot's sequence of its topic."""
         sequence = self._sequences[topic]
-        payload = encode(topic, message)
+        payload = encode(topic, message, self._topics)
         self._sequences[topic] = sequence + 1
-        envelope = Envelope(self.node.name, self.boot, sequence, tick, stamp_ns, publish_ns)
+        envelope = Envelope(self.spec.name, self.boot, sequence, tick, stamp_ns, publish_ns)
         return Sent(topic, envelope, payload)
+
+    def _as_known(self, inputs: Sequence[Received]) -> tuple[Received, ...]:
+        """Return the inputs with the node's own names for their topics."""
+        if not self._renamed:
+            return tuple(inputs)
+        return tuple(received._replace(topic=self.spec.reads[received.topic]) for received in inputs)
 
     @contextmanager
     def _blamed(self, tick: int) -> Iterator[None]:
@@ -97,6 +114,6 @@ class Executor:
         except Exception as error:
             place = traceback.extract_tb(error.__traceback__)[-1]
             raise StepError(
-                f"{self.node.name} failed in step {self.steps}, tick {tick}: {type(error).__name__}: {error} "
+                f"{self.spec.name} failed in step {self.steps}, tick {tick}: {type(error).__name__}: {error} "
                 f"({place.filename}:{place.lineno})"
             ) from error

@@ -1,6 +1,7 @@
 """Gaps: messages that never reached a node, found by the jumps in the sequences of what it consumes."""
 
 from dynpf_protocol.messages import HostEvent
+from dynpf_protocol.topics import EVENT_PREFIX
 
 from dynpf_runtime.executor import Executor, Sent
 from dynpf_runtime.inbox import Ready
@@ -26,7 +27,7 @@ class GapWatch:
 
 def notice_gaps(executor: Executor, watch: GapWatch, ready: Ready, stamp_ns: int, publish_ns: int) -> list[Sent]:
     """Return an event for each gap in the inputs, and add it to the inputs if the node reads such events."""
-    topic = f"event/{executor.node.name}"
+    topic = EVENT_PREFIX + executor.spec.name
     sent = []
     for one in list(ready.inputs):
         event = watch.see(one.topic, one.node, one.sequence)
@@ -34,7 +35,7 @@ def notice_gaps(executor: Executor, watch: GapWatch, ready: Ready, stamp_ns: int
             continue
         told = executor.stamp(topic, event, ready.tick, stamp_ns, publish_ns)
         sent.append(told)
-        if topic in executor.node.reads:
+        if topic in executor.spec.reads:
             place = told.envelope
             ready.inputs.append(Received(topic, place.node, place.boot, place.sequence, stamp_ns, event))
     return sent

@@ -6,13 +6,14 @@ messages as they come, and what it took is journalled.
 
 import heapq
 from collections import Counter, defaultdict
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from dynpf_protocol.control import TickDone
-from dynpf_protocol.topics import TOPICS, Delivery
+from dynpf_protocol.topics import Delivery, Topic
 
 from dynpf_runtime.faults import FaultyLink
-from dynpf_runtime.graph import Graph, input_order
+from dynpf_runtime.graph import Graph
 from dynpf_runtime.node import Received
 
 __all__ = ["LockstepInbox", "Ready", "RealtimeInbox"]
@@ -30,9 +31,10 @@ class Ready(NamedTuple):
 class LockstepInbox:
     """Holds messages until every upstream node has ended the tick that the next step needs of it."""
 
-    def __init__(self, graph: Graph, node: str, reads: frozenset[str], link: FaultyLink) -> None:
+    def __init__(self, graph: Graph, node: str, link: FaultyLink) -> None:
+        self._graph = graph
         self._lags = graph.lags[node]
-        self._reads = reads
+        self._reads = graph.specs[node].reads
         self._link = link
         self._messages: defaultdict[tuple[str, int], list[Received]] = defaultdict(list)
         self._done: dict[tuple[str, int], TickDone] = {}
@@ -85,14 +87,14 @@ class LockstepInbox:
                 self._late.append((one.stamp_ns + delay_ns if delay_ns else 0, one))
         on_time = [one for due_ns, one in self._late if due_ns <= stamp_ns]
         self._late = [(due_ns, one) for due_ns, one in self._late if due_ns > stamp_ns]
-        return sorted(on_time, key=lambda one: input_order(one.topic, one.node, one.sequence))
+        return sorted(on_time, key=lambda one: self._graph.input_order(one.topic, one.node, one.sequence))
 
 
 class RealtimeInbox:
     """Gives the node whatever has arrived as soon as one of the messages triggers it; times are wall-clock."""
 
     def __init__(self, graph: Graph, node: str, link: FaultyLink) -> None:
-        self._node = node
+        self._topics = graph.topics
         self._running = {upstream for upstream, lag in graph.lags[node].items() if lag == 0}
         self._link = link
         self._arrived: list[Received] = []
@@ -126,7 +128,7 @@ class RealtimeInbox:
     def take(self, now_ns: int) -> Ready | None:
         """Return a step's inputs in order of arrival, or None while nothing triggers the node."""
         self._arrive(now_ns)
-        if any(self._node in TOPICS[one.topic].triggers for one in self._arrived):
+        if any(self._topics[one.topic].wakes for one in self._arrived):
             return self._take(last=False)
         return None
 
@@ -140,13 +142,13 @@ class RealtimeInbox:
             self._arrived.append(heapq.heappop(self._late)[2])
 
     def _take(self, *, last: bool) -> Ready:
-        inputs, self._arrived = _fresh(self._arrived), []
+        inputs, self._arrived = _fresh(self._arrived, self._topics), []
         self._stamp_ns = max([self._stamp_ns, *(one.stamp_ns for one in inputs)])
         self.tick += 1
         return Ready(self.tick - 1, self._stamp_ns, inputs, last)
 
 
-def _fresh(arrived: list[Received]) -> list[Received]:
+def _fresh(arrived: list[Received], topics: Mapping[str, Topic]) -> list[Received]:
     """Keep only the newest message of each topic of which only the newest matters."""
     newest: dict[str, int] = {}
     for place, one in enumerate(arrived):
@@ -155,5 +157,5 @@ def _fresh(arrived: list[Received]) -> list[Received]:
     return [
         one
         for place, one in enumerate(arrived)
-        if TOPICS[one.topic].delivery is not Delivery.FRESH or newest[one.topic] == place
+        if topics[one.topic].delivery is not Delivery.FRESH or newest[one.topic] == place
     ]

@@ -13,9 +13,9 @@ from dynpf_protocol.journal import encode_entry
 from dynpf_runtime.executor import Executor, Sent
 from dynpf_runtime.faults import FaultyLink
 from dynpf_runtime.gaps import GapWatch, notice_gaps
-from dynpf_runtime.graph import Graph
+from dynpf_runtime.graph import NodeSpec
 from dynpf_runtime.inbox import LockstepInbox, Ready
-from dynpf_runtime.node import Node, Received
+from dynpf_runtime.node import Received
 from dynpf_runtime.plan import Plan
 from dynpf_runtime.progress import Progress
 from dynpf_runtime.source import LogRecord, feed_log, feed_ticks
@@ -49,19 +49,11 @@ def run_inline(
     before each tick whether it shall be the last.
     """
     cv2.setNumThreads(1)
-    nodes = plan.build()
-    graph = Graph.of(list(nodes.values()))
-    seats = {name: _Seat(nodes[name], graph, plan) for name in graph.nodes}
+    graph = plan.graph
+    seats = {name: _Seat(spec, plan) for name, spec in graph.specs.items()}
     source = seats[graph.source]
     feeds = (
-        feed_log(
-            log,
-            node=graph.source,
-            boot=BOOT,
-            reads=nodes[graph.source].reads,
-            publish_ns=0,
-            max_ticks=plan.max_ticks,
-        )
+        feed_log(log, graph, boot=BOOT, publish_ns=0, max_ticks=plan.max_ticks)
         if plan.plays_log
         else feed_ticks(plan.tick_ns, plan.max_ticks)
     )
@@ -98,23 +90,23 @@ def run_inline(
 class _Seat:
     """One node's place: its inbox and its executor."""
 
-    def __init__(self, node: Node, graph: Graph, plan: Plan) -> None:
-        self._node = node
-        self._executor = Executor(node, BOOT, plan.state_digest_ticks)
+    def __init__(self, spec: NodeSpec, plan: Plan) -> None:
+        self._spec = spec
+        self._topics = plan.graph.topics
+        self._executor = Executor(spec.build(), spec, self._topics, BOOT, plan.state_digest_ticks)
         self._gaps = GapWatch()
-        link = FaultyLink(plan.faults, node.name, plan.seed)
-        self.inbox = LockstepInbox(graph, node.name, node.reads, link)
+        self.inbox = LockstepInbox(plan.graph, spec.name, FaultyLink(plan.faults, spec.name, plan.seed))
 
     def deliver(self, one: Sent) -> None:
         place = one.envelope
-        if one.topic in self._node.reads and place.node != self._node.name:
-            message = decode(one.topic, one.payload)
+        if one.topic in self._spec.reads and place.node != self._spec.name:
+            message = decode(one.topic, one.payload, self._topics)
             received = Received(one.topic, place.node, place.boot, place.sequence, place.stamp_ns, message)
             self.inbox.deliver(received, place.tick)
 
     def take(self, stamp_ns: int = 0) -> Ready:
         ready = self.inbox.take(stamp_ns)
-        assert ready is not None, f"{self._node.name} lacks an input of tick {self.inbox.tick}"
+        assert ready is not None, f"{self._spec.name} lacks an input of tick {self.inbox.tick}"
         return ready
 
     def step(
@@ -126,5 +118,5 @@ class _Seat:
         entry = self._executor.journal(ready.tick, stamp_ns, ready.inputs, executed.sent, last=last)
         sent = (*fed, *events, *executed.sent)
         counts = dict(Counter(one.topic for one in sent))
-        done = TickDone(self._node.name, BOOT, entry.step, ready.tick, stamp_ns, counts, entry.last)
+        done = TickDone(self._spec.name, BOOT, entry.step, ready.tick, stamp_ns, counts, entry.last)
         return done, sent, encode_entry(entry)

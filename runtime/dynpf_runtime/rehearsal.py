@@ -5,7 +5,7 @@ Kernels take seconds when they are first called on a machine. A process that com
 
 import contextlib
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import islice
 
 from dynpf_protocol.envelope import Envelope
@@ -13,7 +13,6 @@ from dynpf_protocol.errors import RunError
 
 from dynpf.kernels.compiler import cache_folder
 from dynpf_runtime.inline import run_inline
-from dynpf_runtime.node import Node
 from dynpf_runtime.plan import Plan
 from dynpf_runtime.source import LogRecord
 
@@ -35,16 +34,15 @@ class _Forgotten:
         """Forget a step."""
 
 
-def rehearse_run(plan: Plan, nodes: Mapping[str, Node], log: Sequence[LogRecord]) -> None:
+def rehearse_run(plan: Plan, log: Sequence[LogRecord]) -> None:
     """Run the first ticks of ``plan`` in this process, unless nodes of the same kinds have been on this machine.
 
-    ``nodes`` are the plan's, and stay as they are: others are built. A node that fails here will fail in the run, which
-    tells it.
+    A node that fails here will fail in the run, which tells it.
     """
     folder = cache_folder()
     if folder is None:
         return
-    kinds = " ".join(sorted(f"{type(node).__module__}.{type(node).__qualname__}" for node in nodes.values()))
+    kinds = " ".join(sorted({spec.kind for spec in plan.graph.specs.values()}))
     done = folder / f"rehearsed-{hashlib.sha256(kinds.encode()).hexdigest()[:16]}"
     if done.exists():
         return

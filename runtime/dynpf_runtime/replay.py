@@ -4,7 +4,7 @@ Each node gets its recorded inputs, never another node's new output. A run that 
 as a closed loop from its source, with settings changed.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import cv2
@@ -16,10 +16,11 @@ from dynpf_protocol.codec import decode
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import UsageError
 from dynpf_protocol.journal import JournalEntry, encode_entry
-from dynpf_protocol.topics import TOPICS
+from dynpf_protocol.topics import EVENT_PREFIX, Topic, is_compared
 
 from dynpf_runtime.executor import Executor, Sent
-from dynpf_runtime.node import Node, Received
+from dynpf_runtime.node import Received
+from dynpf_runtime.plan import Plan
 
 __all__ = ["Mismatch", "Replayed", "replay_node", "write_replayed"]
 
@@ -48,35 +49,39 @@ class Replayed(NamedTuple):
     executed: tuple[tuple[str, tuple[Sent, ...], JournalEntry], ...]
 
 
-def replay_node(recording: Recording, node: Node, digest_every: int, *, keep: bool = False) -> Replayed:
-    """Feed ``node`` what it consumed in the recorded run; compare messages, sequences, stamps and state digests.
+def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = False) -> Replayed:
+    """Feed the node ``name`` of ``plan`` what it consumed in the recorded run; compare what it does with what it did.
+
+    Compared are messages, sequences, stamps and state digests.
 
     Raises UsageError if the recording has no journal of the node or lacks an input that the journal names.
     """
     cv2.setNumThreads(1)
-    boots = [boot for name, boot in recording.journals() if name == node.name]
+    boots = [boot for node, boot in recording.journals() if node == name]
     if not boots:
-        known = ", ".join(dict.fromkeys(name for name, _ in recording.journals())) or "none"
-        raise UsageError(f"{recording.path}: holds no journal of {node.name}; journals: {known}")
+        known = ", ".join(dict.fromkeys(node for node, _ in recording.journals())) or "none"
+        raise UsageError(f"{recording.path}: holds no journal of {name}; journals: {known}")
+    spec, topics = plan.graph.specs[name], plan.graph.topics
+    node = spec.build()
     steps = messages = digests = 0
     first: Mismatch | None = None
     kept: list[tuple[str, tuple[Sent, ...], JournalEntry]] = []
     for boot in boots:
-        executor = Executor(node, boot, digest_every)
-        for entry in recording.journal(node.name, boot):
-            inputs = list(_inputs(recording, node.name, entry))
+        executor = Executor(node, spec, topics, boot, plan.state_digest_ticks)
+        for entry in recording.journal(name, boot):
+            inputs = list(_inputs(recording, topics, name, entry))
             sent = executor.step(entry.tick, entry.stamp_ns, inputs, 0).sent
             anew = executor.journal(entry.tick, entry.stamp_ns, inputs, sent, last=entry.last)
-            first = first or _compare(recording, node.name, boot, (entry, anew), sent)
+            first = first or _compare(recording, name, boot, (entry, anew), sent)
             steps += 1
             messages += len(sent)
             digests += bool(entry.state)
             if keep:
                 kept.append((boot, sent, anew))
-    return Replayed(node.name, steps, messages, digests, first, tuple(kept))
+    return Replayed(name, steps, messages, digests, first, tuple(kept))
 
 
-def _inputs(recording: Recording, node: str, entry: JournalEntry) -> Iterator[Received]:
+def _inputs(recording: Recording, topics: Mapping[str, Topic], node: str, entry: JournalEntry) -> Iterator[Received]:
     for sender, boot, topic, sequence in (msgspec.structs.astuple(one) for one in entry.consumed):
         one = recording.find(sender, boot, topic, sequence)
         if one is None:
@@ -84,7 +89,7 @@ def _inputs(recording: Recording, node: str, entry: JournalEntry) -> Iterator[Re
                 f"{recording.path}: step {entry.step} of {node} consumed {topic} {sequence} of {sender}, which the "
                 "recording lacks; dynpf doctor tells what else is missing"
             )
-        yield Received(topic, sender, boot, sequence, one.stamp_ns, decode(topic, one.payload))
+        yield Received(topic, sender, boot, sequence, one.stamp_ns, decode(topic, one.payload, topics))
 
 
 def _compare(
@@ -95,8 +100,8 @@ def _compare(
     def mismatch(topic: str, sequence: int, field: str, recorded: Any, replayed: Any) -> Mismatch:
         return Mismatch(node, topic, entry.tick, sequence, field, recorded, replayed)
 
-    old = {(one.topic, one.sequence): None for one in entry.produced if TOPICS[one.topic].compared}
-    new = {(one.topic, one.envelope.sequence): one for one in sent if TOPICS[one.topic].compared}
+    old = {(one.topic, one.sequence): None for one in entry.produced if is_compared(one.topic)}
+    new = {(one.topic, one.envelope.sequence): one for one in sent if is_compared(one.topic)}
     for topic, sequence in [*old, *(key for key in new if key not in old)]:
         before = recording.find(node, boot, topic, sequence) if (topic, sequence) in old else None
         after = new.get((topic, sequence))
@@ -123,7 +128,7 @@ def write_replayed(recording: Recording, outcomes: Sequence[Replayed], writer: R
     """
     replayed = {outcome.node for outcome in outcomes}
     for record in recording.records:
-        told = record.topic == f"event/{record.node}"
+        told = record.topic == EVENT_PREFIX + record.node
         if record.topic == "recorder/gap" or (record.node in replayed and not told):
             continue
         envelope = Envelope(

@@ -9,6 +9,7 @@ from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.topics import LOG_NODE, topic
 
 from dynpf_runtime.executor import Sent
+from dynpf_runtime.graph import Graph
 from dynpf_runtime.node import Received
 
 __all__ = ["Feed", "LogRecord", "feed_log", "feed_ticks"]
@@ -38,12 +39,13 @@ def feed_ticks(tick_ns: int, max_ticks: int) -> Iterator[Feed]:
 
 
 def feed_log(
-    records: Iterable[LogRecord], *, node: str, boot: str, reads: frozenset[str], publish_ns: int, max_ticks: int
+    records: Iterable[LogRecord], graph: Graph, *, boot: str, publish_ns: int, max_ticks: int
 ) -> Iterator[Feed]:
-    """Yield one tick for each record that triggers ``node``; other records ride along with the next such one.
+    """Yield one tick for each record that wakes the graph's source; other records ride along with the next such one.
 
-    Records that follow the last trigger ride along with the last tick. Nothing is yielded for a log without triggers.
+    Records that follow the last such one ride along with the last tick. Nothing is yielded for a log without any.
     """
+    reads, topics = graph.specs[graph.source].reads, graph.topics
     sequences: defaultdict[str, int] = defaultdict(int)
     riding: list[LogRecord] = []
     waiting: tuple[list[LogRecord], LogRecord] | None = None
@@ -57,7 +59,12 @@ def feed_log(
             sent.append(Sent(record.topic, envelope, record.payload))
         inputs = tuple(
             Received(
-                one.topic, LOG_NODE, boot, one.envelope.sequence, one.envelope.stamp_ns, decode(one.topic, one.payload)
+                one.topic,
+                LOG_NODE,
+                boot,
+                one.envelope.sequence,
+                one.envelope.stamp_ns,
+                decode(one.topic, one.payload, topics),
             )
             for one in sent
             if one.topic in reads
@@ -66,7 +73,7 @@ def feed_log(
 
     for record in records:
         riding.append(record)
-        if node not in topic(record.topic).triggers:
+        if record.topic not in reads or not topic(record.topic, topics).wakes:
             continue
         if waiting is not None:
             yield feed(*waiting, last=tick + 1 == max_ticks)

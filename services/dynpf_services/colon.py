@@ -15,8 +15,9 @@ from dynpf.colon.world import ROUTE, Route
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.maps.timeline import MapTimeline
 from dynpf.motion.capsule import CapsuleMotion
+from dynpf_services.scenario.context import Context
 
-__all__ = ["MOST_DRAWINGS", "BulgeConfig", "ColonConfig", "ColonWorld", "MapHolds", "RouteConfig"]
+__all__ = ["MOST_DRAWINGS", "BulgeConfig", "ColonConfig", "ColonWorld", "MapHolds", "RouteConfig", "colon_world"]
 
 MOST_DRAWINGS = len(ascii_lowercase)
 
@@ -111,6 +112,18 @@ class ColonWorld:
         plain = tube(family, config.tube)
         bulges = (Bulge(one.left, plain.bend + one.beyond_bend_px, one.size_px, one.width_px) for one in own)
         return bore(plain.bore(*bulges), route, name)
+
+
+def colon_world(context: Context) -> ColonWorld:
+    """Return the tube of a run with its maps and route; raises ScenarioError."""
+    return context.once("tube", lambda: _world(context))
+
+
+def _world(context: Context) -> ColonWorld:
+    config = context.fact("colon")
+    if config is None:
+        raise ScenarioError(f"{context.name}: needs the table [colon] with the tube and when its maps hold")
+    return ColonWorld(config, [(name, context.file(name, "maps")) for name in context.fact("maps") or ()])
 
 
 def _timeline(held: tuple[MapHolds, ...], key: str) -> MapTimeline[str]:

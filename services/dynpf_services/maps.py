@@ -6,6 +6,7 @@ from typing import Annotated, NamedTuple
 import cv2
 import msgspec
 import numpy as np
+from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.landmarks import Landmark
 from msgspec import Meta
 
@@ -14,8 +15,19 @@ from dynpf.maps.landmarks import LandmarkMap
 from dynpf.maps.map_server import decode
 from dynpf.maps.occupancy import UNKNOWN, OccupancyGrid
 from dynpf.maps.segments import SegmentMap
+from dynpf_services.scenario.context import Context
 
-__all__ = ["NO_MAPS", "BitmapConfig", "MapConfig", "Maps", "OccupancyConfig", "SegmentsConfig", "open_maps"]
+__all__ = [
+    "NO_MAPS",
+    "BitmapConfig",
+    "MapConfig",
+    "Maps",
+    "OccupancyConfig",
+    "SegmentsConfig",
+    "maps_of",
+    "named_file",
+    "open_maps",
+]
 
 Positive = Annotated[float, Meta(gt=0.0)]
 Segment = tuple[float, float, float, float]
@@ -98,6 +110,26 @@ def open_maps(config: MapConfig | None, landmarks: Iterable[Landmark] | None, re
             return Maps(marks, grid=_grid_of(segments, config.resolution), segments=segments)
         case None:
             return Maps(marks)
+
+
+def named_file(config: MapConfig | None) -> str | None:
+    """Return the file that a table [map] names, None where it names none."""
+    return config.file if isinstance(config, OccupancyConfig | BitmapConfig) else None
+
+
+def maps_of(context: Context) -> Maps:
+    """Return the maps of a run, of files that have been read with its scenario; raises ScenarioError."""
+    return context.once("maps", lambda: _opened(context))
+
+
+def _opened(context: Context) -> Maps:
+    landmarks = context.fact("landmarks")
+    if landmarks is None and context.scenario.needs_log:
+        landmarks = ()
+    try:
+        return open_maps(context.fact("map"), landmarks, lambda path: context.file(path, "map.file"))
+    except ValueError as error:
+        raise ScenarioError(f"map: {error}") from error
 
 
 def _grid_of(segments: SegmentMap, resolution: float) -> OccupancyGrid:

@@ -4,11 +4,13 @@ from typing import Annotated, Literal, NamedTuple
 
 import msgspec
 import numpy as np
+from dynpf_protocol.errors import ScenarioError
 from msgspec import Meta
 
 from dynpf.fields.layout import Layout
+from dynpf_services.scenario.context import Context
 
-__all__ = ["NOISE", "Noise", "NoiseLevel", "PartSpec", "RearrangementTask", "layout_of"]
+__all__ = ["NOISE", "Noise", "NoiseLevel", "PartSpec", "RearrangementTask", "layout_of", "task_of"]
 
 Positive = Annotated[float, Meta(gt=0.0)]
 Point = tuple[float, float]
@@ -50,6 +52,14 @@ class RearrangementTask(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     reach: Annotated[float, Meta(ge=0.0)] = 0.01  # gap between robot and held part
     # Of the motion and of measured positions: 0.06, and 0.2, 1 or 5 cm^2; where another table does not say otherwise.
     noise: NoiseLevel = "low"
+
+
+def task_of(context: Context) -> RearrangementTask:
+    """Return the task of a run; raises ScenarioError where it has none."""
+    task: RearrangementTask | None = context.fact("task")
+    if task is None:
+        raise ScenarioError(f"{context.name}: needs the table [task] with the parts and their goals")
+    return task
 
 
 def layout_of(task: RearrangementTask) -> Layout:

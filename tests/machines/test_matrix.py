@@ -1,7 +1,7 @@
 """The matrix finds what differs, and takes no setting for a proof that changes nothing."""
 
+from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import record_inline
-from dynpf_services.scenario.schema import load_scenario
 
 from checks.machines.report import details, row_of, table, verdict
 from checks.machines.runs import Outcome, differences, run

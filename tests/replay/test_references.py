@@ -24,7 +24,7 @@ from dynpf_protocol.journal import decode_entry, encode_entry
 from dynpf_protocol.messages import Message
 from dynpf_runtime.replay import Replayed, replay_node, write_replayed
 from dynpf_services.scenario.build import build_node
-from dynpf_services.scenario.schema import override_resolved
+from dynpf_services.scenario.load import override_resolved
 
 TABLE = {entry.name: entry for entry in read_table()}
 HELD = [entry for entry in TABLE.values() if not entry.log]

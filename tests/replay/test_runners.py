@@ -11,8 +11,9 @@ from dynpf_protocol.messages import Message
 from dynpf_runtime.node import Received, Step, decode_state, encode_state, state_digest
 from dynpf_runtime.replay import replay_node
 from dynpf_services.scenario.build import build_node, build_nodes
+from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import record_inline
-from dynpf_services.scenario.schema import Scenario, load_scenario
+from dynpf_services.scenario.schema import Scenario
 
 TICKS = {
     "landmark-room": 60,

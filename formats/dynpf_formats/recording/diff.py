@@ -1,5 +1,6 @@
 """Compares two recordings and finds the first difference: in which message of which tick, and in which field."""
 
+from collections.abc import Mapping
 from itertools import zip_longest
 from typing import Any
 
@@ -14,11 +15,10 @@ __all__ = ["Difference", "FirstDifference", "TopicCounts", "diff", "first_field"
 
 _SHOWN = 80  # characters of a text
 
-_NODE_ORDER = {node: place for place, node in enumerate((LOG_NODE, *NODES))}
-_TOPIC_ORDER = {topic: place for place, topic in enumerate(TOPICS)}
+_TOPIC_RANK = {topic: rank for rank, topic in enumerate(TOPICS)}
 _LAST = 2**63
 
-_Order = tuple[int, int, int, str, int, int, int]
+_Order = tuple[int, int, int, str, int, str, int, int]
 
 
 class FirstDifference(msgspec.Struct, frozen=True, kw_only=True):
@@ -62,11 +62,14 @@ def diff(a: Recording, b: Recording) -> Difference:
     messages in the same order.
     """
     left, right = leaves(a), leaves(b)
+    ranks = _node_ranks(a, b)
     left_states, right_states = states(a), states(b)
     keys = [key for key in {**left, **right} if _differ(left.get(key), right.get(key))]
     state_keys = [key for key in {**left_states, **right_states} if left_states.get(key) != right_states.get(key)]
-    found: list[tuple[_Order, Key | StateKey]] = [(_order(key, left.get(key), right.get(key)), key) for key in keys]
-    found += [(_state_order(key, left_states.get(key), right_states.get(key)), key) for key in state_keys]
+    found: list[tuple[_Order, Key | StateKey]] = [
+        (_order(ranks, key, left.get(key), right.get(key)), key) for key in keys
+    ]
+    found += [(_state_order(ranks, key, left_states.get(key), right_states.get(key)), key) for key in state_keys]
     first: FirstDifference | None = None
     if found:
         _, key = min(found)
@@ -74,7 +77,7 @@ def diff(a: Recording, b: Recording) -> Difference:
             first = _state_difference(key, left_states.get(key), right_states.get(key))
         else:
             first = _message_difference(key, left.get(key), right.get(key))
-    first = first or _consumed_difference(a, b)
+    first = first or _consumed_difference(ranks, a, b)
     return Difference(same=first is None, first=first, counts=_counts(left, right, keys))
 
 
@@ -98,19 +101,27 @@ def _differ(a: Leaf | None, b: Leaf | None) -> bool:
     return a is None or b is None or (a.tick, a.stamp_ns, a.digest) != (b.tick, b.stamp_ns, b.digest)
 
 
-def _order(key: Key, a: Leaf | None, b: Leaf | None) -> _Order:
+def _node_ranks(a: Recording, b: Recording) -> dict[str, int]:
+    """Return where each node stands in a tick; the log comes before all."""
+    nodes = (LOG_NODE, *(a.header.writes or b.header.writes or NODES))
+    return {node: rank for rank, node in enumerate(nodes)}
+
+
+def _order(ranks: Mapping[str, int], key: Key, a: Leaf | None, b: Leaf | None) -> _Order:
     present = [leaf for leaf in (a, b) if leaf is not None]
     tick = min((leaf.tick for leaf in present if leaf.tick >= 0), default=_LAST)
     # Without a journal there are no ticks, and the stamp tells what came first.
     stamp = min(leaf.stamp_ns for leaf in present) if tick == _LAST else 0
-    node = _NODE_ORDER.get(key.node, len(_NODE_ORDER))
-    return (tick, stamp, node, key.node, _TOPIC_ORDER[key.topic], key.start, key.sequence)
+    rank = _TOPIC_RANK.get(key.topic, len(_TOPIC_RANK))
+    return (tick, stamp, ranks.get(key.node, len(ranks)), key.node, rank, key.topic, key.start, key.sequence)
 
 
-def _state_order(key: StateKey, a: tuple[int, str] | None, b: tuple[int, str] | None) -> _Order:
+def _state_order(
+    ranks: Mapping[str, int], key: StateKey, a: tuple[int, str] | None, b: tuple[int, str] | None
+) -> _Order:
     tick = min(state[0] for state in (a, b) if state is not None)
-    node = _NODE_ORDER.get(key.node, len(_NODE_ORDER))
-    return (tick, 0, node, key.node, len(_TOPIC_ORDER), key.start, key.number)  # behind the node's messages
+    behind = len(_TOPIC_RANK) + 1  # the node's messages
+    return (tick, 0, ranks.get(key.node, len(ranks)), key.node, behind, "", key.start, key.number)
 
 
 def _message_difference(key: Key, a: Leaf | None, b: Leaf | None) -> FirstDifference:
@@ -152,13 +163,13 @@ def _state_difference(key: StateKey, a: tuple[int, str] | None, b: tuple[int, st
     )
 
 
-def _consumed_difference(a: Recording, b: Recording) -> FirstDifference | None:
+def _consumed_difference(ranks: Mapping[str, int], a: Recording, b: Recording) -> FirstDifference | None:
     """Find the first step that took other inputs, or the same in another order, though all messages are the same."""
     left, right = _consumed(a), _consumed(b)
     differing = [key for key in left.keys() | right.keys() if left.get(key) != right.get(key)]
     if not differing:
         return None
-    key = min(differing, key=lambda key: (key[0], _NODE_ORDER.get(key[1], len(_NODE_ORDER)), key))
+    key = min(differing, key=lambda key: (key[0], ranks.get(key[1], len(ranks)), key))
     pairs = list(zip_longest(left.get(key, ()), right.get(key, ())))
     place = next((place for place, pair in enumerate(pairs) if pair[0] != pair[1]), 0)
     before, after = pairs[place] if pairs else (None, None)
@@ -187,11 +198,12 @@ def _consumed(recording: Recording) -> dict[tuple[int, str, int, int], tuple[str
 
 
 def _counts(left: dict[Key, Leaf], right: dict[Key, Leaf], differing: list[Key]) -> dict[str, TopicCounts]:
-    counts = {topic: [0, 0, 0] for topic in TOPICS}
+    counts: dict[str, list[int]] = {}
     for column, keys in enumerate((left, right, differing)):
         for key in keys:
-            counts[key.topic][column] += 1
-    return {topic: TopicCounts(a=a, b=b, differ=differ) for topic, (a, b, differ) in counts.items() if a or b}
+            counts.setdefault(key.topic, [0, 0, 0])[column] += 1
+    order = sorted(counts, key=lambda topic: (_TOPIC_RANK.get(topic, len(_TOPIC_RANK)), topic))
+    return {topic: TopicCounts(a=counts[topic][0], b=counts[topic][1], differ=counts[topic][2]) for topic in order}
 
 
 def _first_value(path: str, a: Any, b: Any) -> tuple[str, Any, Any] | None:

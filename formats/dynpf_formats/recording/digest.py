@@ -9,7 +9,7 @@ import hashlib
 from typing import NamedTuple
 
 import msgspec
-from dynpf_protocol.topics import TOPICS
+from dynpf_protocol.topics import is_compared
 
 from dynpf_formats.recording.reader import Recorded, Recording
 
@@ -57,8 +57,7 @@ def leaves(recording: Recording) -> dict[Key, Leaf]:
     numbers = starts(recording)
     found = {}
     for record in recording.messages():
-        row = TOPICS.get(record.topic)
-        if row is None or not row.compared:
+        if not is_compared(record.topic):
             continue
         tick = recording.tick_of(record)
         key = Key(record.node, record.topic, numbers[record.node, record.boot], record.sequence)

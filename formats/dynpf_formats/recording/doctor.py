@@ -10,7 +10,7 @@ import msgspec
 from dynpf_protocol.codec import decode
 from dynpf_protocol.errors import BadMessageError
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
-from dynpf_protocol.topics import NODES, TOPICS
+from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, TOPICS
 
 from dynpf_formats.recording.code import recorded_code
 from dynpf_formats.recording.errors import RecordingError
@@ -80,15 +80,30 @@ def _end(recording: Recording) -> Iterator[Finding]:
 
 
 def _senders(recording: Recording) -> Iterator[Finding]:
+    publishers = _publishers(recording)
+    nodes = recording.header.writes or NODES
     for source in recording.sources:
         if source.topic.startswith(JOURNAL_PREFIX):
-            if source.node not in NODES or source.topic != JOURNAL_PREFIX + source.node:
+            if source.node not in nodes or source.topic != JOURNAL_PREFIX + source.node:
                 yield _error(f"a journal of unknown node {source.node!r}", source.topic)
-        elif source.topic not in TOPICS:
-            yield _error(f"topic {source.topic!r} is not in the topic table", source.topic)
-        elif source.node not in TOPICS[source.topic].publishers:
-            publishers = ", ".join(TOPICS[source.topic].publishers)
-            yield _error(f"sent by {source.node!r}; expected {publishers}", source.topic)
+        elif source.topic not in publishers:
+            yield _error(f"topic {source.topic!r} is none that this run has", source.topic)
+        elif source.node not in publishers[source.topic]:
+            expected = ", ".join(publishers[source.topic])
+            yield _error(f"sent by {source.node!r}; expected {expected}", source.topic)
+
+
+def _publishers(recording: Recording) -> dict[str, tuple[str, ...]]:
+    """Return who may send on each topic: what the header says of the nodes, and what hosts, recorder and log send."""
+    found = {row.name: row.publishers for row in TOPICS.values()}
+    if not recording.header.writes:
+        return found
+    found = {name: (LOG_NODE,) for name, senders in found.items() if senders == (LOG_NODE,)}
+    nodes = tuple(recording.header.writes)
+    for node, topics in recording.header.writes.items():
+        for name in (EVENT_PREFIX + node, *topics):
+            found[name] = (*found.get(name, ()), node)
+    return {**found, "log": (*nodes, "recorder"), "diagnostics": nodes, "recorder/gap": ("recorder",)}
 
 
 def _gaps(recording: Recording) -> Iterator[Finding]:
@@ -158,8 +173,7 @@ def _unresolved(recording: Recording, node: str, boot: str, entry: JournalEntry)
     references = [("consumed", read.node, read.boot, read.topic, read.sequence) for read in entry.consumed]
     references += [("produced", node, boot, made.topic, made.sequence) for made in entry.produced]
     for how, sender, start, topic, sequence in references:
-        recorded = topic not in TOPICS or TOPICS[topic].recorded
-        if recorded and recording.find(sender, start, topic, sequence) is None:
+        if recording.find(sender, start, topic, sequence) is None:
             yield f"{topic} {sequence} of {sender}, {how} in step {entry.step}"
 
 

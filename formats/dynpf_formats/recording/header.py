@@ -33,11 +33,12 @@ class Provenance(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RunHeader(msgspec.Struct, frozen=True, kw_only=True):
-    """How to run it again. ``scenario`` is the resolved scenario as a JSON object."""
+    """How to run it again. ``scenario`` is the resolved scenario as JSON; nobody ``writes`` an imported log."""
 
     scenario: str
     seed: int
     provenance: Provenance
+    writes: dict[str, tuple[str, ...]] = {}  # node, in tick order -> its topics
     schema_version: int = SCHEMA_VERSION
 
 
@@ -83,10 +84,11 @@ def unseal(entries: Mapping[str, str], kind: type[_T]) -> _T:
     """Return the record that ``seal`` was given; raises ValueError where the entries hold something else."""
     if unsealed(entries):
         raise ValueError("its checksum does not match")
-    types = {field.name: field.type for field in msgspec.structs.fields(kind)}
-    missing = [name for name in types if name not in entries]
+    known = msgspec.structs.fields(kind)
+    missing = [field.name for field in known if field.required and field.name not in entries]
     if missing:
         raise ValueError(f"{missing[0]} is missing")
+    types = {field.name: field.type for field in known if field.name in entries}
     fields = {
         name: entries[name] if expected is str else msgspec.json.decode(entries[name], type=expected)
         for name, expected in types.items()

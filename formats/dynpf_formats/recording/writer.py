@@ -3,6 +3,7 @@
 import errno
 import functools
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -14,7 +15,7 @@ from dynpf_protocol.errors import BadMessageError
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
 from dynpf_protocol.messages import Gap, Message
 from dynpf_protocol.schemas import json_schema
-from dynpf_protocol.topics import TOPICS, topic
+from dynpf_protocol.topics import TOPICS, Topic, topic
 from mcap.writer import Writer
 
 from dynpf_formats.recording.errors import RecordingError, RecordingExistsError
@@ -104,10 +105,13 @@ class RecordingWriter:
         path: Path | str,
         header: RunHeader,
         attachments: tuple[Attachment, ...] = (),
+        *,
         overwrite: bool = False,
         boot: str = "recorder",
+        topics: Mapping[str, Topic] = TOPICS,
     ) -> None:
         self.path = Path(path)
+        self._topics = topics
         self._boot = boot
         self._tracks: dict[_Source, _Track] = {}
         self._schemas: dict[str, int] = {}
@@ -248,7 +252,7 @@ class RecordingWriter:
         if len(self._tracks) >= _MAX_CHANNELS:
             raise RecordingError(f"{self.path}: more than {_MAX_CHANNELS} senders and topics in one recording")
         kind: type[Message] | type[JournalEntry]
-        kind = JournalEntry if name.startswith(JOURNAL_PREFIX) else topic(name).type
+        kind = JournalEntry if name.startswith(JOURNAL_PREFIX) else topic(name, self._topics).type
         schema = self._schemas.get(kind.schema_name)
         if schema is None:
             schema = self._mcap.register_schema(kind.schema_name, "jsonschema", _schema(kind))
@@ -281,9 +285,6 @@ class RecordingWriter:
 
     def _resolves(self, reference: tuple[_Source, int]) -> bool:
         source, sequence = reference
-        row = TOPICS.get(source[0])
-        if row is not None and not row.recorded:
-            return True
         track = self._tracks.get(source)
         return track is not None and track.has(sequence)
 

@@ -4,7 +4,7 @@ import argparse
 import json
 from typing import Any
 
-from dynpf_services.scenario.schema import load_scenario, scenario_files
+from dynpf_services.scenario.load import load_scenario, scenario_files
 
 __all__ = ["add_parser"]
 

@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dynpf_formats.user_classes import MODULE_NAME
-from dynpf_services.scenario.schema import Scenario, load_scenario
+from dynpf_services.scenario.load import load_scenario
+from dynpf_services.scenario.schema import Scenario
 
 if TYPE_CHECKING:
     from dynpf_services.scenario.played_log import PlayedLog

@@ -41,14 +41,17 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
 def run(options: argparse.Namespace) -> int:
     from dynpf_formats.recording.reader import read_recording
     from dynpf_services.scenario.recorded import recorded_scenario
+    from dynpf_services.scenario.schema import key_of
     from dynpf_services.scenario.user_code import check_allowed
 
     recording = read_recording(options.recording)
     if options.output is not None and options.output.exists():
         raise UsageError(f"{options.output}: the file exists; choose another name")
     scenario = recorded_scenario(recording, options.overrides, options.allow_code)
-    if options.node is None or options.node == "estimator":
-        check_allowed(scenario.user_classes, scenario.user_code, str(options.recording))
+    named = scenario.user_classes
+    if options.node is not None:
+        named = tuple(user for user in named if user.key.startswith(f"{key_of(options.node)}."))
+    check_allowed(named, scenario.user_code, str(options.recording))
     _tell_changed_code(recording, scenario)
     if options.overrides and options.node is None:
         return _closed_loop(options, recording, scenario)
@@ -78,11 +81,12 @@ def _recorded_digests(recording: "Recording") -> dict[str, str]:
 
 def _each_alone(options: argparse.Namespace, recording: "Recording", scenario: "Scenario") -> int:
     from dynpf_runtime.replay import replay_node
-    from dynpf_services.scenario.build import build_node, build_nodes
+    from dynpf_services.scenario.build import plan_of
 
-    nodes = {options.node: build_node(scenario, options.node)} if options.node else build_nodes(scenario)
+    plan = plan_of(scenario)
     keep = options.output is not None or bool(options.overrides)
-    outcomes = [replay_node(recording, node, scenario.state_digest_ticks, keep=keep) for node in nodes.values()]
+    nodes = (options.node,) if options.node else plan.graph.nodes
+    outcomes = [replay_node(recording, plan, node, keep=keep) for node in nodes]
     if options.overrides:
         return _compare(options, recording, lambda path: _write(recording, scenario, outcomes, path))
     if options.output is not None:
@@ -103,8 +107,9 @@ def _write(recording: "Recording", scenario: "Scenario", outcomes: Sequence["Rep
     # Of code that was not run now, the digest says with which the rest of the recording was made.
     known = {one.module: digest for one in scenario.user_classes if (digest := recorded.get(one.module))}
     scenario = msgspec.structs.replace(scenario, user_code={**known, **scenario.user_code})
-    header = run_header(plan_of(scenario))
-    with RecordingWriter(path, header, attachments_of(scenario, recording.attachments)) as writer:
+    plan = plan_of(scenario)
+    attachments = attachments_of(scenario, recording.attachments)
+    with RecordingWriter(path, run_header(plan), attachments, topics=plan.graph.topics) as writer:
         write_replayed(recording, outcomes, writer)
         whole = recording.end is not None and recording.end.complete
         writer.close(complete=whole, reason=f"replayed from {recording.path.name}")
@@ -152,7 +157,8 @@ def _closed_loop(options: argparse.Namespace, recording: "Recording", scenario: 
         from dynpf_services.scenario.recorded import attachments_of
 
         plan = plan_of(scenario)
-        with RecordingWriter(path, run_header(plan), attachments_of(scenario, recording.attachments)) as writer:
+        attachments = attachments_of(scenario, recording.attachments)
+        with RecordingWriter(path, run_header(plan), attachments, topics=plan.graph.topics) as writer:
             run_inline(plan, log_records(recording), writer)
             writer.close(complete=True, reason=f"run anew from {recording.path.name}")
 

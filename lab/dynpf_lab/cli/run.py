@@ -14,9 +14,6 @@ from dynpf_services.scenario.schema import Scenario
 from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from dynpf_runtime.node import Node
     from dynpf_services.scenario.played_log import PlayedLog
 
 __all__ = ["add_parser", "default_output"]
@@ -57,12 +54,12 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError("--runner inline goes in lockstep only; a realtime run needs --runner bus")
     path = options.output or default_output(Path(options.scenario).stem, scenario.seed)
     _check_output(path)
-    nodes = build_nodes(scenario)  # whatever does not fit is told here, before any process is started
+    build_nodes(scenario)  # whatever does not fit is told here, before any process is started
     try:
         if options.runner == "inline":
             _run_inline(scenario, path, log)
         else:
-            _run_on_bus(scenario, nodes, path, log)
+            _run_on_bus(scenario, path, log)
     except DynpfError:
         if path.exists():
             print(f"dynpf run: what was recorded is in {path} (dynpf doctor tells what is missing)", file=sys.stderr)
@@ -88,7 +85,7 @@ def _run_inline(scenario: Scenario, path: Path, log: "PlayedLog | None") -> None
         record_inline(scenario, path, log, stopped=lambda: stop.reason if stop.requested else "")
 
 
-def _run_on_bus(scenario: Scenario, nodes: "Mapping[str, Node]", path: Path, log: "PlayedLog | None") -> None:
+def _run_on_bus(scenario: Scenario, path: Path, log: "PlayedLog | None") -> None:
     from dynpf_runtime.bus.member import StopSignal
     from dynpf_runtime.bus.processes import run_on_bus
     from dynpf_runtime.rehearsal import rehearse_run
@@ -96,9 +93,10 @@ def _run_on_bus(scenario: Scenario, nodes: "Mapping[str, Node]", path: Path, log
     from dynpf_services.scenario.schema import whole_json
 
     # Once here, where nobody waits for it, instead of in every process at the same time.
-    rehearse_run(plan_of(scenario), nodes, log.records if log else [])
+    plan = plan_of(scenario)
+    rehearse_run(plan, log.records if log else [])
     with StopSignal.installed() as stop:
-        run_on_bus(scenario.nodes, whole_json(scenario), path, log.path if log else None, stop)
+        run_on_bus(plan.graph.nodes, whole_json(scenario), path, log.path if log else None, stop)
 
 
 def _summary(path: Path, *, as_json: bool) -> int:

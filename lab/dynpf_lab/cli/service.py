@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from dynpf_protocol.errors import BrokenOffError, RunError, UsageError
-from dynpf_protocol.topics import NODES
 
 from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
 
@@ -17,7 +16,7 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
 def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
     parser = commands.add_parser("service", help="one process of a run on its own")
-    parser.add_argument("name", choices=["router", *NODES, "recorder"], metavar="NAME")
+    parser.add_argument("name", metavar="NAME", help="router, recorder, or a node of the scenario")
     add_scenario_options(parser)
     parser.add_argument("--clock", choices=["lockstep", "realtime"])
     parser.add_argument(
@@ -61,7 +60,7 @@ def _run(options: argparse.Namespace) -> int:
         raise UsageError(
             f"{options.name} takes no part in this scenario; its processes are {', '.join(scenario.nodes)}"
         )
-    if options.name == scenario.nodes[0] and scenario.needs_log and log is None:
+    if options.name in scenario.nodes and scenario.needs_log and log is None:
         raise UsageError("this scenario plays an imported log: give it with --log IN.mcap (dynpf import makes one)")
     with StopSignal.installed(options.parent) as stop:
         if options.name == "router":

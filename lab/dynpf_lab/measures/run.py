@@ -19,9 +19,12 @@ from dynpf_protocol.messages import (
     RobotState,
     heading,
 )
+from dynpf_services.colon import colon_world
 from dynpf_services.estimator.config import RearrangementConfig
+from dynpf_services.scenario.context import Context
+from dynpf_services.scenario.load import override_resolved
 from dynpf_services.scenario.recorded import recorded_scenario
-from dynpf_services.scenario.schema import Scenario, colon_world, override_resolved
+from dynpf_services.scenario.schema import Scenario
 from dynpf_services.task import RearrangementTask
 from numpy.typing import NDArray
 
@@ -265,8 +268,7 @@ def _capsule(recording: Recording) -> dict[str, Any]:
 
 
 def _capsule_casters(recording: Recording) -> Callable[[str], RayCaster]:
-    world = colon_world(recorded_scenario(recording))
-    assert world is not None
+    world = colon_world(Context(recorded_scenario(recording), ""))
     casters = {name: RayCaster(grid) for name, grid in world.true_grids().items()}
     return casters.__getitem__
 

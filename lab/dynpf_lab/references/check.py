@@ -11,7 +11,7 @@ from dynpf_formats.recording.provenance import collect, told_where_bytes_differ
 from dynpf_formats.recording.reader import Recording, read_recording
 from dynpf_protocol.errors import DynpfError, ProtocolError, UsageError
 from dynpf_runtime.replay import Mismatch, replay_node
-from dynpf_services.scenario.build import build_node
+from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.recorded import recorded_scenario
 
 from dynpf_lab.references.runs import has_data, resolve, run_anew
@@ -67,7 +67,7 @@ def _check_node(entry: Entry, node: str, checkout: Path) -> Finding:
     recording = _read(entry, checkout)
     # The table says which run this is, and so which code: a file that names other code does not get it run.
     scenario = recorded_scenario(recording, allow_code=resolve(entry).user_code)
-    replayed = replay_node(recording, build_node(scenario, node), scenario.state_digest_ticks)
+    replayed = replay_node(recording, plan_of(scenario), node)
     if not replayed.messages:
         return Finding(recording=entry.name, part=node, verdict="differs", note="said nothing: nothing was compared")
     note = told_where_bytes_differ(recording.header.provenance, collect()) if replayed.mismatch is not None else ""

@@ -10,9 +10,11 @@ from dynpf_formats.recording.reader import Recording, read_recording
 from dynpf_protocol.errors import RunError, UsageError
 from dynpf_runtime.bus.member import StopSignal
 from dynpf_runtime.bus.processes import run_on_bus
+from dynpf_services.scenario.build import plan_of
+from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.played_log import PlayedLog
 from dynpf_services.scenario.record import record_inline
-from dynpf_services.scenario.schema import Scenario, load_scenario, whole_json
+from dynpf_services.scenario.schema import Scenario, whole_json
 
 from dynpf_lab.references.table import Entry
 
@@ -42,7 +44,7 @@ def run_anew(checkout: Path, entry: Entry, path: Path) -> Recording:
         if log is not None:
             raise UsageError(f"{entry.name}: a realtime run that plays a log cannot be a reference")
         with StopSignal.installed() as stop:
-            run_on_bus(scenario.nodes, whole_json(scenario), path, None, stop)
+            run_on_bus(plan_of(scenario).graph.nodes, whole_json(scenario), path, None, stop)
     else:
         record_inline(scenario, path, log)
     recording = read_recording(path)

@@ -16,8 +16,9 @@ from dynpf_protocol.landmarks import Landmark
 from dynpf_protocol.messages import Estimate, LandmarkReadings, PoseInFrame, RobotState, heading
 from dynpf_runtime.node import Received, Step
 from dynpf_services.scenario.build import build_node
+from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.played_log import PlayedLog
-from dynpf_services.scenario.schema import LogFacts, load_scenario
+from dynpf_services.scenario.schema import LogFacts
 from numpy.typing import NDArray
 
 from dynpf.metrics.trajectory import Trajectory

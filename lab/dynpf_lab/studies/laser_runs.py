@@ -15,8 +15,9 @@ from dynpf_protocol.codec import decode
 from dynpf_protocol.messages import Estimate, LaserScan, Message, OdometryPose, RobotState
 from dynpf_runtime.node import Node, Received, Step
 from dynpf_services.scenario.build import build_node
+from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.played_log import PlayedLog
-from dynpf_services.scenario.schema import LogFacts, load_scenario
+from dynpf_services.scenario.schema import LogFacts
 
 from dynpf.se2 import FloatArray, compose, relative, wrap_angle
 

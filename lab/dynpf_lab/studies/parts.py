@@ -208,7 +208,7 @@ def record_parts(
     simulator = WorkspaceSimulator(config=workspace, seed=seed, tick_s=TICK_S, task=task)
     estimates = _Filtered(task, seed, conditions) if conditions.particles else _Measured(seed, variance)
     config = conditions.controller or RearrangementControllerConfig()
-    node = RearrangementController(config=config, seed=seed, tick_s=TICK_S, task=task)
+    node = RearrangementController(config=config, tick_s=TICK_S, task=task)
     robots: list[RobotState] = []
     places: list[PartsState] = []
     believed: list[Estimate] = []

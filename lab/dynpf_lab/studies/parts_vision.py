@@ -13,8 +13,9 @@ from dynpf_protocol.codec import decode
 from dynpf_protocol.errors import UsageError
 from dynpf_protocol.messages import CompressedImage, Detections, Estimate, Log, PartsState, RobotState, timestamp
 from dynpf_runtime.node import Received, Step
+from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import record_inline
-from dynpf_services.scenario.schema import Scenario, load_scenario
+from dynpf_services.scenario.schema import Scenario
 from dynpf_services.simulator.camera import DrawnDisc, board_discs, encode, render
 from dynpf_services.simulator.config import WorkspaceConfig
 from dynpf_services.simulator.workspace import draw_starts

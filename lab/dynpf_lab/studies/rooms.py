@@ -16,8 +16,9 @@ from dynpf_services.estimator.components import Moved, localizer_of, measurement
 from dynpf_services.estimator.config import LocalizationConfig
 from dynpf_services.estimator.readings import TOPICS, reading_of
 from dynpf_services.maps import Maps, open_maps
+from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.played_log import PlayedLog
-from dynpf_services.scenario.schema import Scenario, load_scenario
+from dynpf_services.scenario.schema import Scenario
 from dynpf_services.sensors.config import SimulatedSensorsConfig
 from dynpf_services.sensors.simulated import SimulatedSensors
 from dynpf_services.simulator.config import Door, RoomConfig
@@ -110,8 +111,12 @@ def record(place: World, seed: int, updates: int, panels: Sequence[Door] = ()) -
     driver = msgspec.structs.replace(room.driver, points=points, laps=1000)
     config = msgspec.structs.replace(room, start=start, driver=driver, doors=(*room.doors, *panels))
     tick_s, tick_ns = scenario.tick_s, scenario.tick_ns
-    simulator = RoomSimulator(config=config, seed=seed, tick_s=tick_s, landmarks=scenario.landmarks, maps=place.maps)
-    node = SimulatedSensors(config=sensors, seed=seed, tick_s=tick_s, landmarks=scenario.landmarks, maps=place.maps)
+    simulator = RoomSimulator(
+        config=config, seed=seed, tick_s=tick_s, landmarks=scenario.landmarks or (), maps=place.maps
+    )
+    node = SimulatedSensors(
+        config=sensors, seed=seed, tick_s=tick_s, landmarks=scenario.landmarks or (), maps=place.maps
+    )
     epochs: list[Epoch] = []
     twists: list[Twist] = []
     held: Twist | None = None
@@ -120,11 +125,7 @@ def record(place: World, seed: int, updates: int, panels: Sequence[Door] = ()) -
         outputs = simulator.step(Step(tick, tick, tick * tick_ns, ())).outputs
         truth = next(one.message for one in outputs if isinstance(one.message, RobotState))
         inputs = ((one.topic, one.message) for one in outputs)
-        received = tuple(
-            Received(topic, "simulator", "", tick, tick * tick_ns, message)
-            for topic, message in inputs
-            if topic in node.reads
-        )
+        received = tuple(Received(topic, "simulator", "", tick, tick * tick_ns, message) for topic, message in inputs)
         sensed = [one.message for one in node.step(Step(tick, tick, tick * tick_ns, received)).outputs]
         if held is not None:
             twists.append(held)

@@ -12,7 +12,6 @@ from dynpf_protocol.control import TickDone, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
 from dynpf_protocol.journal import encode_entry
 from dynpf_protocol.messages import Diagnostics, Log, LogLevel, timestamp
-from dynpf_protocol.topics import TOPICS
 
 from dynpf.portable import rehearse
 from dynpf_runtime.bus.intake import Intake, Refusal
@@ -21,7 +20,7 @@ from dynpf_runtime.bus.session import DATA, JOURNAL, TICK, Arrival
 from dynpf_runtime.executor import Executor, Sent
 from dynpf_runtime.faults import FaultyLink
 from dynpf_runtime.gaps import GapWatch, notice_gaps
-from dynpf_runtime.graph import Graph
+from dynpf_runtime.graph import NodeSpec
 from dynpf_runtime.inbox import LockstepInbox, Ready, RealtimeInbox
 from dynpf_runtime.node import Node, Rehearsing
 from dynpf_runtime.plan import Plan
@@ -42,17 +41,15 @@ def run_node(name: str, plan: Plan, endpoint: str, log: Sequence[LogRecord], sto
     Raises RunError if the run cannot go on, UsageError if this process does not fit into it.
     """
     cv2.setNumThreads(1)  # one order of evaluation, and no threads that wait for each other on few cores
-    nodes = plan.build()
-    graph = Graph.of(list(nodes.values()))
-    node = nodes[name]
-    rehearse_run(plan, nodes, log)
+    rehearse_run(plan, log)
+    graph = plan.graph
+    node = graph.specs[name].build()
     if plan.clock == "realtime":
         rehearse()  # in lockstep nobody minds a first step that loads what it calls
     if isinstance(node, Rehearsing):
         node.rehearse()  # as long as it takes: who has not joined yet is waited for
     with join(name, plan, endpoint, stop) as member:
-        awaited = frozenset().union(*(node.reads for node in nodes.values()))
-        host = _Host(node, plan, graph, awaited, member)
+        host = _Host(node, graph.specs[name], plan, member)
         host.subscribe()
         member.assemble(leads=name == graph.source)
         host.run(host.feeds(log) if name == graph.source else None)
@@ -60,30 +57,29 @@ def run_node(name: str, plan: Plan, endpoint: str, log: Sequence[LogRecord], sto
 
 
 class _Host:
-    def __init__(self, node: Node, plan: Plan, graph: Graph, awaited: frozenset[str], member: Member) -> None:
-        self._node = node
-        self._awaited = awaited
+    def __init__(self, node: Node, spec: NodeSpec, plan: Plan, member: Member) -> None:
+        self._spec = spec
+        self._awaited = plan.graph.awaited
         self._plan = plan
-        self._graph = graph
+        self._graph = plan.graph
         self._member = member
         self._bus = member.bus
-        self._executor = Executor(node, member.boot, plan.state_digest_ticks)
-        self._intake = Intake(member.boots, graph.source)
+        self._executor = Executor(node, spec, plan.graph.topics, member.boot, plan.state_digest_ticks)
+        self._intake = Intake(member.boots, plan.graph)
         self._gaps = GapWatch()
         self._realtime = plan.clock == "realtime"
-        link = FaultyLink(plan.faults, node.name, plan.seed)
-        self._lockstep_inbox = LockstepInbox(graph, node.name, node.reads, link)
-        self._realtime_inbox = RealtimeInbox(graph, node.name, link)
+        link = FaultyLink(plan.faults, spec.name, plan.seed)
+        self._lockstep_inbox = LockstepInbox(plan.graph, spec.name, link)
+        self._realtime_inbox = RealtimeInbox(plan.graph, spec.name, link)
         self._inbox = self._realtime_inbox if self._realtime else self._lockstep_inbox
         self._step_time_s = 0.0
         self._report_at = 0.0
         self._stamp_ns = 0
 
     def subscribe(self) -> None:
-        name = self._node.name
-        for topic in sorted(self._node.reads):
-            if any(writer in self._graph.nodes for writer in TOPICS[topic].publishers if writer != name):
-                self._bus.subscribe(DATA + topic)
+        name = self._spec.name
+        for topic in self._graph.subscribed(name):
+            self._bus.subscribe(DATA + topic)
         for upstream in self._graph.lags[name]:
             self._bus.subscribe(TICK + upstream)
 
@@ -92,9 +88,8 @@ class _Host:
             return feed_ticks(self._plan.tick_ns, self._plan.max_ticks)
         return feed_log(
             log,
-            node=self._node.name,
+            self._graph,
             boot=self._member.boot,
-            reads=self._node.reads,
             publish_ns=time.time_ns(),
             max_ticks=self._plan.max_ticks,
         )
@@ -174,14 +169,14 @@ class _Host:
                 self._publish(one)
         counts = dict(Counter(one.topic for one in sent))
         self._report(at_once=last)  # the last before the recorder hears that this was all
-        done = TickDone(self._node.name, self._member.boot, self._executor.steps, ready.tick, stamp_ns, counts, last)
-        self._bus.put(TICK + self._node.name, encode_control(done))
+        done = TickDone(self._spec.name, self._member.boot, self._executor.steps, ready.tick, stamp_ns, counts, last)
+        self._bus.put(TICK + self._spec.name, encode_control(done))
         for one in sent:
             if one.topic not in self._awaited:
                 self._publish(one)
         entry = self._executor.journal(ready.tick, stamp_ns, ready.inputs, executed.sent, last=last)
-        envelope = Envelope(self._node.name, self._member.boot, entry.step, ready.tick, stamp_ns, time.time_ns())
-        self._bus.put(JOURNAL + self._node.name, encode_entry(entry), encode_envelope(envelope))
+        envelope = Envelope(self._spec.name, self._member.boot, entry.step, ready.tick, stamp_ns, time.time_ns())
+        self._bus.put(JOURNAL + self._spec.name, encode_entry(entry), encode_envelope(envelope))
         self._member.ticks = ready.tick + 1
         return last
 
@@ -211,8 +206,8 @@ class _Host:
         if not refusal.first_of_its_kind:
             return
         text = f"{refusal.topic}: message refused: {refusal.reason}"
-        say(self._node.name, text)
-        message = Log(timestamp=timestamp(self._stamp_ns), level=LogLevel.WARNING, message=text, name=self._node.name)
+        say(self._spec.name, text)
+        message = Log(timestamp=timestamp(self._stamp_ns), level=LogLevel.WARNING, message=text, name=self._spec.name)
         self._publish(self._stamped("log", message))
 
     def _report(self, *, at_once: bool) -> None:
@@ -220,7 +215,7 @@ class _Host:
         if at_once or now >= self._report_at:
             self._report_at = now + REPORT_S
             message = Diagnostics(
-                node=self._node.name,
+                node=self._spec.name,
                 steps=self._executor.steps,
                 step_time_s=self._step_time_s,
                 refused=dict(self._intake.refused),

@@ -14,6 +14,7 @@ from dynpf_protocol.errors import ProtocolError
 from dynpf_protocol.topics import LOG_NODE, topic
 
 from dynpf_runtime.bus.session import DATA, TICK, Arrival
+from dynpf_runtime.graph import Graph
 from dynpf_runtime.node import Received
 
 __all__ = ["Intake", "Refusal", "check_sender"]
@@ -28,15 +29,15 @@ class Refusal(NamedTuple):
     envelope: Envelope | None = None
 
 
-def check_sender(arrival: Arrival, boots: Mapping[str, str], source: str) -> tuple[str, Envelope]:
+def check_sender(arrival: Arrival, boots: Mapping[str, str], graph: Graph) -> tuple[str, Envelope]:
     """Return topic and envelope of a message from a known sender; raises ProtocolError.
 
-    Records of an imported log carry the boot of the ``source`` that feeds them in.
+    Records of an imported log carry the boot of the graph's source, which feeds them in.
     """
     name = arrival.key[len(DATA) :]
-    row = topic(name)
+    row = topic(name, graph.topics)
     envelope = decode_envelope(arrival.attachment)
-    sender = source if envelope.node == LOG_NODE else envelope.node
+    sender = graph.source if envelope.node == LOG_NODE else envelope.node
     if envelope.node not in row.publishers:
         raise ProtocolError(f"unknown sender {envelope.node!r}; expected {' or '.join(row.publishers)}")
     if boots.get(sender) != envelope.boot:
@@ -49,9 +50,9 @@ def check_sender(arrival: Arrival, boots: Mapping[str, str], source: str) -> tup
 class Intake:
     """Turns arrivals into inputs, or refuses them. ``boots`` maps each peer to its boot in this run."""
 
-    def __init__(self, boots: Mapping[str, str], source: str) -> None:
+    def __init__(self, boots: Mapping[str, str], graph: Graph) -> None:
         self._boots = boots
-        self._source = source
+        self._graph = graph
         self._next: defaultdict[tuple[str, str], int] = defaultdict(int)
         self._reasons: set[tuple[str, str]] = set()
         self.refused: Counter[str] = Counter()
@@ -60,13 +61,13 @@ class Intake:
         name = arrival.key[len(DATA) :]
         envelope = None
         try:
-            name, known = check_sender(arrival, self._boots, self._source)
+            name, known = check_sender(arrival, self._boots, self._graph)
             key = (known.node, name)
             if known.sequence < self._next[key]:
                 raise ProtocolError(f"sequence {known.sequence} again; expected {self._next[key]} or later")
             self._next[key] = known.sequence + 1
             envelope = known
-            message = decode(name, arrival.payload)
+            message = decode(name, arrival.payload, self._graph.topics)
         except ProtocolError as error:
             return self._refuse(name, str(error), envelope)
         return Received(name, known.node, known.boot, known.sequence, known.stamp_ns, message), known

@@ -47,7 +47,7 @@ class Member:
         self.name = name
         self.bus = bus
         self.boot = boot
-        self.peers = {*plan.names, RECORDER} - {name}
+        self.peers = {*plan.graph.nodes, RECORDER} - {name}
         self.boots: dict[str, str] = {}
         self.ticks = 0
         self.recorded: Recorded | None = None
@@ -146,7 +146,7 @@ class Member:
 
     def _token(self, arrival: Arrival) -> None:
         prefix = ALIVE if arrival.key.startswith(ALIVE) else READY
-        node, _, boot = arrival.key[len(prefix) :].partition("/")
+        node, _, boot = arrival.key[len(prefix) :].rpartition("/")
         if node not in self.peers:
             return
         if arrival.present:
@@ -246,7 +246,7 @@ def join(name: str, plan: Plan, endpoint: str, stop: StopSignal) -> Iterator[Mem
             raise UsageError(f"{name} already runs at {endpoint} (boot {taken[0].rpartition('/')[2]}); stop it first")
         member = Member(name, bus, plan, new_boot(), stop)
         bus.subscribe(f"{CONTROL}*")
-        bus.subscribe(f"{BEAT}*")
+        bus.subscribe(f"{BEAT}**")
         bus.watch(f"{ALIVE}**")
         bus.watch(f"{READY}**")
         yield member

@@ -21,9 +21,10 @@ from dynpf_services.controller.config import RearrangementControllerConfig
 from dynpf_services.controller.navigation import NavigationConstruction
 from dynpf_services.controller.product import ProductConstruction
 from dynpf_services.controller.scene import Construction, Motion, Scene, Subtask, margins_of
-from dynpf_services.task import RearrangementTask, layout_of
+from dynpf_services.scenario.context import Context
+from dynpf_services.task import RearrangementTask, layout_of, task_of
 
-__all__ = ["RearrangementController"]
+__all__ = ["RearrangementController", "build"]
 
 FloatArray = NDArray[np.float64]
 
@@ -35,18 +36,15 @@ ANOTHER_WAY = 0.3  # rise of a potential, in metres, by which it is not the nois
 class RearrangementController:
     """Reads the estimate; commands velocity and gripper and, at the end, that it has finished."""
 
-    name = "controller"
-    reads = frozenset({"estimator/state"})
-    writes = frozenset({"controller/command"})
-
     def __init__(
         self,
         *,
         config: RearrangementControllerConfig,
-        seed: int,  # noqa: ARG002 - every node is given it
         tick_s: float,
         task: RearrangementTask,
+        name: str = "controller",
     ) -> None:
+        self.name = name
         self._layout = layout_of(task)
         self._config = config
         self._tick_s = tick_s
@@ -256,3 +254,8 @@ def _construct(config: RearrangementControllerConfig, layout: Layout, pace: Pace
     if config.construction == "product":
         return ProductConstruction(config, layout, pace)
     return NavigationConstruction(config, layout, pace)
+
+
+def build(config: RearrangementControllerConfig, context: Context) -> RearrangementController:
+    """Return the controller of a run."""
+    return RearrangementController(config=config, tick_s=context.tick_s, task=task_of(context), name=context.name)

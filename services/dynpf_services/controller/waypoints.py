@@ -5,9 +5,10 @@ from dynpf_runtime.node import Output, Result, State, Step
 
 from dynpf.portable import dist
 from dynpf_services.controller.config import WaypointsConfig
+from dynpf_services.scenario.context import Context
 from dynpf_services.steering import steer
 
-__all__ = ["WaypointController"]
+__all__ = ["WaypointController", "build"]
 
 
 class WaypointController:
@@ -16,11 +17,8 @@ class WaypointController:
     Commands mode "drive", vx being the forward speed, once for each step with an estimate.
     """
 
-    name = "controller"
-    reads = frozenset({"estimator/state"})
-    writes = frozenset({"controller/command"})
-
-    def __init__(self, *, config: WaypointsConfig, seed: int, tick_s: float) -> None:  # noqa: ARG002 - every node is given them
+    def __init__(self, *, config: WaypointsConfig, name: str = "controller") -> None:
+        self.name = name
         self.config = config
         self._reached = 0
         self._stamp_ns = -1
@@ -51,3 +49,8 @@ class WaypointController:
     def thaw(self, state: State) -> None:
         self._reached = state["reached"]
         self._stamp_ns = state["stamp_ns"]
+
+
+def build(config: WaypointsConfig, context: Context) -> WaypointController:
+    """Return the controller of a run."""
+    return WaypointController(config=config, name=context.name)

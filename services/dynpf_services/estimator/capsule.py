@@ -28,13 +28,14 @@ from dynpf.filters.resampling import systematic
 from dynpf.motion.capsule import CapsuleMotion
 from dynpf.rng import Stream
 from dynpf_services.capsule_scene import arrow_entity, drawn_pose, tube_entity, walls_entity
-from dynpf_services.colon import ColonWorld
+from dynpf_services.colon import ColonWorld, colon_world
 from dynpf_services.estimator.capsule_filters import Located, capsule_filter
 from dynpf_services.estimator.config import CapsuleEstimatorConfig
-from dynpf_services.estimator.gaps import GAPS, gap_warning
+from dynpf_services.estimator.gaps import gap_warning
 from dynpf_services.estimator.picture import robot_transform
+from dynpf_services.scenario.context import Context
 
-__all__ = ["CapsuleEstimator"]
+__all__ = ["CapsuleEstimator", "build"]
 
 SHOWN_PARTICLES = 200
 SHOWN_PERIOD_NS = 200_000_000
@@ -50,20 +51,15 @@ class CapsuleEstimator:
     Raises ScenarioError where filter, maps and schedule do not fit each other.
     """
 
-    name = "estimator"
-    reads = frozenset({"sensors/capsule", GAPS})
-    writes = frozenset(
-        {
-            "estimator/capsule",
-            "estimator/pose",
-            "estimator/particles",
-            "estimator/transforms",
-            "estimator/scene",
-            "log",
-        }
-    )
-
-    def __init__(self, *, config: CapsuleEstimatorConfig, seed: int, world: ColonWorld) -> None:
+    def __init__(
+        self,
+        *,
+        config: CapsuleEstimatorConfig,
+        seed: int,
+        world: ColonWorld,
+        name: str = "estimator",
+    ) -> None:
+        self.name = name
         self._seed = seed
         self._known = config.start == "known"
         self._filter = capsule_filter(config, world)
@@ -192,3 +188,8 @@ class CapsuleEstimator:
 def _motion(reading: CapsuleReading) -> CapsuleMotion | None:
     move = reading.move
     return CapsuleMotion(move.rho_px, move.turn) if isinstance(move, CapsuleMove) else None
+
+
+def build(config: CapsuleEstimatorConfig, context: Context) -> CapsuleEstimator:
+    """Return the estimator of a run."""
+    return CapsuleEstimator(config=config, seed=context.seed, world=colon_world(context), name=context.name)

@@ -33,14 +33,13 @@ from dynpf.filters.start import UniformStart, pose_source
 from dynpf.filters.unscented import UnscentedKalman, UnscentedKalmanParams
 from dynpf.measurement.beam import BeamModel, BeamParams
 from dynpf.measurement.likelihood_field import LikelihoodField, LikelihoodFieldParams
-from dynpf.measurement.lines import Lines, PolarLines, PolarLinesParams
+from dynpf.measurement.lines import PolarLines, PolarLinesParams
 from dynpf.measurement.model import GaussianMeasurement, MeasurementModel
-from dynpf.measurement.position import GaussianPosition, GaussianPositionParams, Position
-from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, RangeBearingReadings, SensorRows
-from dynpf.measurement.range_vector import RangeVector, RangeVectorModel, RangeVectorParams
-from dynpf.measurement.scan import Scan
+from dynpf.measurement.position import GaussianPosition, GaussianPositionParams
+from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, SensorRows
+from dynpf.measurement.range_vector import RangeVectorModel, RangeVectorParams
 from dynpf.measurement.scan_lines import ScanLines, ScanLinesParams
-from dynpf.measurement.unknown_landmarks import UnknownLandmarks, UnknownLandmarksParams, UnlabelledReadings
+from dynpf.measurement.unknown_landmarks import UnknownLandmarks, UnknownLandmarksParams
 from dynpf.motion.arcs import Arcs, ArcsParams
 from dynpf.motion.calibration import BEARING_BIAS, RANGE_SCALE, CalibratedArcs
 from dynpf.motion.capsule import CapsuleMotion, CapsuleStep, CapsuleStepParams
@@ -51,11 +50,12 @@ from dynpf.motion.odometry import OdometryMotion, OdometryParams
 from dynpf.motion.velocity import Velocity, VelocityParams
 from dynpf.portable import hypot
 from dynpf.se2 import arc_chord, arc_displacement
-from dynpf_services.estimator.config import GradientFlowTable, LocalizationConfig, SirParams, UserComponent
+from dynpf_services.estimator.config import GradientFlowTable, LocalizationConfig, SirParams
 from dynpf_services.estimator.localizers import CloudFilter, GaussianLocalizer, Localizer, ParticleLocalizer
-from dynpf_services.estimator.readings import TOPICS
+from dynpf_services.estimator.readings import READINGS, TOPICS
 from dynpf_services.estimator.user_components import Classes, made, required_methods
 from dynpf_services.maps import Maps
+from dynpf_services.scenario.user_code import UserComponent
 
 __all__ = ["Motion", "Moved", "localizer_of", "measurements_of", "motion_of"]
 
@@ -203,23 +203,34 @@ def _measurement(
             raise ScenarioError(f"{key} needs {_NEEDED[what]}; this run has none")
         return found
 
+    if isinstance(table, UserComponent):
+        return _own_measurement(table, key, maps, classes)
+    model: MeasurementModel[Any]
     match table:
         case RangeBearingParams():
-            return RangeBearingReadings, RangeBearing(table, needed("landmarks"), rows)
+            model = RangeBearing(table, needed("landmarks"), rows)
         case UnknownLandmarksParams():
-            return UnlabelledReadings, UnknownLandmarks(table, needed("landmarks"))
+            model = UnknownLandmarks(table, needed("landmarks"))
         case LikelihoodFieldParams():
-            return Scan, LikelihoodField(table, needed("grid"))
+            model = LikelihoodField(table, needed("grid"))
         case BeamParams():
-            return Scan, BeamModel(table, needed("grid"))
+            model = BeamModel(table, needed("grid"))
         case RangeVectorParams():
-            return RangeVector, RangeVectorModel(table, needed("grid"))
+            model = RangeVectorModel(table, needed("grid"))
         case PolarLinesParams():
-            return Lines, PolarLines(table, needed("segments"))
+            model = PolarLines(table, needed("segments"))
         case ScanLinesParams():
-            return Scan, ScanLines(table, needed("segments"))
+            model = ScanLines(table, needed("segments"))
         case GaussianPositionParams():
-            return Position, GaussianPosition(table)
+            model = GaussianPosition(table)
+        case _:
+            raise TypeError(f"{key}: {type(table).__name__} is no table of a measurement model")
+    return READINGS[type(table)], model
+
+
+def _own_measurement(
+    table: UserComponent, key: str, maps: Maps, classes: Classes
+) -> tuple[type, MeasurementModel[Any]]:
     own = made(table, key, (MeasurementModel,), classes, maps._asdict())
     reading = getattr(type(own), "reading", object)
     if reading not in TOPICS:

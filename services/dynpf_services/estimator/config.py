@@ -1,7 +1,6 @@
 """What a scenario says about the estimator, in the table ``[estimator]``; ``kind`` chooses which one runs; SI units."""
 
-from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
@@ -34,6 +33,7 @@ from dynpf.motion.gradient_flow import GradientFlowParams
 from dynpf.motion.linear import LinearGaussianParams
 from dynpf.motion.odometry import OdometryParams
 from dynpf.motion.velocity import VelocityParams
+from dynpf_services.scenario.user_code import UserComponent
 from dynpf_services.task import NOISE, Noise, RearrangementTask
 
 __all__ = [
@@ -45,7 +45,6 @@ __all__ = [
     "LocalizationConfig",
     "RearrangementConfig",
     "SirParams",
-    "UserComponent",
 ]
 
 NonNegative = Annotated[float, Meta(ge=0.0)]
@@ -54,16 +53,6 @@ Ticks = Annotated[int, Meta(ge=1)]
 
 
 _STEADY, _SHARP = 1e-8, 2.5e-7  # m^2: noise that is left of a motion and of a detection without noise
-
-
-class UserComponent(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="package.module:Name"
-):
-    """A class of your own. All other keys of the table are its parameters; see "Your own components" above."""
-
-    # In a file, and in the text of a resolved scenario, ``kind`` is the name, and the parameters stand beside it.
-    name: str
-    parameters: dict[str, Any] = {}
 
 
 class SirParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="sir"):
@@ -134,18 +123,6 @@ class LocalizationConfig(
     # Where those begin that are drawn anew; absent: anywhere, or for a jump where a search finds them.
     restart: UniformStart | FromReadingsStart | SearchStart | None = None
     health: HealthParams = HealthParams()  # when the estimate counts as uncertain, or as lost
-
-    @property
-    def user_classes(self) -> Iterator[tuple[str, str]]:
-        """The keys of the scenario that name a user's class, and the names."""
-        for field in self.__struct_fields__:
-            value = getattr(self, field)
-            if isinstance(value, UserComponent):
-                yield f"estimator.{field}.kind", value.name
-            elif isinstance(value, tuple):
-                for place, one in enumerate(value):
-                    if isinstance(one, UserComponent):
-                        yield f"estimator.{field}.{place}.kind", one.name
 
 
 class RearrangementConfig(

@@ -43,9 +43,10 @@ from dynpf_services.estimator.picture import draw_scene, robot_transform
 from dynpf_services.estimator.readings import TOPICS, reading_of, size_of
 from dynpf_services.estimator.rehearsal import example_readings
 from dynpf_services.estimator.user_components import Classes
-from dynpf_services.maps import Maps
+from dynpf_services.maps import Maps, maps_of
+from dynpf_services.scenario.context import Context
 
-__all__ = ["LocalizationEstimator"]
+__all__ = ["LocalizationEstimator", "build"]
 
 NANOSECONDS = 10**9
 SHORTEST_NS = NANOSECONDS // 1000  # that a displacement is said to have taken
@@ -80,19 +81,6 @@ class LocalizationEstimator:
     Raises ScenarioError where the components do not fit each other or the run.
     """
 
-    name = "estimator"
-    writes = frozenset(
-        {
-            "estimator/state",
-            "estimator/pose",
-            "estimator/dead_reckoning",
-            "estimator/particles",
-            "estimator/transforms",
-            "estimator/scene",
-            "log",
-        }
-    )
-
     def __init__(
         self,
         *,
@@ -102,8 +90,10 @@ class LocalizationEstimator:
         maps: Maps,
         classes: Classes,
         scan_range_max: float | None = None,
+        name: str = "estimator",
     ) -> None:
         """Take the config, the run's maps and the user's classes by name; ``scan_range_max`` if the config has none."""
+        self.name = name
         self._seed = seed
         self._delay_ns = round(config.odometry_delay * NANOSECONDS)
         self._marks = tuple(landmarks)
@@ -434,3 +424,18 @@ def _source(start: Start, maps: Maps, models: Models) -> PoseSource | None:
         return pose_source(start, grid=maps.grid, models=models)
     except ValueError as error:
         raise ScenarioError(f"estimator.start: {error}") from error
+
+
+def build(config: LocalizationConfig, context: Context) -> LocalizationEstimator:
+    """Return the estimator of a run."""
+    sensors = context.beside("sensors")
+    scan = getattr(sensors, "scan", None)
+    return LocalizationEstimator(
+        config=config,
+        seed=context.seed,
+        landmarks=context.fact("landmarks") or (),
+        maps=maps_of(context),
+        classes=context.user_classes(),
+        scan_range_max=None if scan is None else scan.range_max,
+        name=context.name,
+    )

@@ -1,6 +1,6 @@
 """From the messages of the sensors to the readings that the measurement models take."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,15 +15,19 @@ from dynpf_protocol.messages import (
 )
 from msgspec import UNSET
 
-from dynpf.measurement.lines import Lines
-from dynpf.measurement.position import Position
-from dynpf.measurement.range_bearing import RangeBearingReadings
-from dynpf.measurement.range_vector import RangeVector
+from dynpf.measurement.beam import BeamParams
+from dynpf.measurement.likelihood_field import LikelihoodFieldParams
+from dynpf.measurement.lines import Lines, PolarLinesParams
+from dynpf.measurement.position import GaussianPositionParams, Position
+from dynpf.measurement.range_bearing import RangeBearingParams, RangeBearingReadings
+from dynpf.measurement.range_vector import RangeVector, RangeVectorParams
 from dynpf.measurement.scan import Scan
-from dynpf.measurement.unknown_landmarks import UnlabelledReadings
+from dynpf.measurement.scan_lines import ScanLinesParams
+from dynpf.measurement.unknown_landmarks import UnknownLandmarksParams, UnlabelledReadings
 from dynpf.se2 import FloatArray
+from dynpf_services.scenario.user_code import UserComponent
 
-__all__ = ["TOPICS", "reading_of", "size_of"]
+__all__ = ["READINGS", "TOPICS", "reading_of", "reading_topics", "size_of"]
 
 TOPICS: Mapping[type, str] = {
     RangeBearingReadings: "sensors/landmarks",
@@ -34,6 +38,32 @@ TOPICS: Mapping[type, str] = {
     Position: "sensors/position",
 }
 """The types of readings, and the topic that each is made from."""
+
+
+READINGS: Mapping[type, type] = {
+    RangeBearingParams: RangeBearingReadings,
+    UnknownLandmarksParams: UnlabelledReadings,
+    LikelihoodFieldParams: Scan,
+    BeamParams: Scan,
+    RangeVectorParams: RangeVector,
+    PolarLinesParams: Lines,
+    ScanLinesParams: Scan,
+    GaussianPositionParams: Position,
+}
+"""The tables of measurement models, and the type of reading that each model takes."""
+
+
+def reading_topics(tables: Iterable[Any], user_class: Callable[[str], type | None]) -> set[str]:
+    """Return the topics of the readings that measurement models take, by their tables.
+
+    ``user_class`` gives a class of the user's by its name, None for one that must not be imported: what that takes
+    nobody knows.
+    """
+    readings = (
+        getattr(user_class(table.name), "reading", None) if isinstance(table, UserComponent) else READINGS[type(table)]
+        for table in tables
+    )
+    return {TOPICS[reading] for reading in readings if isinstance(reading, type) and reading in TOPICS}
 
 
 def reading_of(message: Message, kind: type, *, range_min: float = 0.0, range_max: float = 0.0) -> Any:

@@ -31,12 +31,13 @@ from dynpf.filters.association import associate
 from dynpf.portable import log, sincos
 from dynpf.rng import Stream
 from dynpf_services.estimator.config import RearrangementConfig
-from dynpf_services.estimator.gaps import GAPS, gap_warning
+from dynpf_services.estimator.gaps import gap_warning
 from dynpf_services.estimator.picture import robot_transform
 from dynpf_services.estimator.robot_filters import Belief, Seen, fused, robot_filter
-from dynpf_services.task import RearrangementTask, layout_of
+from dynpf_services.scenario.context import Context
+from dynpf_services.task import RearrangementTask, layout_of, task_of
 
-__all__ = ["RearrangementEstimator"]
+__all__ = ["RearrangementEstimator", "build"]
 
 FloatArray = NDArray[np.float64]
 
@@ -46,11 +47,16 @@ ROBOT = 0  # row of the robot among the objects to be matched; part i is row i +
 class RearrangementEstimator:
     """Reads detections, the gripper and the last command; writes the estimate of robot and parts."""
 
-    name = "estimator"
-    reads = frozenset({"vision/detections", "sensors/overhead", "sensors/gripper", "controller/command", GAPS})
-    writes = frozenset({"estimator/state", "estimator/pose", "estimator/particles", "estimator/transforms", "log"})
-
-    def __init__(self, *, config: RearrangementConfig, seed: int, tick_s: float, task: RearrangementTask) -> None:
+    def __init__(
+        self,
+        *,
+        config: RearrangementConfig,
+        seed: int,
+        tick_s: float,
+        task: RearrangementTask,
+        name: str = "estimator",
+    ) -> None:
+        self.name = name
         self._layout = layout_of(task)
         self._config = config
         self._noise = config.noise(task)
@@ -271,3 +277,10 @@ class _Measured(msgspec.Struct, frozen=True):
         discs = () if detections is None else detections.discs
         table = np.array([(disc.x, disc.y, disc.radius, disc.grey) for disc in discs]).reshape(-1, 4)
         return cls(table[:, :2], table[:, 2], table[:, 3])
+
+
+def build(config: RearrangementConfig, context: Context) -> RearrangementEstimator:
+    """Return the estimator of a run."""
+    return RearrangementEstimator(
+        config=config, seed=context.seed, tick_s=context.tick_s, task=task_of(context), name=context.name
+    )

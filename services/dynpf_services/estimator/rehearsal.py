@@ -28,9 +28,10 @@ from dynpf.measurement.scan import Scan
 from dynpf.measurement.unknown_landmarks import UnlabelledReadings
 from dynpf.portable import atan2, hypot
 from dynpf.se2 import Floats
-from dynpf_services.estimator.config import LocalizationConfig, UserComponent
+from dynpf_services.estimator.config import LocalizationConfig
 from dynpf_services.estimator.readings import reading_of
 from dynpf_services.maps import Maps
+from dynpf_services.scenario.user_code import UserComponent
 
 __all__ = ["example_readings"]
 

@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 from dynpf_protocol.errors import ScenarioError
 
-from dynpf_services.estimator.config import UserComponent
+from dynpf_services.scenario.user_code import UserComponent
 
 __all__ = ["Classes", "made", "required_methods"]
 

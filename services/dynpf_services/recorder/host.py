@@ -34,9 +34,9 @@ def run_recorder(
     """
     with join("recorder", plan, endpoint, stop) as member:
         recorder = _Recorder(member, plan)
-        for key in (f"{DATA}**", f"{JOURNAL}*", f"{TICK}*"):
+        for key in (f"{DATA}**", f"{JOURNAL}**", f"{TICK}**"):
             member.bus.subscribe(key)
-        with RecordingWriter(path, run_header(plan), attachments, boot=member.boot) as writer:
+        with RecordingWriter(path, run_header(plan), attachments, boot=member.boot, topics=plan.graph.topics) as writer:
             try:
                 member.assemble(leads=False)
                 end = recorder.record(writer)
@@ -56,8 +56,8 @@ def run_recorder(
 class _Recorder:
     def __init__(self, member: Member, plan: Plan) -> None:
         self._member = member
-        self._nodes = plan.names
-        self._source = plan.names[0]
+        self._nodes = plan.graph.nodes
+        self._graph = plan.graph
         self._promised: Counter[str] = Counter()
         self._received: Counter[str] = Counter()
         self._steps: dict[str, int] = {}
@@ -110,7 +110,7 @@ class _Recorder:
             return
         try:
             if arrival.key.startswith(DATA):
-                name, envelope = check_sender(arrival, self._member.boots, self._source)
+                name, envelope = check_sender(arrival, self._member.boots, self._graph)
                 writer.message(name, envelope, arrival.payload)
                 self._received[name] += 1
             elif arrival.key.startswith(JOURNAL):

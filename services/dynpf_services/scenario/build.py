@@ -1,46 +1,39 @@
-"""From a scenario to its nodes: the one place that knows which class answers to which section."""
+"""From a scenario to the plan of its run, and to its nodes."""
 
-import math
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
 
 import msgspec
 from dynpf_protocol.errors import ScenarioError
+from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, TOPICS
+from dynpf_runtime.graph import Graph, NodeSpec
 from dynpf_runtime.node import Node
 from dynpf_runtime.plan import Plan
 
-from dynpf_services.colon import ColonWorld
-from dynpf_services.controller.config import RearrangementControllerConfig, WaypointsConfig
-from dynpf_services.controller.rearrangement import RearrangementController
-from dynpf_services.controller.waypoints import WaypointController
-from dynpf_services.estimator.capsule import CapsuleEstimator
-from dynpf_services.estimator.config import CapsuleEstimatorConfig, LocalizationConfig, RearrangementConfig
-from dynpf_services.estimator.localization import LocalizationEstimator
-from dynpf_services.estimator.readings import TOPICS
-from dynpf_services.estimator.rearrangement import RearrangementEstimator
-from dynpf_services.maps import Maps, open_maps
-from dynpf_services.scenario.schema import Scenario, colon_world, resolved_json
-from dynpf_services.scenario.user_code import check_allowed, find_class
-from dynpf_services.sensors.capsule import CapsuleSensors
-from dynpf_services.sensors.config import CapsuleSensorsConfig, LogSensorsConfig, SimulatedSensorsConfig
-from dynpf_services.sensors.log import LogSensors
-from dynpf_services.sensors.simulated import SimulatedSensors
-from dynpf_services.simulator.capsule import CapsuleSimulator
-from dynpf_services.simulator.config import CapsuleConfig, RoomConfig, WorkspaceConfig
-from dynpf_services.simulator.room import RoomSimulator
-from dynpf_services.simulator.workspace import WorkspaceSimulator
-from dynpf_services.task import NOISE, RearrangementTask
-from dynpf_services.vision.config import VisionConfig
-from dynpf_services.vision.node import VisionNode
+from dynpf_services.scenario.context import Context
+from dynpf_services.scenario.kinds import load, node_kind, section_of
+from dynpf_services.scenario.order import in_tick_order
+from dynpf_services.scenario.schema import Scenario, key_of, resolved_json
 
-__all__ = ["build_node", "build_nodes", "plan_of", "user_classes"]
-
-READING_TOPICS = frozenset(TOPICS.values())
+__all__ = ["build_node", "build_nodes", "plan_of"]
 
 
 def plan_of(scenario: Scenario) -> Plan:
-    """Return the plan of a run, as the runtime takes it."""
+    """Return the plan of a run, as the runtime takes it; no node is built.
+
+    Raises ScenarioError where nodes do not fit each other, or a fault lies on a way that nothing takes.
+    """
+    graph = Graph(in_tick_order(_specs(scenario), _stages(scenario)))
+    _check_writers(graph)
+    _check_readers(scenario, graph)
+    for place, fault in enumerate(scenario.faults):
+        reads = graph.specs[fault.to].reads
+        if fault.topic not in reads:
+            known = ", ".join(sorted(reads))
+            raise ScenarioError(f"faults.{place}.topic: {fault.to} does not read {fault.topic}; it reads {known}")
     return Plan(
-        names=scenario.nodes,
-        build=lambda: build_nodes(scenario),
+        graph=graph,
         seed=scenario.seed,
         clock=scenario.clock,
         rate=scenario.rate,
@@ -56,125 +49,109 @@ def plan_of(scenario: Scenario) -> Plan:
 def build_nodes(scenario: Scenario) -> dict[str, Node]:
     """Return the nodes of a run by name, in tick order, each in its first state.
 
-    Raises ScenarioError where a section does not fit the rest, or a fault lies on a way that nothing takes.
+    Raises ScenarioError where a section does not fit the rest.
     """
-    maps, world = _maps(scenario), colon_world(scenario)
-    nodes = {name: _built(scenario, name, maps, world) for name in scenario.nodes}
-    if isinstance(scenario.estimator, LocalizationConfig) and "sensors" in nodes:
-        unheard = {one for one in nodes["estimator"].reads - nodes["sensors"].writes if one in READING_TOPICS}
-        for topic in sorted(unheard):
-            raise ScenarioError(f"estimator.measurement: reads {topic}, which the sensors of this run do not write")
-    for place, fault in enumerate(scenario.faults):
-        if fault.topic not in nodes[fault.to].reads:
-            known = ", ".join(sorted(nodes[fault.to].reads))
-            raise ScenarioError(f"faults.{place}.topic: {fault.to} does not read {fault.topic}; it reads {known}")
-    return nodes
+    return {name: spec.build() for name, spec in plan_of(scenario).graph.specs.items()}
 
 
 def build_node(scenario: Scenario, name: str) -> Node:
     """Return one node of a run in its first state; raises ScenarioError where its section does not fit the rest."""
-    return _built(scenario, name, _maps(scenario), colon_world(scenario))
+    return _built(Context(scenario, name))
 
 
-def user_classes(scenario: Scenario) -> dict[str, type]:
-    """Return the user's classes that a scenario names, by name.
+def _specs(scenario: Scenario) -> list[NodeSpec]:
+    shared: dict[str, Any] = {}
+    return [_spec(Context(scenario, name, shared)) for name in scenario.nodes]
 
-    Raises ScenarioError for one that is not there, and imports none whose module ``user_code`` lacks: those are of a
-    scenario out of a recording, and its reader has not allowed them.
+
+def _spec(context: Context) -> NodeSpec:
+    name, config = context.name, context.scenario.nodes[context.name]
+    text = context.scenario.kinds[name]
+    kind = node_kind(text)
+    names = _Names(name, section_of(text), context.scenario.remaps.get(name, {}))
+    try:
+        writes = kind.writes(config, context)
+        rows = writes if isinstance(writes, Mapping) else {own: TOPICS[own] for own in writes}
+        return NodeSpec(
+            name=name,
+            kind=text,
+            build=partial(_built, context),
+            reads={names.topic(own): own for own in kind.reads(config, context)},
+            writes={own: msgspec.structs.replace(row, name=names.topic(own)) for own, row in rows.items()},
+        )
+    except ValueError as error:
+        raise ScenarioError(f"{key_of(name)}: {error}") from error
+
+
+class _Names:
+    """The topics that a node's own names for them stand for.
+
+    A node names its topics as if it were the only one of its kind and of the run: ``estimator/state``. That of a node
+    ``other`` is ``other/state``, and within the namespace of a robot it begins with the robot's name.
     """
-    check_allowed(scenario.user_classes, scenario.user_code, "scenario")
-    return {one.text: find_class(one) for one in scenario.user_classes}
+
+    def __init__(self, node: str, usual: str, remap: Mapping[str, str]) -> None:
+        self._node, self._usual, self._remap = node, usual, remap
+        namespace, slash, _ = node.rpartition("/")
+        self._namespace = namespace + slash
+
+    def topic(self, own: str) -> str:
+        if own in self._remap:
+            return self._remap[own]
+        first, _, rest = own.partition("/")
+        if own in _SHARED:
+            return own
+        if own.startswith(EVENT_PREFIX):
+            return EVENT_PREFIX + self._node
+        if first == self._usual:
+            return f"{self._node}/{rest}"
+        return self._namespace + own
 
 
-def _maps(scenario: Scenario) -> Maps:
-    marks = scenario.landmarks if scenario.landmarks or scenario.needs_log else None
+_SHARED = frozenset({"log"})
+"""Topics that all nodes of a run send on."""
+
+
+def _built(context: Context) -> Node:
+    name, scenario = context.name, context.scenario
+    if name not in scenario.nodes:
+        raise ScenarioError(f"{name}: takes no part in this run; its nodes are {', '.join(scenario.nodes)}")
+    build = load(node_kind(scenario.kinds[name]).build)
     try:
-        return open_maps(scenario.map, marks, lambda path: _content(scenario, path))
+        node: Node = build(scenario.nodes[name], context)
+    except ScenarioError:
+        raise
     except ValueError as error:
-        raise ScenarioError(f"map: {error}") from error
+        raise ScenarioError(f"{key_of(name)}: {error}") from error
+    return node
 
 
-def _content(scenario: Scenario, path: str) -> bytes:
-    """Return what is in a file that the scenario names, which has been read with it."""
-    file = scenario.files.get(path.rpartition("/")[2])
-    if file is None or not file.data:
-        raise ScenarioError(f"map.file: the content of {path} did not come along with the scenario")
-    return file.data
+def _stages(scenario: Scenario) -> dict[str, int | None]:
+    """Return where in a tick each node takes its turn by its kind; None for a user's own."""
+    sections = {name: section_of(text) for name, text in scenario.kinds.items()}
+    return {name: NODES.index(section) if section in NODES else None for name, section in sections.items()}
 
 
-def _built(scenario: Scenario, name: str, maps: Maps, world: ColonWorld | None) -> Node:
-    try:
-        return _build(scenario, name, maps, world)
-    except ValueError as error:
-        raise ScenarioError(f"{name}: {error}") from error
+def _check_writers(graph: Graph) -> None:
+    """Raise ScenarioError where two nodes write one topic, or one that is the log's or a host's."""
+    writers: dict[str, str] = {}
+    for spec in graph.specs.values():
+        for row in spec.writes.values():
+            if row.name in _SHARED:
+                continue
+            first = row.name.partition("/")[0]
+            other = writers.setdefault(row.name, spec.name)
+            if other != spec.name:
+                raise ScenarioError(f"{key_of(spec.name)}: writes {row.name}, which {other} writes already")
+            if first in {LOG_NODE, "event", "journal", "recorder", "diagnostics"}:
+                raise ScenarioError(f"{key_of(spec.name)}: writes {row.name}, which is not for nodes to write")
 
 
-def _build(scenario: Scenario, name: str, maps: Maps, world: ColonWorld | None) -> Node:
-    seed, tick_s, landmarks = scenario.seed, scenario.tick_s, scenario.landmarks
-    match getattr(scenario, name):
-        case WorkspaceConfig() as config:
-            return WorkspaceSimulator(config=config, seed=seed, tick_s=tick_s, task=_task(scenario, name))
-        case RoomConfig() as config:
-            return RoomSimulator(config=config, seed=seed, tick_s=tick_s, landmarks=landmarks, maps=maps)
-        case SimulatedSensorsConfig() as config:
-            return SimulatedSensors(
-                config=config, seed=seed, tick_s=tick_s, task=scenario.task, landmarks=landmarks, maps=maps
-            )
-        case (CapsuleConfig() | CapsuleSensorsConfig() | CapsuleEstimatorConfig()) as capsule:
-            return _build_capsule(capsule, seed, world, name)
-        case LogSensorsConfig() as config:
-            return LogSensors(config=config, seed=seed, tick_s=tick_s, landmarks=landmarks)
-        case RearrangementConfig() as config:
-            return RearrangementEstimator(config=config, seed=seed, tick_s=tick_s, task=_task(scenario, name))
-        case LocalizationConfig() as config:
-            return LocalizationEstimator(
-                config=config,
-                seed=seed,
-                landmarks=landmarks,
-                maps=maps,
-                classes=user_classes(scenario),
-                scan_range_max=_scan_range_max(scenario),
-            )
-        case RearrangementControllerConfig() as config:
-            return RearrangementController(config=config, seed=seed, tick_s=tick_s, task=_task(scenario, name))
-        case WaypointsConfig() as config:
-            return WaypointController(config=config, seed=seed, tick_s=tick_s)
-        case VisionConfig() as config:
-            return VisionNode(config=_with_noise(config, scenario.task), seed=seed)
-        case missing:
-            raise ScenarioError(f"{name}: takes no part in this run ({missing!r})")
-
-
-def _scan_range_max(scenario: Scenario) -> float | None:
-    sensors = scenario.sensors
-    return sensors.scan.range_max if isinstance(sensors, SimulatedSensorsConfig) and sensors.scan is not None else None
-
-
-def _with_noise(config: VisionConfig, task: RearrangementTask | None) -> VisionConfig:
-    """Return the configuration with the task's noise, where it does not say otherwise."""
-    if config.position_noise_m is not None or task is None:
-        return config
-    return msgspec.structs.replace(config, position_noise_m=math.sqrt(NOISE[task.noise].measurement))
-
-
-def _task(scenario: Scenario, name: str) -> RearrangementTask:
-    if scenario.task is None:
-        raise ScenarioError(f"{name}: needs the table [task] with the parts and their goals")
-    return scenario.task
-
-
-def _build_capsule(
-    config: CapsuleConfig | CapsuleSensorsConfig | CapsuleEstimatorConfig,
-    seed: int,
-    world: ColonWorld | None,
-    name: str,
-) -> Node:
-    if world is None:
-        raise ScenarioError(f"{name}: needs the table [colon] with the tube and when its maps hold")
-    match config:
-        case CapsuleConfig():
-            return CapsuleSimulator(config=config, seed=seed, world=world)
-        case CapsuleSensorsConfig():
-            return CapsuleSensors(config=config, seed=seed, world=world)
-        case CapsuleEstimatorConfig():
-            return CapsuleEstimator(config=config, seed=seed, world=world)
+def _check_readers(scenario: Scenario, graph: Graph) -> None:
+    """Raise ScenarioError where nothing writes what a node cannot do without."""
+    for name, config in scenario.nodes.items():
+        needs = node_kind(scenario.kinds[name]).needs(config, Context(scenario, name))
+        names = {own: topic for topic, own in graph.specs[name].reads.items()}
+        for own, key in sorted(needs.items()):
+            if names[own] not in graph.topics:
+                raise ScenarioError(f"{key_of(name)}.{key}: reads {names[own]}, which no node of this run writes")

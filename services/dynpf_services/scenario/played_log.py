@@ -33,7 +33,7 @@ class PlayedLog:
         recording = read_recording(path)
         self.path = path
         self.records = log_records(recording)
-        if not any(topic(one.topic).triggers for one in self.records):
+        if not any(topic(one.topic).wakes for one in self.records):
             raise UsageError(f"{path}: holds no sensor records of an imported log; dynpf import makes such a recording")
         self.attachments = recording.attachments
         landmarks = [one.data for one in recording.attachments if one.name == LANDMARKS]

@@ -28,7 +28,8 @@ def record_inline(
     be the last. Raises what the nodes raise; the recording then holds what came before, and says that it is incomplete.
     """
     plan = plan_of(scenario)
-    with RecordingWriter(path, run_header(plan), attachments_of(scenario, log.attachments if log else ())) as writer:
+    attachments = attachments_of(scenario, log.attachments if log else ())
+    with RecordingWriter(path, run_header(plan), attachments, topics=plan.graph.topics) as writer:
         ticks = run_inline(plan, log.records if log else [], writer, stopped=lambda: bool(stopped()))
         writer.close(complete=True, reason=stopped() or "finished")
     return ticks

@@ -9,7 +9,9 @@ from dynpf_formats.recording.attachments import FOLDER, attached, is_file
 from dynpf_formats.recording.header import Attachment
 from dynpf_formats.recording.reader import Recording
 
-from dynpf_services.scenario.schema import File, Scenario, override_resolved, with_files, with_user_code
+from dynpf_services.scenario.files import with_files
+from dynpf_services.scenario.load import override_resolved, with_user_code
+from dynpf_services.scenario.schema import File, Scenario
 
 __all__ = ["attachments_of", "recorded_scenario"]
 

@@ -13,11 +13,23 @@ import importlib.util
 import traceback
 from collections.abc import Container, Iterable
 from pathlib import Path
+from typing import Any
 
+import msgspec
 from dynpf_formats.user_classes import UserClass, is_standard
 from dynpf_protocol.errors import ScenarioError
 
-__all__ = ["check_allowed", "find_class", "source_digests"]
+__all__ = ["UserComponent", "check_allowed", "find_class", "source_digests"]
+
+
+class UserComponent(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="package.module:Name"
+):
+    """A class of your own. All other keys of the table are its parameters; see "Your own components" above."""
+
+    # In a file, and in the text of a resolved scenario, ``kind`` is the name, and the parameters stand beside it.
+    name: str
+    parameters: dict[str, Any] = {}
 
 
 def check_allowed(named: Iterable[UserClass], modules: Container[str], where: str) -> None:

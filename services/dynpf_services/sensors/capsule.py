@@ -7,10 +7,11 @@ from dynpf_runtime.node import Output, Result, State, Step
 from dynpf.colon.world import Capsule, read_ranges
 from dynpf.maps.raycast import RayCaster
 from dynpf.rng import generator
-from dynpf_services.colon import ColonWorld
+from dynpf_services.colon import ColonWorld, colon_world
+from dynpf_services.scenario.context import Context
 from dynpf_services.sensors.config import CapsuleSensorsConfig
 
-__all__ = ["CapsuleSensors"]
+__all__ = ["CapsuleSensors", "build"]
 
 
 class CapsuleSensors:
@@ -19,11 +20,8 @@ class CapsuleSensors:
     Raises ScenarioError for a map that cannot be made, or that does not hold the route.
     """
 
-    name = "sensors"
-    reads = frozenset({"truth/capsule"})
-    writes = frozenset({"sensors/capsule"})
-
-    def __init__(self, *, config: CapsuleSensorsConfig, seed: int, world: ColonWorld) -> None:
+    def __init__(self, *, config: CapsuleSensorsConfig, seed: int, world: ColonWorld, name: str = "sensors") -> None:
+        self.name = name
         self._seed = seed
         self._capsule = Capsule(sigma_range=config.sigma_range_px, outlier_fraction=config.outlier_fraction)
         self._casters = {name: RayCaster(grid) for name, grid in world.true_grids().items()}
@@ -49,3 +47,8 @@ class CapsuleSensors:
 
     def thaw(self, state: State) -> None:
         """There is no state."""
+
+
+def build(config: CapsuleSensorsConfig, context: Context) -> CapsuleSensors:
+    """Return the sensors of a run."""
+    return CapsuleSensors(config=config, seed=context.seed, world=colon_world(context), name=context.name)

@@ -11,26 +11,23 @@ from dynpf_protocol.landmarks import Landmark
 from dynpf_protocol.messages import LandmarkReading, LandmarkReadings, LaserScan, Message, Odometry, OdometryPose
 from dynpf_runtime.node import Output, Result, State, Step
 
+from dynpf_services.scenario.context import Context
 from dynpf_services.sensors.config import LogSensorsConfig
 
-__all__ = ["LogSensors"]
+__all__ = ["LogSensors", "build"]
 
 
 class LogSensors:
     """Sensor publisher fed by an imported log; the source of its run."""
 
-    name = "sensors"
-    reads = frozenset({"log/odometry", "log/odometry_pose", "log/landmarks", "log/scan"})
-    writes = frozenset({"sensors/odometry", "sensors/odometry_pose", "sensors/landmarks", "sensors/scan"})
-
     def __init__(
         self,
         *,
         config: LogSensorsConfig,
-        seed: int,  # noqa: ARG002 - every node is given it
-        tick_s: float,  # noqa: ARG002
         landmarks: tuple[Landmark, ...] = (),
+        name: str = "sensors",
     ) -> None:
+        self.name = name
         self.config = config
         self.landmarks = landmarks
         self._known = frozenset(landmark.id for landmark in landmarks)
@@ -85,3 +82,8 @@ class LogSensors:
 
 def _finite(numbers: tuple[float, ...]) -> bool:
     return all(map(math.isfinite, numbers))
+
+
+def build(config: LogSensorsConfig, context: Context) -> LogSensors:
+    """Return the sensors of a run."""
+    return LogSensors(config=config, landmarks=context.fact("landmarks") or (), name=context.name)

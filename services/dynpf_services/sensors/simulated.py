@@ -14,7 +14,8 @@ from dynpf.maps.raycast import RayCaster
 from dynpf.measurement.ray import ray_discs, ray_segments
 from dynpf.motion.gyro import GyroOdometry
 from dynpf.rng import Draws, generator
-from dynpf_services.maps import NO_MAPS, Maps
+from dynpf_services.maps import NO_MAPS, Maps, maps_of
+from dynpf_services.scenario.context import Context
 from dynpf_services.sensors.config import OdometrySensor, ScanSensor, SimulatedSensorsConfig
 from dynpf_services.sensors.readings import (
     Floats,
@@ -31,7 +32,7 @@ from dynpf_services.sensors.readings import (
 )
 from dynpf_services.task import RearrangementTask
 
-__all__ = ["SimulatedSensors"]
+__all__ = ["SimulatedSensors", "build"]
 
 
 class SimulatedSensors:
@@ -40,8 +41,6 @@ class SimulatedSensors:
     Speaks only when a newer truth/robot came. A sensor's ``every`` counts true states, so that it holds under either
     clock. Raises ScenarioError for a sensor whose facts (task, landmarks, walls, map) the run does not have.
     """
-
-    name = "sensors"
 
     def __init__(
         self,
@@ -52,7 +51,9 @@ class SimulatedSensors:
         task: RearrangementTask | None = None,
         landmarks: tuple[Landmark, ...] = (),
         maps: Maps = NO_MAPS,
+        name: str = "sensors",
     ) -> None:
+        self.name = name
         if task is None and (config.gripper is not None or config.overhead is not None):
             raise ScenarioError("sensors.gripper and sensors.overhead need a rearrangement task; this run has none")
         if config.landmarks is not None and not landmarks:
@@ -74,15 +75,6 @@ class SimulatedSensors:
         self._robot_stamp_ns = -1
         self._parts_stamp_ns = -1
         self._states = 0
-
-    @property
-    def reads(self) -> frozenset[str]:
-        return frozenset({"truth/robot", "truth/obstacles" if self.task is None else "truth/parts"})
-
-    @property
-    def writes(self) -> frozenset[str]:
-        sensors = ("odometry", "gripper", "landmarks", "scan", "lines", "position", "overhead")
-        return frozenset(f"sensors/{name}" for name in sensors if getattr(self.config, name) is not None)
 
     def step(self, step: Step) -> Result:
         if not self._take(step):
@@ -218,3 +210,16 @@ def _to_cells(caster: RayCaster, range_max: float) -> Rays:
         return caster.ranges(x, y, angles.astype(np.float32), range_max).astype(np.float64)
 
     return rays
+
+
+def build(config: SimulatedSensorsConfig, context: Context) -> SimulatedSensors:
+    """Return the sensors of a run."""
+    return SimulatedSensors(
+        config=config,
+        seed=context.seed,
+        tick_s=context.tick_s,
+        task=context.fact("task"),
+        landmarks=context.fact("landmarks") or (),
+        maps=maps_of(context),
+        name=context.name,
+    )

@@ -10,10 +10,11 @@ from dynpf.colon.world import Capsule, blown, steered
 from dynpf.motion.capsule import CapsuleMotion
 from dynpf.rng import generator
 from dynpf_services.capsule_scene import arrow_entity, tube_entity
-from dynpf_services.colon import ColonWorld
+from dynpf_services.colon import ColonWorld, colon_world
+from dynpf_services.scenario.context import Context
 from dynpf_services.simulator.config import CapsuleConfig
 
-__all__ = ["CapsuleSimulator"]
+__all__ = ["CapsuleSimulator", "build"]
 
 SCENE_PERIOD_NS = 200_000_000
 WALL_COLOR = Color(r=0.35, g=0.35, b=0.35)
@@ -27,11 +28,8 @@ class CapsuleSimulator:
     motion. Raises ScenarioError for a map that cannot be made, or that does not hold the route.
     """
 
-    name = "simulator"
-    reads = frozenset[str]()
-    writes = frozenset({"truth/capsule", "truth/scene"})
-
-    def __init__(self, *, config: CapsuleConfig, seed: int, world: ColonWorld) -> None:
+    def __init__(self, *, config: CapsuleConfig, seed: int, world: ColonWorld, name: str = "simulator") -> None:
+        self.name = name
         self._seed = seed
         self._capsule = Capsule(sigma=config.sigma_px, sigma_theta=config.sigma_theta)
         self._route, self._true, self._grids = world.route, world.true, world.true_grids()
@@ -79,3 +77,8 @@ class CapsuleSimulator:
         self._reading = state["reading"]
         self._pose = np.array(state["pose"])
         self._scene_ns = state["scene_ns"]
+
+
+def build(config: CapsuleConfig, context: Context) -> CapsuleSimulator:
+    """Return the simulator of a run."""
+    return CapsuleSimulator(config=config, seed=context.seed, world=colon_world(context), name=context.name)

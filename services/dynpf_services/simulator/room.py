@@ -33,13 +33,14 @@ from dynpf.measurement.ray import ray_segments
 from dynpf.portable import dist, sincos
 from dynpf.rng import generator
 from dynpf.se2 import arc_displacement, compose
-from dynpf_services.maps import NO_MAPS, Maps
+from dynpf_services.maps import NO_MAPS, Maps, maps_of
+from dynpf_services.scenario.context import Context
 from dynpf_services.simulator.clearance import clearance_of, from_segments
 from dynpf_services.simulator.company import People, closed_doors
 from dynpf_services.simulator.config import Driver, RoomConfig
 from dynpf_services.steering import steer
 
-__all__ = ["RoomSimulator"]
+__all__ = ["RoomSimulator", "build"]
 
 SCENE_PERIOD_NS = 200_000_000
 LOOP, PAIRS = 1, 2  # how Foxglove's lines connect their points
@@ -59,8 +60,6 @@ class RoomSimulator:
     start where it does not fit, and for people or doors without a map.
     """
 
-    name = "simulator"
-
     def __init__(
         self,
         *,
@@ -69,7 +68,9 @@ class RoomSimulator:
         tick_s: float,
         landmarks: tuple[Landmark, ...] = (),
         maps: Maps = NO_MAPS,
+        name: str = "simulator",
     ) -> None:
+        self.name = name
         self.config = config
         self.seed = seed
         self.tick_s = tick_s
@@ -90,14 +91,6 @@ class RoomSimulator:
         self._reached = 0  # of the driver's waypoints
         self._doors = closed_doors(config.doors, 0.0, self._pose[:2])
         self._people = self._drawn_people(maps)
-
-    @property
-    def reads(self) -> frozenset[str]:
-        return frozenset({"controller/command"} if self.config.driver is None else ())
-
-    @property
-    def writes(self) -> frozenset[str]:
-        return frozenset({"truth/robot", "truth/scene"} | ({"truth/obstacles"} if self._has_company else set()))
 
     @property
     def _has_company(self) -> bool:
@@ -304,4 +297,16 @@ def _cylinder(x: float, y: float, radius: float, height: float, color: Color) ->
         bottom_scale=1.0,
         top_scale=1.0,
         color=color,
+    )
+
+
+def build(config: RoomConfig, context: Context) -> RoomSimulator:
+    """Return the simulator of a run."""
+    return RoomSimulator(
+        config=config,
+        seed=context.seed,
+        tick_s=context.tick_s,
+        landmarks=context.fact("landmarks") or (),
+        maps=maps_of(context),
+        name=context.name,
     )

@@ -19,13 +19,14 @@ from dynpf.fields.layout import Layout
 from dynpf.portable import atan2, hypot, norm, sincos
 from dynpf.rng import Draws, generator
 from dynpf.se2 import wrap_angle
+from dynpf_services.scenario.context import Context
 from dynpf_services.simulator.camera import DrawnDisc, board_discs, encode, render
 from dynpf_services.simulator.config import WorkspaceConfig
 from dynpf_services.simulator.workspace_scene import draw_scene
-from dynpf_services.task import NOISE, RearrangementTask, layout_of
+from dynpf_services.task import NOISE, RearrangementTask, layout_of, task_of
 from dynpf_services.world.camera import CameraParams
 
-__all__ = ["WorkspaceSimulator", "draw_starts"]
+__all__ = ["WorkspaceSimulator", "build", "draw_starts"]
 
 FloatArray = NDArray[np.float64]
 
@@ -37,12 +38,17 @@ RESTARTS = 200
 class WorkspaceSimulator:
     """The source of a rearrangement run: true poses, contacts, and the end when the controller has finished."""
 
-    name = "simulator"
-    reads = frozenset({"controller/command"})
-    writes = frozenset({"truth/robot", "truth/parts", "truth/scene", "camera/image"})
-
-    def __init__(self, *, config: WorkspaceConfig, seed: int, tick_s: float, task: RearrangementTask) -> None:
+    def __init__(
+        self,
+        *,
+        config: WorkspaceConfig,
+        seed: int,
+        tick_s: float,
+        task: RearrangementTask,
+        name: str = "simulator",
+    ) -> None:
         """Place the robot and the parts; raises ValueError when they do not fit, or a disturbed part does not exist."""
+        self.name = name
         self._task = task
         self._layout = layout_of(task)
         self._config = config
@@ -223,3 +229,10 @@ def _touching(robot: FloatArray, parts: FloatArray, held: int, layout: Layout) -
     if held >= 0:
         overlap[held, -1] = overlap[-1, held] = False
     return bool(overlap.any())
+
+
+def build(config: WorkspaceConfig, context: Context) -> WorkspaceSimulator:
+    """Return the simulator of a run."""
+    return WorkspaceSimulator(
+        config=config, seed=context.seed, tick_s=context.tick_s, task=task_of(context), name=context.name
+    )

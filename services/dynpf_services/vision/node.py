@@ -1,5 +1,6 @@
 """The vision node: camera frames in, discs in workspace coordinates out."""
 
+import math
 from collections.abc import Sequence
 from typing import cast
 
@@ -12,9 +13,11 @@ from numpy.typing import NDArray
 
 from dynpf.rng import generator
 from dynpf.vision import Board, Calibration, CalibrationError, Disc, detect_discs
+from dynpf_services.scenario.context import Context
+from dynpf_services.task import NOISE
 from dynpf_services.vision.config import VisionConfig
 
-__all__ = ["BrokenFrameError", "VisionNode"]
+__all__ = ["BrokenFrameError", "VisionNode", "build"]
 
 SUBSAMPLING = 4  # 1280 x 1024 -> 320 x 256
 MAX_DISCS = 256  # that a Detections message holds
@@ -33,11 +36,8 @@ class VisionNode:
     frame that cannot be used gives an empty list of discs and a warning; a step without a frame gives nothing.
     """
 
-    name = "vision"
-    reads = frozenset({"camera/image"})
-    writes = frozenset({"vision/detections", "log"})
-
-    def __init__(self, *, config: VisionConfig, seed: int) -> None:
+    def __init__(self, *, config: VisionConfig, seed: int, name: str = "vision") -> None:
+        self.name = name
         self._config = config
         self._seed = seed
         self._calibration = None if isinstance(config.calibration, Board) else config.calibrated()
@@ -110,3 +110,11 @@ class VisionNode:
     def _noise(self, count: int, number: int) -> NDArray[np.float64]:
         draws = generator(self._seed, self.name, number, "position noise").standard_normal((count, 2))
         return (self._config.position_noise_m or 0.0) * draws
+
+
+def build(config: VisionConfig, context: Context) -> VisionNode:
+    """Return the vision of a run, with the noise of its task, where the configuration does not say otherwise."""
+    task = context.fact("task")
+    if config.position_noise_m is None and task is not None:
+        config = msgspec.structs.replace(config, position_noise_m=math.sqrt(NOISE[task.noise].measurement))
+    return VisionNode(config=config, seed=context.seed, name=context.name)

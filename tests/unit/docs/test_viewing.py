@@ -15,8 +15,8 @@ from dynpf_protocol import frames
 from dynpf_protocol.codec import decode
 from dynpf_protocol.messages import FrameTransforms, PoseInFrame, SceneUpdate
 from dynpf_protocol.topics import TOPICS
+from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import record_inline
-from dynpf_services.scenario.schema import load_scenario
 
 DOCS = Path(__file__).parents[3] / "docs"
 LAYOUT = json.loads((DOCS / "layout.json").read_text(encoding="utf-8"))

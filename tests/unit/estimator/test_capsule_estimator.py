@@ -12,8 +12,9 @@ from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.messages import CapsuleEstimate, Log, SceneUpdate
 from dynpf_runtime.replay import replay_node
 from dynpf_services.scenario.build import build_node, build_nodes
+from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import record_inline
-from dynpf_services.scenario.schema import Scenario, colon_world, load_scenario
+from dynpf_services.scenario.schema import Scenario, colon_world
 
 from dynpf.colon import UNLISTED
 from dynpf.colon.wall import Wall

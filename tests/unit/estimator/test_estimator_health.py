@@ -9,8 +9,8 @@ from dynpf_protocol.codec import decode
 from dynpf_protocol.messages import Estimate, FilterHealth, Log, LogLevel
 from dynpf_runtime.replay import replay_node
 from dynpf_services.scenario.build import build_nodes
+from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import record_inline
-from dynpf_services.scenario.schema import load_scenario
 
 ELSEWHERE = ("estimator.start.x=5.0", "estimator.start.y=4.0")
 RESETTING = "estimator.adaptation=[{kind='sensor_resetting', log_likelihood=-0.2}, {kind='kld', n_max=2000}]"

@@ -5,7 +5,7 @@ from dynpf_protocol.messages import Gripper, HostEvent, Log
 from dynpf_runtime.node import Node, Received, Step
 from dynpf_services.estimator.gaps import GAPS
 from dynpf_services.scenario.build import build_node
-from dynpf_services.scenario.schema import load_scenario
+from dynpf_services.scenario.load import load_scenario
 
 
 @pytest.mark.parametrize("scenario", ["landmark-room", "parts-3-tracked"])

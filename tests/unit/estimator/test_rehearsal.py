@@ -12,8 +12,9 @@ from dynpf_runtime.executor import Executor
 from dynpf_runtime.node import Node, Rehearsing, encode_state
 from dynpf_services.estimator import localization
 from dynpf_services.scenario.build import build_nodes
+from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import record_inline
-from dynpf_services.scenario.schema import Scenario, load_scenario
+from dynpf_services.scenario.schema import Scenario
 
 from dynpf import kernels
 from dynpf.portable import rehearse
@@ -110,7 +111,7 @@ from dynpf.portable import rehearse
 from dynpf_runtime.node import Rehearsing
 from dynpf_services.scenario.build import build_nodes
 from dynpf_services.scenario.record import record_inline
-from dynpf_services.scenario.schema import load_scenario
+from dynpf_services.scenario.load import load_scenario
 
 def count():
     loaded = [module for name, module in sys.modules.items() if name.startswith("dynpf.kernels.")]

@@ -7,7 +7,7 @@ import pytest
 from dynpf_protocol.errors import ScenarioError
 from dynpf_services.estimator.config import RearrangementConfig
 from dynpf_services.estimator.robot_filters import Belief, Seen, fused, robot_filter
-from dynpf_services.scenario.schema import load_scenario
+from dynpf_services.scenario.load import load_scenario
 
 from dynpf.metrics.consistency import nees
 from dynpf.metrics.rearrangement import robot_bound

@@ -15,8 +15,9 @@ from dynpf_formats.recording.reader import Recording
 from dynpf_protocol.errors import ScenarioError
 from dynpf_services.scenario import user_code
 from dynpf_services.scenario.build import user_classes
+from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.recorded import recorded_scenario
-from dynpf_services.scenario.schema import load_scenario, resolved_json
+from dynpf_services.scenario.schema import resolved_json
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

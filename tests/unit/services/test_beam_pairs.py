@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 from dynpf_lab.cli.main import main
+from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import record_inline
-from dynpf_services.scenario.schema import load_scenario
 
 
 def recorded(name: str, path: Path, *overrides: str) -> Path:

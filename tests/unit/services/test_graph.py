@@ -1,7 +1,7 @@
 import pytest
 from dynpf_runtime.graph import Graph, input_order
 from dynpf_services.scenario.build import build_nodes
-from dynpf_services.scenario.schema import load_scenario, scenario_files
+from dynpf_services.scenario.load import load_scenario, scenario_files
 
 from tests.unit.services.small_log import FACTS
 from tests.unit.services.toy_nodes import ToyNode

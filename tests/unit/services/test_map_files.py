@@ -12,7 +12,8 @@ from dynpf_lab.cli.main import main
 from dynpf_protocol.errors import ScenarioError
 from dynpf_runtime.bus.agreement import first_difference
 from dynpf_services.scenario.build import build_nodes
-from dynpf_services.scenario.schema import load_scenario, resolved_json, whole_json
+from dynpf_services.scenario.load import load_scenario
+from dynpf_services.scenario.schema import resolved_json, whole_json
 
 SCENARIO = """
 title = "A room in a file"

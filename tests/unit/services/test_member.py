@@ -10,7 +10,8 @@ from dynpf_protocol.errors import BrokenOffError, DynpfError
 from dynpf_runtime.bus.member import Member, StopSignal, join
 from dynpf_runtime.bus.session import ALIVE, CONTROL, DATA, READY, Arrival
 from dynpf_services.scenario.build import plan_of
-from dynpf_services.scenario.schema import load_scenario, resolved_json
+from dynpf_services.scenario.load import load_scenario
+from dynpf_services.scenario.schema import resolved_json
 
 PEERS = ("sensors", "estimator", "controller", "recorder")
 

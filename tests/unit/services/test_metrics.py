@@ -28,7 +28,8 @@ from dynpf_protocol.messages import (
     planar_pose,
     timestamp,
 )
-from dynpf_services.scenario.schema import parse_scenario, resolved_json
+from dynpf_services.scenario.load import parse_scenario
+from dynpf_services.scenario.schema import resolved_json
 
 from tests.unit.recording.recorded_runs import HEADER
 

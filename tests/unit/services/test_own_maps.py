@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from dynpf_lab.cli.main import main
 from dynpf_protocol.errors import ScenarioError
-from dynpf_services.scenario.schema import SCENARIOS, colon_world, load_scenario
+from dynpf_services.scenario.load import load_scenario
+from dynpf_services.scenario.schema import SCENARIOS, colon_world
 
 DRAWN = cv2.imread(str(SCENARIOS / "maps" / "own-a.png"), cv2.IMREAD_GRAYSCALE)
 WHITE = 238

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from dynpf_lab.cli.main import main
 from dynpf_protocol.errors import ScenarioError
+from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.played_log import PlayedLog
-from dynpf_services.scenario.schema import load_scenario
 
 from tests.unit.services.small_log import IMAGE, YAML
 

@@ -7,7 +7,7 @@ from dynpf_runtime import rehearsal
 from dynpf_runtime.node import Result, Step
 from dynpf_runtime.rehearsal import rehearse_run
 from dynpf_services.scenario.build import plan_of
-from dynpf_services.scenario.schema import load_scenario
+from dynpf_services.scenario.load import load_scenario
 
 from tests.unit.services.toy_nodes import ToyNode
 

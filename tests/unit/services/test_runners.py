@@ -20,8 +20,8 @@ from dynpf_runtime.node import Result, Step
 from dynpf_runtime.plan import run_header
 from dynpf_runtime.replay import replay_node, write_replayed
 from dynpf_services.scenario.build import plan_of
+from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import record_inline
-from dynpf_services.scenario.schema import load_scenario
 
 from tests.unit.recording.recorded_runs import HEADER
 from tests.unit.services.toy_nodes import IDLE, ToyNode, received, says

@@ -9,16 +9,8 @@ import pytest
 from dynpf_protocol.errors import ScenarioError
 from dynpf_runtime.bus.agreement import first_difference
 from dynpf_services.scenario.build import build_nodes
-from dynpf_services.scenario.schema import (
-    LogFacts,
-    find_scenario,
-    load_scenario,
-    override_resolved,
-    parse_scenario,
-    resolved_json,
-    scenario_files,
-    whole_json,
-)
+from dynpf_services.scenario.load import find_scenario, load_scenario, override_resolved, parse_scenario, scenario_files
+from dynpf_services.scenario.schema import LogFacts, resolved_json, whole_json
 from dynpf_services.simulator.config import RoomConfig
 
 from tests.unit.services.small_log import FACTS

@@ -16,7 +16,8 @@ from dynpf_services.estimator.components import localizer_of, measurements_of, m
 from dynpf_services.estimator.config import LocalizationConfig
 from dynpf_services.maps import NO_MAPS, Maps
 from dynpf_services.scenario.build import user_classes
-from dynpf_services.scenario.schema import Scenario, load_scenario, override_resolved, resolved_json, with_user_code
+from dynpf_services.scenario.load import load_scenario, override_resolved, with_user_code
+from dynpf_services.scenario.schema import Scenario, resolved_json
 
 from dynpf.motion import Arcs, ArcsParams
 

@@ -8,7 +8,7 @@ from dynpf_lab.studies.catalogue import study_named
 from dynpf_lab.studies.parts import LAYOUTS, NOISE, RADII, Conditions, layout_task, measured, record_parts, run_parts
 from dynpf_lab.studies.rows import Sample
 from dynpf_lab.studies.study import run_study, settings_from
-from dynpf_services.scenario.schema import load_scenario
+from dynpf_services.scenario.load import load_scenario
 
 
 def gap(name):

@@ -1,0 +1,112 @@
+"""Kinds of nodes, and tables that nodes share: what a scenario may hold, by the names that it uses for them.
+
+Each system of nodes lists its own in a module of its own, by import strings: nothing of a system is loaded before a
+scenario names it, and nothing here knows one.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cache
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from dynpf_protocol.topics import Topic
+
+if TYPE_CHECKING:
+    from dynpf_services.scenario.context import Context
+    from dynpf_services.scenario.schema import Scenario
+
+__all__ = ["FactKind", "NodeKind", "Take", "fact_kind", "fact_names", "load", "node_kind", "node_kinds", "section_of"]
+
+SYSTEMS = ("dynpf_services.systems",)
+"""The modules that list what systems bring: FACTS and KINDS, both by import strings."""
+
+Take = Callable[[str, str], bytes]
+"""Gives a file: called with the path that the scenario names, and with the file's name seen from that path's folder."""
+
+
+class NodeKind(NamedTuple):
+    """A kind of node: how it is configured, which topics it reads and writes by its own names, and how it is built.
+
+    ``build`` is the import string of a function of the configuration and the Context, loaded when a node is built.
+    ``needs`` are those topics of which one without a writer is an error, each with the key below the node's that asks
+    for it. ``problems`` yields what contradicts the rest of the scenario, each with its key.
+    """
+
+    config: type
+    build: str
+    reads: Callable[[Any, "Context"], Iterable[str]]
+    writes: Callable[[Any, "Context"], Iterable[str] | Mapping[str, Topic]]
+    needs: Callable[[Any, "Context"], Mapping[str, str]] = lambda _config, _context: {}
+    plays_log: bool = False  # it is the source of a run that plays an imported log
+    problems: Callable[[Any, "Context"], Iterator[str]] = lambda _config, _context: iter(())
+
+
+class FactKind(NamedTuple):
+    """A table that nodes share, such as a map: its type, and the files that it names.
+
+    ``take`` takes one of ``files`` and whatever it names; it raises OSError for one that cannot be read, ValueError for
+    one that is not what it should be. ``bare`` returns the table with the bare names of its files. ``check`` raises
+    ScenarioError once all files are there, ``problems`` yields what contradicts the rest of the scenario.
+    """
+
+    type: Any
+    files: Callable[[Any], tuple[str, ...]] = lambda _value: ()
+    take: Callable[[str, Any, Take], None] = lambda _path, _value, _take: None
+    bare: Callable[[Any], Any] = lambda value: value
+    check: Callable[["Context"], None] = lambda _context: None
+    problems: Callable[[Any, "Scenario"], Iterator[str]] = lambda _value, _scenario: iter(())
+    key: str = ""  # below the table's own, at which a file is named
+    listed: bool = False  # the table is a list of files
+
+
+def fact_names() -> Sequence[str]:
+    """Return the keys of the tables that nodes share."""
+    return [name for system in _systems() for name in system.FACTS]
+
+
+@cache
+def fact_kind(name: str) -> FactKind:
+    """Return what a shared table is, by its key; raises KeyError."""
+    found: FactKind = load(next(system.FACTS[name] for system in _systems() if name in system.FACTS))
+    return found
+
+
+def node_kinds(section: str | None) -> Mapping[str, str]:
+    """Return the import strings of the kinds of nodes by name: those of a section, without one those of all.
+
+    A name that several sections have is called NAME_SECTION outside of them. A section with one kind alone has it
+    under the name "".
+    """
+    found: dict[str, str] = {}
+    listed = [(where, name, text) for system in _systems() for (where, name), text in system.KINDS.items()]
+    names = [name for _, name, _ in listed]
+    for where, name, text in listed:
+        if section is None:
+            found[(name or where) if names.count(name) == 1 or not name else f"{name}_{where}"] = text
+        elif where == section:
+            found[name] = text
+    return found
+
+
+@cache
+def node_kind(text: str) -> NodeKind:
+    """Return a kind of node by its import string."""
+    found: NodeKind = load(text)
+    return found
+
+
+def load(text: str) -> Any:
+    """Return what an import string of ours stands for: ``package.module:name``."""
+    module, _, name = text.partition(":")
+    return getattr(import_module(module), name)
+
+
+def section_of(text: str) -> str:
+    """Return the section to which a kind of node belongs, by its import string; "" for a kind of the user's."""
+    found = ((section, known) for system in _systems() for (section, _), known in system.KINDS.items())
+    return next((section for section, known in found if known == text), "")
+
+
+@cache
+def _systems() -> tuple[Any, ...]:
+    return tuple(import_module(name) for name in SYSTEMS)

@@ -1,0 +1,331 @@
+"""From a TOML file to a checked scenario.
+
+Loading checks every key, type and range at once and says what is wrong in words: the file, the key, the value, what was
+expected, and the nearest known name.
+"""
+
+import errno
+import json
+import re
+import tomllib
+from collections.abc import Container, Iterator, Mapping, Sequence
+from pathlib import Path, PurePath
+from typing import Any, NamedTuple
+
+import dynpf_scenarios
+import msgspec
+from dynpf_formats.user_classes import CLASS_NAME
+from dynpf_protocol.errors import ScenarioError
+from dynpf_protocol.topics import NODES
+
+from dynpf_services.scenario.context import Context
+from dynpf_services.scenario.files import seen_from_here, with_files
+from dynpf_services.scenario.kinds import fact_kind, fact_names, node_kind, node_kinds
+from dynpf_services.scenario.overrides import apply_override
+from dynpf_services.scenario.problems import explain, folded, nearest, one_of, unknown_keys
+from dynpf_services.scenario.schema import LogFacts, RunTable, Scenario, key_of
+from dynpf_services.scenario.user_code import source_digests
+
+__all__ = [
+    "find_scenario",
+    "load_scenario",
+    "override_resolved",
+    "parse_scenario",
+    "scenario_files",
+    "with_user_code",
+]
+
+SCENARIOS = Path(dynpf_scenarios.__path__[0])
+
+NODE_NAME = re.compile(r"[a-z][a-z0-9_]*(/[a-z][a-z0-9_]*)*")
+RESERVED = frozenset({"router", "recorder", "log", "event", "journal", "diagnostics", "truth", "camera"})
+"""First words of topics that are nobody's own, and the names of processes that are no nodes."""
+
+ROBOT = "robot"
+"""The section whose tables stand for a node of each robot in ``robots``."""
+
+
+def scenario_files() -> list[Path]:
+    """Return the scenarios that come with dynpf, by name."""
+    return sorted(SCENARIOS.glob("*.toml"))
+
+
+def find_scenario(name: str) -> Path:
+    """Return the file of a scenario given by name or path; raises ScenarioError with the nearest name."""
+    path = Path(name)
+    if path.suffix in {".toml", ".json"} or path.parent != Path():
+        if not path.is_file():
+            raise ScenarioError(f"scenario file {name}: no such file")
+        return path
+    known = {file.stem: file for file in scenario_files()}
+    if name not in known:
+        raise ScenarioError(f"unknown scenario {name!r}{nearest(name, list(known))} (dynpf list shows them)")
+    return known[name]
+
+
+def load_scenario(
+    name: str,
+    *,
+    overrides: Sequence[str] = (),
+    seed: int | None = None,
+    clock: str | None = None,
+    log: LogFacts | None = None,
+) -> Scenario:
+    """Return the resolved scenario: the file, then what the log brings, then ``--set`` overrides, seed and clock.
+
+    Raises ScenarioError that lists every problem found.
+    """
+    path = find_scenario(name)
+    raw = _raw(path)
+    brought = log.map if log is not None and "map" not in raw else None
+    if log is not None:
+        _take_from_log(raw, log)
+    for override in overrides:
+        apply_override(raw, override)
+        seen_from_here(raw, override)
+    if seed is not None:
+        raw["seed"] = seed
+    if clock is not None:
+        raw["clock"] = clock
+
+    def read(name: str, named: str) -> bytes:
+        if log is None or named != brought:
+            return (path.parent / name).read_bytes()
+        bare = PurePath(name).name  # the log's map, and the image that it names, are what came along with the log
+        if bare not in log.files:
+            raise FileNotFoundError(errno.ENOENT, "the log has no such file attached")
+        return log.files[bare]
+
+    scenario = with_user_code(parse_scenario(raw, str(path)), str(path))
+    return with_files(scenario, str(path), read)
+
+
+def _raw(path: Path) -> dict[str, Any]:
+    try:
+        text = path.read_text(encoding="utf-8")
+        raw = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
+        raise ScenarioError(f"{path}: {error}") from error
+    if not isinstance(raw, dict):
+        raise ScenarioError(f"{path}: holds a {type(raw).__name__}, expected a table of keys")
+    return raw
+
+
+def override_resolved(resolved: str, overrides: Sequence[str], where: str) -> Scenario:
+    """Return the scenario that a recording carries, with overrides applied, but without the content of its files.
+
+    Raises ScenarioError naming ``where``.
+    """
+    try:
+        raw = json.loads(resolved)
+        if not isinstance(raw, dict):
+            raise ScenarioError(f"{where}: its scenario is a {type(raw).__name__}, expected a table of keys")
+        for override in overrides:
+            apply_override(raw, override)
+        return parse_scenario(raw, where)
+    except json.JSONDecodeError as error:
+        raise ScenarioError(f"{where}: its scenario cannot be read: {error}") from error
+    except RecursionError:
+        raise ScenarioError(f"{where}: its scenario is nested too deeply") from None
+
+
+def with_user_code(scenario: Scenario, where: str, modules: Container[str] | None = None) -> Scenario:
+    """Return the scenario with the digests of the user's modules, which are imported when its nodes are built.
+
+    Of a scenario that somebody else has written, those among ``modules`` alone. Raises ScenarioError for a module that
+    is not there.
+    """
+    named = [one for one in scenario.user_classes if modules is None or one.module in modules]
+    try:
+        return msgspec.structs.replace(scenario, user_code=source_digests(named))
+    except ScenarioError as error:
+        raise ScenarioError(f"{where}: {error}") from error
+
+
+def parse_scenario(raw: Mapping[str, Any], where: str) -> Scenario:
+    """Return the scenario in ``raw``; raises ScenarioError naming ``where`` and every problem.
+
+    No file that it names is read, and no class of the user's looked for: ``user_code`` stays empty.
+    """
+    try:
+        layout = _layout({key: value for key, value in raw.items() if value is not None})
+        info = msgspec.inspect.type_info(layout.type)
+        table = folded(info, layout.raw)
+        _raise(where, unknown_keys(info, table, ""))
+        parsed = msgspec.convert(table, layout.type)
+    except ScenarioError as error:
+        _raise(where, str(error).splitlines())
+        raise
+    except msgspec.ValidationError as error:
+        raise ScenarioError(f"{where}: {explain(error, table)}") from error
+    nodes = getattr(parsed, "nodes", None)
+    scenario = Scenario(
+        **{field: getattr(parsed, field) for field in RunTable.__struct_fields__ if field != "user_code"},
+        facts={name: getattr(parsed, name) for name in layout.facts},
+        nodes={name: getattr(parsed if name in NODES else nodes, layout.fields[name]) for name in layout.kinds},
+        kinds=layout.kinds,
+        remaps=layout.remaps,
+    )
+    _raise(where, _contradictions(scenario))
+    return scenario
+
+
+def _raise(where: str, problems: Iterator[str] | Sequence[str]) -> None:
+    if lines := [f"{where}: {problem}" for problem in problems]:
+        raise ScenarioError("\n".join(lines))
+
+
+class _Layout(NamedTuple):
+    """The type of one scenario, made for its nodes; ``fields`` are their attributes in it."""
+
+    type: type[msgspec.Struct]
+    raw: dict[str, Any]
+    facts: tuple[str, ...]
+    fields: dict[str, str]
+    kinds: dict[str, str]
+    remaps: dict[str, dict[str, str]]
+
+
+def _layout(raw: dict[str, Any]) -> _Layout:
+    """Return the type that ``raw`` is to be converted to; raises ScenarioError for a kind or name that is none."""
+    raw, remaps = _without_remaps(_with_robots(raw))
+    facts = tuple(name for name in fact_names() if name in raw)
+    kinds: dict[str, str] = {}
+    sections: list[Any] = []
+    for name in NODES:
+        if name in raw:
+            kinds[name], raw[name] = _kind(name, raw[name], name)
+            sections.append((name, node_kind(kinds[name]).config))
+        else:
+            sections.append((name, None, None))
+    fields = {name: name for name in NODES}
+    further: list[Any] = []
+    tables = {}
+    for name, table in raw.get("nodes", {}).items():
+        if name in NODES or name in RESERVED or not NODE_NAME.fullmatch(name):
+            expected = "lower-case letters, digits and _, from a letter on, with / after the name of a robot"
+            taken = f"; {name!r} stands for something else" if name in {*NODES, *RESERVED} else ""
+            raise ScenarioError(f"nodes: {name!r} is no name for a node; expected {expected}{taken}")
+        kinds[name], tables[name] = _kind(name, table, None)
+        fields[name] = f"node_{len(further)}"
+        further.append((fields[name], node_kind(kinds[name]).config))
+    if further:
+        names = {field: name for name, field in fields.items()}
+        own = msgspec.defstruct("Nodes", further, rename=names.get, frozen=True, forbid_unknown_fields=True)
+        sections.append(("nodes", own))
+        raw["nodes"] = tables
+    shared = [(name, fact_kind(name).type) if name in facts else (name, None, None) for name in fact_names()]
+    fresh = msgspec.defstruct(
+        "Scenario",
+        [*shared, *sections],
+        bases=(RunTable,),
+        frozen=True,
+        kw_only=True,
+        forbid_unknown_fields=True,
+    )
+    return _Layout(fresh, raw, facts, fields, kinds, remaps)
+
+
+def _kind(name: str, table: Any, section: str | None) -> tuple[str, Any]:
+    """Return the import string of a node's kind, and its table as the kind's configuration takes it."""
+    kinds = node_kinds(section)
+    if isinstance(table, str):
+        table = {"kind": table}
+    kind = table.get("kind", "") if isinstance(table, dict) else ""
+    if isinstance(kind, str) and ":" in kind:
+        return "dynpf_services.scenario.user_nodes:KIND", table
+    key = key_of(name)
+    if kind not in kinds:
+        raise ScenarioError(f"{key}.kind: {one_of(kind or None, sorted(kinds))}")
+    text = kinds[kind]
+    tag = node_kind(text).config.__struct_config__.tag  # type: ignore[attr-defined]
+    if isinstance(table, dict):
+        table = {key: value for key, value in table.items() if key != "kind"}
+        if tag is not None:
+            table = {"kind": tag, **table}
+    return text, table
+
+
+def _tables(nodes: Any) -> dict[str, Any]:
+    """Return the tables of further nodes by name; a resolved scenario has a list, which keeps their order."""
+    if isinstance(nodes, dict):
+        return nodes
+    listed = nodes if isinstance(nodes, list) else []
+    if not all(isinstance(table, dict) and isinstance(table.get("name"), str) for table in listed) or not listed:
+        raise ScenarioError("nodes: expected a table for each node, such as [nodes.other]")
+    return {table["name"]: {key: value for key, value in table.items() if key != "name"} for table in listed}
+
+
+def _with_robots(raw: dict[str, Any]) -> dict[str, Any]:
+    """Return ``raw`` with a node for each robot in the place of the tables of [robot]."""
+    names, tables = raw.pop("robots", None), raw.pop(ROBOT, None)
+    if names is None and tables is None:
+        return raw
+    if not isinstance(names, list) or not all(isinstance(name, str) and NODE_NAME.fullmatch(name) for name in names):
+        raise ScenarioError(f"robots: {names!r}; expected a list of names, such as ['r1', 'r2']")
+    if not isinstance(tables, dict) or not tables:
+        raise ScenarioError("robot: missing; expected the tables of the nodes that each robot has")
+    nodes = {f"{robot}/{name}": table for robot in names for name, table in tables.items()}
+    return {**raw, "nodes": {**(_tables(raw["nodes"]) if "nodes" in raw else {}), **nodes}}
+
+
+def _without_remaps(raw: dict[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str, str]]]:
+    """Return ``raw`` with a list of further nodes' tables by name, and what each node's table says of its topics."""
+    remaps: dict[str, dict[str, str]] = {}
+
+    def rest(name: str, table: Any) -> Any:
+        if not isinstance(table, dict) or "remap" not in table:
+            return table
+        remap = table["remap"]
+        if not isinstance(remap, dict) or not all(isinstance(topic, str) for topic in remap.values()):
+            raise ScenarioError(f"{key_of(name)}.remap: {remap!r}; expected topics by the node's own names for them")
+        remaps[name] = remap
+        return {key: value for key, value in table.items() if key != "remap"}
+
+    changed = {name: rest(name, raw[name]) for name in NODES if name in raw}
+    if "nodes" in raw:
+        changed["nodes"] = {name: rest(name, table) for name, table in _tables(raw["nodes"]).items()}
+    return {**raw, **changed}, remaps
+
+
+def _take_from_log(raw: dict[str, Any], log: LogFacts) -> None:
+    """Fill in what the scenario leaves to the log: the map, and where a known start is."""
+    raw["log_digest"] = log.digest
+    if log.landmarks:
+        raw.setdefault("landmarks", [dict(landmark) for landmark in log.landmarks])
+    if log.map is not None:
+        raw.setdefault("map", {"kind": "occupancy", "file": log.map})
+    estimator = raw.get("estimator")
+    if log.range_max is not None and isinstance(estimator, dict) and estimator.get("kind") == "localization":
+        estimator.setdefault("scan_range_max", log.range_max)
+    start = estimator.get("start") if isinstance(estimator, dict) else None
+    if log.start is not None and isinstance(start, dict) and start.get("kind") == "known":
+        for key, value in zip(("x", "y", "theta"), log.start, strict=True):
+            start.setdefault(key, value)
+
+
+def _contradictions(scenario: Scenario) -> Iterator[str]:
+    players = [name for name, text in scenario.kinds.items() if node_kind(text).plays_log]
+    if not players and not any(name.rpartition("/")[2] == "simulator" for name in scenario.nodes):
+        yield "a run needs a source: a [simulator], or [sensors] that play a log"
+    if scenario.needs_log and "simulator" in scenario.nodes:
+        yield "simulator: a run that plays a log (needs_log) has no simulator"
+    if bool(players) != scenario.needs_log:
+        yield "sensors.kind: 'log' and needs_log = true go together"
+    yield from _faulty_faults(scenario)
+    for name, config in scenario.nodes.items():
+        yield from node_kind(scenario.kinds[name]).problems(config, Context(scenario, name))
+    for key, value in scenario.facts.items():
+        yield from fact_kind(key).problems(value, scenario)
+    for one in scenario.user_classes:
+        if not CLASS_NAME.fullmatch(one.text):
+            yield f"{one.key}: {one.text!r}; expected package.module:Name"
+
+
+def _faulty_faults(scenario: Scenario) -> Iterator[str]:
+    first: dict[tuple[str, str], int] = {}
+    for place, fault in enumerate(scenario.faults):
+        if first.setdefault((fault.topic, fault.to), place) != place:
+            yield f"faults.{place}: {fault.topic} to {fault.to} stands in faults.{first[fault.topic, fault.to]} already"
+        if fault.to not in scenario.nodes:
+            yield f"faults.{place}.to: {fault.to!r} is not a node of this run{nearest(fault.to, [*scenario.nodes])}"

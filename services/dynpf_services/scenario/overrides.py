@@ -1,0 +1,44 @@
+"""Overrides on the command line: ``--set key=value`` changes one key of a scenario before it is checked."""
+
+import tomllib
+from typing import Any
+
+from dynpf_protocol.errors import ScenarioError
+
+__all__ = ["apply_override"]
+
+
+def apply_override(raw: dict[str, Any], override: str) -> None:
+    """Set one key of ``raw``; raises ScenarioError for what is no key=value, or leads into a value without keys."""
+    key, equals, text = override.partition("=")
+    if not equals or not key:
+        raise ScenarioError(f"--set {override}: expected key=value, such as estimator.n=500")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text
+    *parents, last = key.split(".")
+    table: Any = raw
+    for depth, name in enumerate(parents, start=1):
+        table = _child(table, name, ".".join(parents[:depth]), override)
+    if isinstance(table, list):
+        table[_index(table, last, key, override)] = value
+    elif isinstance(table, dict):
+        table[last] = value
+    else:
+        raise ScenarioError(f"--set {override}: {'.'.join(parents)} is {table!r}, which has no keys")
+
+
+def _child(table: Any, name: str, path: str, override: str) -> Any:
+    if isinstance(table, list):
+        return table[_index(table, name, path, override)]
+    if isinstance(table, dict):
+        return table.setdefault(name, {})
+    raise ScenarioError(f"--set {override}: {path} lies inside {table!r}, which has no keys")
+
+
+def _index(table: list[Any], name: str, path: str, override: str) -> int:
+    if not name.isdecimal() or int(name) >= len(table):
+        expected = f"expected an index from 0 to {len(table) - 1}, got {name!r}" if table else "the list is empty"
+        raise ScenarioError(f"--set {override}: {path}: {expected}")
+    return int(name)

@@ -1,0 +1,120 @@
+"""What is wrong with a scenario, in words: the key, the value, what was expected, and the nearest known name."""
+
+import difflib
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import msgspec
+
+from dynpf_services.scenario.user_code import UserComponent
+
+__all__ = ["explain", "folded", "nearest", "one_of", "unfolded", "unknown_keys"]
+
+
+def folded(info: Any, value: Any) -> Any:
+    """Return ``value`` as msgspec takes it.
+
+    A table whose kind is a user's class becomes a UserComponent; where tables of different kinds may stand, the kind
+    alone is a table of nothing else; and where a list of such is expected, one alone is a list of one.
+    """
+    match info, value:
+        case msgspec.inspect.Metadata(), _:
+            return folded(info.type, value)
+        case msgspec.inspect.StructType(), dict() if info.cls is UserComponent:
+            return _component(value)
+        case msgspec.inspect.UnionType(), dict():
+            structs = [one for one in info.types if isinstance(one, msgspec.inspect.StructType)]
+            kind = value.get("kind")
+            if isinstance(kind, str) and ":" in kind and any(one.cls is UserComponent for one in structs):
+                return _component(value)
+            chosen = [one for one in structs if one.tag is None or one.tag == kind]
+            return folded(chosen[0], value) if chosen else value
+        case msgspec.inspect.UnionType(), str() if any(_tagged(one) for one in info.types):
+            return folded(info, {"kind": value})
+        case msgspec.inspect.StructType(), dict():
+            fields = {field.encode_name: field.type for field in info.fields}
+            return {key: folded(fields.get(key), child) for key, child in value.items()}
+        case msgspec.inspect.VarTupleType(item_type=msgspec.inspect.UnionType()), dict() | str():
+            return [folded(info.item_type, value)]
+        case msgspec.inspect.VarTupleType(), list():
+            return [folded(info.item_type, child) for child in value]
+    return value
+
+
+def _component(table: Mapping[str, Any]) -> dict[str, Any]:
+    parameters = {key: child for key, child in table.items() if key != "kind"}
+    return {"kind": UserComponent.__struct_config__.tag, "name": table["kind"], "parameters": parameters}
+
+
+def _tagged(info: Any) -> bool:
+    return isinstance(info, msgspec.inspect.StructType) and info.tag is not None
+
+
+def unfolded(value: Any) -> Any:
+    """Return the tables of user's classes as they stand in a scenario file."""
+    if isinstance(value, list | tuple):
+        return [unfolded(child) for child in value]
+    if not isinstance(value, dict):
+        return value
+    if value.get("kind") == UserComponent.__struct_config__.tag:
+        return {"kind": value["name"], **value["parameters"]}
+    return {key: unfolded(child) for key, child in value.items()}
+
+
+def unknown_keys(info: Any, value: Any, path: str) -> Iterator[str]:
+    """Yield every key below ``path`` that its table does not have, and every word that is none of those expected."""
+    if isinstance(info, msgspec.inspect.Metadata):
+        info = info.type
+    if isinstance(info, msgspec.inspect.UnionType) and isinstance(value, dict):
+        structs = [one for one in info.types if isinstance(one, msgspec.inspect.StructType)]
+        chosen = [one for one in structs if one.tag is None or one.tag == value.get("kind")]
+        if structs and not chosen:
+            tags = [str(one.tag) for one in structs]
+            yield f"{path}.kind: {one_of(value.get('kind'), tags)}"
+        elif chosen:
+            yield from unknown_keys(chosen[0], value, path)
+    elif isinstance(info, msgspec.inspect.StructType) and isinstance(value, dict):
+        fields = {field.encode_name: field.type for field in info.fields}
+        known = [*fields, *([info.tag_field] if info.tag_field else [])]
+        for key, child in value.items():
+            here = f"{path}.{key}" if path else key
+            if key in fields:
+                yield from unknown_keys(fields[key], child, here)
+            elif key not in known:
+                yield f"{here}: unknown key{nearest(key, known)}"
+    elif isinstance(info, msgspec.inspect.LiteralType) and value not in info.values:
+        yield f"{path}: {one_of(value, [str(one) for one in info.values])}"
+    elif isinstance(info, msgspec.inspect.VarTupleType) and isinstance(value, list):
+        for place, child in enumerate(value):
+            yield from unknown_keys(info.item_type, child, f"{path}.{place}")
+
+
+def one_of(value: Any, choices: Sequence[str]) -> str:
+    """Return that ``value`` is none of ``choices``, as the end of a sentence."""
+    given = "missing" if value is None else repr(value)
+    close = difflib.get_close_matches(str(value), choices, n=1)
+    return f"{given}; expected one of {', '.join(choices)}" + (f"; did you mean {close[0]!r}?" if close else "")
+
+
+def nearest(name: str, known: Sequence[str]) -> str:
+    """Return the known name that was probably meant, or all of them, as the end of a sentence."""
+    close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    return f"; did you mean {close[0]!r}?" if close else f"; known: {', '.join(known)}" if known else ""
+
+
+def explain(error: msgspec.ValidationError, raw: Mapping[str, Any]) -> str:
+    """Return what msgspec found wrong with ``raw`` as key, value and what was expected."""
+    text, _, place = str(error).partition(" - at `$")
+    keys = re.findall(r"[^.\[\]`]+", place)
+    value: Any = raw
+    for key in keys:
+        try:
+            value = value[int(key)] if isinstance(value, list) else value[key]
+        except (KeyError, IndexError, TypeError, ValueError):
+            return f"{'.'.join(keys)}: {text}"
+    shown = (
+        "" if not keys or (isinstance(value, dict | list) and len(value) > 4) else f" {json.dumps(value, default=str)}:"
+    )
+    return f"{'.'.join(keys) or 'scenario'}:{shown} {text[:1].lower()}{text[1:]}"
