@@ -5,13 +5,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dynpf_formats.user_classes import MODULE_NAME
+from dynpf_protocol.errors import UsageError
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.schema import Scenario
+from dynpf_services.scenario.user_code import add_folders
 
 if TYPE_CHECKING:
     from dynpf_services.scenario.played_log import PlayedLog
 
-__all__ = ["add_allow_code", "add_scenario_options", "load_log", "scenario_from"]
+__all__ = ["add_allow_code", "add_code", "add_scenario_options", "code_folders", "load_log", "scenario_from"]
 
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
@@ -27,6 +29,30 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
         help="override one key of the scenario, such as estimator.n=500; may be repeated",
     )
     parser.add_argument("--log", type=Path, metavar="IN.mcap", help="imported log that the sensors process plays")
+    add_code(parser)
+
+
+def add_code(parser: argparse.ArgumentParser) -> None:
+    """Add --code, which a command needs that runs classes of the user's."""
+    parser.add_argument(
+        "--code",
+        action="append",
+        default=[],
+        type=Path,
+        metavar="FOLDER",
+        help="look for modules of yours in this folder, behind what is installed; may be repeated (default: the folder "
+        "of the scenario's file)",
+    )
+
+
+def code_folders(options: argparse.Namespace) -> list[Path]:
+    """Return the folders in which modules of the user's are looked for; raises UsageError for one that is none."""
+    for folder in options.code:
+        if not folder.is_dir():
+            raise UsageError(f"--code {folder}: no such folder")
+    path = Path(getattr(options, "scenario", ""))
+    beside = [path.parent] if path.suffix == ".toml" else []
+    return [*options.code, *beside]
 
 
 def add_allow_code(parser: argparse.ArgumentParser) -> None:
@@ -57,6 +83,7 @@ def load_log(options: argparse.Namespace) -> "PlayedLog | None":
 
 def scenario_from(options: argparse.Namespace, log: "PlayedLog | None") -> Scenario:
     """Return the resolved scenario that the command line describes; raises ScenarioError."""
+    add_folders(code_folders(options))
     return load_scenario(
         options.scenario,
         overrides=options.overrides,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from dynpf_protocol.errors import UsageError
 
-from dynpf_lab.cli.options import add_allow_code
+from dynpf_lab.cli.options import add_allow_code, add_code, code_folders
 
 if TYPE_CHECKING:
     from dynpf_formats.recording.reader import Recording
@@ -33,6 +33,7 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
     parser.add_argument("--node", metavar="NAME", help="only this node (default: all of them)")
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE")
     add_allow_code(parser)
+    add_code(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="NEW.mcap", help="write the replayed run")
     parser.add_argument("--json", action="store_true")
     parser.set_defaults(run=run)
@@ -42,8 +43,9 @@ def run(options: argparse.Namespace) -> int:
     from dynpf_formats.recording.reader import read_recording
     from dynpf_services.scenario.recorded import recorded_scenario
     from dynpf_services.scenario.schema import key_of
-    from dynpf_services.scenario.user_code import check_allowed
+    from dynpf_services.scenario.user_code import add_folders, check_allowed
 
+    add_folders(code_folders(options))
     recording = read_recording(options.recording)
     if options.output is not None and options.output.exists():
         raise UsageError(f"{options.output}: the file exists; choose another name")

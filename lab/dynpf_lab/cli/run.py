@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 from dynpf_protocol.errors import DynpfError, UsageError
 from dynpf_services.scenario.schema import Scenario
 
-from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
+from dynpf_lab.cli.options import add_scenario_options, code_folders, load_log, scenario_from
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from dynpf_services.scenario.played_log import PlayedLog
 
 __all__ = ["add_parser", "default_output"]
@@ -59,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
         if options.runner == "inline":
             _run_inline(scenario, path, log)
         else:
-            _run_on_bus(scenario, path, log)
+            _run_on_bus(scenario, path, log, code_folders(options))
     except DynpfError:
         if path.exists():
             print(f"dynpf run: what was recorded is in {path} (dynpf doctor tells what is missing)", file=sys.stderr)
@@ -85,7 +87,7 @@ def _run_inline(scenario: Scenario, path: Path, log: "PlayedLog | None") -> None
         record_inline(scenario, path, log, stopped=lambda: stop.reason if stop.requested else "")
 
 
-def _run_on_bus(scenario: Scenario, path: Path, log: "PlayedLog | None") -> None:
+def _run_on_bus(scenario: Scenario, path: Path, log: "PlayedLog | None", code: "Sequence[Path]") -> None:
     from dynpf_runtime.bus.member import StopSignal
     from dynpf_runtime.bus.processes import run_on_bus
     from dynpf_runtime.rehearsal import rehearse_run
@@ -96,7 +98,7 @@ def _run_on_bus(scenario: Scenario, path: Path, log: "PlayedLog | None") -> None
     plan = plan_of(scenario)
     rehearse_run(plan, log.records if log else [])
     with StopSignal.installed() as stop:
-        run_on_bus(plan.graph.nodes, whole_json(scenario), path, log.path if log else None, stop)
+        run_on_bus(plan.graph.nodes, whole_json(scenario), path, log.path if log else None, stop, code=code)
 
 
 def _summary(path: Path, *, as_json: bool) -> int:

@@ -25,22 +25,25 @@ CLOSE_S = 1.0
 POLL_S = 0.02
 
 
-def run_on_bus(names: Sequence[str], scenario: str, path: Path, log: Path | None, stop: StopSignal) -> None:
+def run_on_bus(
+    names: Sequence[str], scenario: str, path: Path, log: Path | None, stop: StopSignal, *, code: Sequence[Path] = ()
+) -> None:
     """Run the nodes ``names`` of a scenario, given as the text that its processes read, and record it into ``path``.
 
+    ``code`` are the folders in which the processes look for modules of the user's.
     Raises RunError that names the process which failed first; by then every process has ended.
     """
     with tempfile.TemporaryDirectory(prefix="dynpf-") as folder:
         resolved = Path(folder) / "scenario.json"
         resolved.write_text(scenario, encoding="utf-8")
         endpoint = f"tcp/127.0.0.1:{free_port()}"
-        with _processes(names, resolved, endpoint, path, log) as processes:
+        with _processes(names, resolved, endpoint, path, log, code=code) as processes:
             _watch(processes, stop)
 
 
 @contextlib.contextmanager
 def _processes(
-    names: Sequence[str], resolved: Path, endpoint: str, path: Path, log: Path | None
+    names: Sequence[str], resolved: Path, endpoint: str, path: Path, log: Path | None, *, code: Sequence[Path]
 ) -> Iterator[dict[str, subprocess.Popen[bytes]]]:
     processes: dict[str, subprocess.Popen[bytes]] = {}
     try:
@@ -48,6 +51,8 @@ def _processes(
             command = [sys.executable, "-P", "-m", "dynpf_lab.cli.main", "service", name, str(resolved)]
             command += ["--listen" if name == "router" else "--connect", endpoint]
             command += ["--quiet", "--parent", str(os.getpid())]
+            for folder in code:
+                command += ["--code", str(folder.absolute())]
             if log is not None and name != "router":
                 command += ["--log", str(log)]
             if name == "recorder":

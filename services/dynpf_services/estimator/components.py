@@ -52,7 +52,7 @@ from dynpf.portable import hypot
 from dynpf.se2 import arc_chord, arc_displacement
 from dynpf_services.estimator.config import GradientFlowTable, LocalizationConfig, SirParams
 from dynpf_services.estimator.localizers import CloudFilter, GaussianLocalizer, Localizer, ParticleLocalizer
-from dynpf_services.estimator.readings import READINGS, TOPICS
+from dynpf_services.estimator.readings import READINGS, TOPICS, is_message
 from dynpf_services.estimator.user_components import Classes, made, required_methods
 from dynpf_services.maps import Maps
 from dynpf_services.scenario.user_code import UserComponent
@@ -113,8 +113,9 @@ def measurements_of(config: LocalizationConfig, maps: Maps, classes: Classes) ->
     for place, table in enumerate(config.measurement):
         key = f"estimator.measurement.{place}"
         reading, model = _measurement(table, key, maps, classes, rows)
-        if TOPICS[reading] in {TOPICS[other] for other in models}:
-            raise ScenarioError(f"{key}: another measurement model takes what {TOPICS[reading]} says already")
+        if TOPICS.get(reading, reading) in {TOPICS.get(other, other) for other in models}:
+            what = TOPICS.get(reading, reading.__name__)
+            raise ScenarioError(f"{key}: another measurement model takes what {what} says already")
         models[reading] = model
     return models
 
@@ -233,10 +234,10 @@ def _own_measurement(
 ) -> tuple[type, MeasurementModel[Any]]:
     own = made(table, key, (MeasurementModel,), classes, maps._asdict())
     reading = getattr(type(own), "reading", object)
-    if reading not in TOPICS:
+    if reading not in TOPICS and not is_message(reading):
         raise ScenarioError(
             f"{key}.kind: {table.name!r} must name the type of its readings in the class attribute 'reading': one of"
-            f" {_names(TOPICS)}"
+            f" {_names(TOPICS)}, or a type of messages of your own"
         )
     return reading, own
 

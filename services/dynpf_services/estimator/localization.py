@@ -36,11 +36,11 @@ from dynpf.rng import Stream
 from dynpf.se2 import FloatArray, arc_displacement, compose, relative
 from dynpf_services.estimator.components import Moved, localizer_of, measurements_of, motion_of
 from dynpf_services.estimator.config import LocalizationConfig
-from dynpf_services.estimator.gaps import GAPS, gap_warning
+from dynpf_services.estimator.gaps import gap_warning
 from dynpf_services.estimator.health import HealthWatch
 from dynpf_services.estimator.localizers import Found
 from dynpf_services.estimator.picture import draw_scene, robot_transform
-from dynpf_services.estimator.readings import TOPICS, reading_of, size_of
+from dynpf_services.estimator.readings import TOPICS, is_message, reading_of, size_of
 from dynpf_services.estimator.rehearsal import example_readings
 from dynpf_services.estimator.user_components import Classes
 from dynpf_services.maps import Maps, maps_of
@@ -105,7 +105,8 @@ class LocalizationEstimator:
         self._start, self._count = config.start, config.n
         self._grid, self._models = maps.grid, Models(motion.model, measurements)
         self._source = _source(config.start, maps, self._models)
-        self._kinds = {TOPICS[kind]: kind for kind in measurements}
+        self._kinds = {TOPICS[kind]: kind for kind in measurements if kind in TOPICS}
+        self._own_kinds = frozenset(kind for kind in measurements if is_message(kind))
         self._known = maps.landmarks if RangeBearingReadings in measurements else None
         range_max = config.scan_range_max or scan_range_max
         if range_max is None and Scan in measurements:
@@ -113,7 +114,6 @@ class LocalizationEstimator:
                 "estimator.scan_range_max: missing; a scan does not tell what a beam without return reads"
             )
         self._scanner = {"range_min": config.scan_range_min, "range_max": range_max or np.inf}
-        self.reads = frozenset({"sensors/odometry", "sensors/odometry_pose", GAPS, *self._kinds})
         # Of the step that is being taken; empty between steps.
         self._number = 0
         self._draws = 0
@@ -157,8 +157,10 @@ class LocalizationEstimator:
                     self._logs += self._unknown_landmarks(
                         received, [one.landmark for one in readings if one.x is UNSET]
                     )
-            if received.topic in self._kinds:
-                kind = self._kinds[received.topic]
+            kind = self._kinds.get(received.topic)
+            if type(received.message) in self._own_kinds:
+                kind = type(received.message)
+            if kind is not None:
                 self._pending.append(reading_of(received.message, kind, **self._scanner))
         self._advance(step.stamp_ns)
         self._correct()

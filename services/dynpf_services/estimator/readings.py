@@ -27,7 +27,7 @@ from dynpf.measurement.unknown_landmarks import UnknownLandmarksParams, Unlabell
 from dynpf.se2 import FloatArray
 from dynpf_services.scenario.user_code import UserComponent
 
-__all__ = ["READINGS", "TOPICS", "reading_of", "reading_topics", "size_of"]
+__all__ = ["READINGS", "TOPICS", "is_message", "reading_of", "reading_topics", "size_of"]
 
 TOPICS: Mapping[type, str] = {
     RangeBearingReadings: "sensors/landmarks",
@@ -53,8 +53,13 @@ READINGS: Mapping[type, type] = {
 """The tables of measurement models, and the type of reading that each model takes."""
 
 
-def reading_topics(tables: Iterable[Any], user_class: Callable[[str], type | None]) -> set[str]:
-    """Return the topics of the readings that measurement models take, by their tables.
+def is_message(kind: object) -> bool:
+    """Return whether a type of readings is one of messages: of a user's own sensor, taken as it comes."""
+    return isinstance(kind, type) and issubclass(kind, Message)
+
+
+def reading_topics(tables: Iterable[Any], user_class: Callable[[str], type | None]) -> set[str | type[Message]]:
+    """Return the topics of the readings that measurement models take, by their tables; messages of one's own by type.
 
     ``user_class`` gives a class of the user's by its name, None for one that must not be imported: what that takes
     nobody knows.
@@ -63,7 +68,11 @@ def reading_topics(tables: Iterable[Any], user_class: Callable[[str], type | Non
         getattr(user_class(table.name), "reading", None) if isinstance(table, UserComponent) else READINGS[type(table)]
         for table in tables
     )
-    return {TOPICS[reading] for reading in readings if isinstance(reading, type) and reading in TOPICS}
+    return {
+        TOPICS.get(reading, reading)
+        for reading in readings
+        if isinstance(reading, type) and (reading in TOPICS or is_message(reading))
+    }
 
 
 def reading_of(message: Message, kind: type, *, range_min: float = 0.0, range_max: float = 0.0) -> Any:
@@ -73,6 +82,8 @@ def reading_of(message: Message, kind: type, *, range_min: float = 0.0, range_ma
     ``range_max``, is +inf in a RangeVector.
     """
     match message:
+        case _ if type(message) is kind:
+            return message
         case LandmarkReadings(readings=readings):
             ranges = np.array([one.range for one in readings], dtype=np.float32)
             bearings = np.array([one.bearing for one in readings], dtype=np.float32)

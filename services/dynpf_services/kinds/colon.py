@@ -21,7 +21,7 @@ Drawings = Annotated[tuple[str, ...], Meta(max_length=MOST_DRAWINGS)]
 """Bitmaps (PNG, BMP, PGM) that take the place of the tube of [colon]: a, b and so on by their order. Paths are seen
 from the scenario's folder, on the command line from the current one; a recording carries the content."""
 
-COLON = FactKind(ColonConfig)
+COLON = FactKind(ColonConfig, opened=colon_world)
 
 
 def _take_drawing(path: str, _paths: tuple[str, ...], take: Take) -> None:

@@ -5,12 +5,13 @@ from pathlib import PurePath
 
 import msgspec
 from dynpf_protocol.landmarks import Landmark
+from dynpf_protocol.messages import Message
 from dynpf_protocol.topics import EVENT_PREFIX
 
 from dynpf_services.controller.config import WaypointsConfig
 from dynpf_services.estimator.config import LocalizationConfig
 from dynpf_services.estimator.readings import reading_topics
-from dynpf_services.maps import MapConfig, named_file, open_maps
+from dynpf_services.maps import MapConfig, maps_of, named_file, open_maps
 from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.kinds import FactKind, NodeKind, Take
 from dynpf_services.sensors.config import LogSensorsConfig, SimulatedSensorsConfig
@@ -36,7 +37,7 @@ def _map_files(config: MapConfig) -> tuple[str, ...]:
     return () if file is None else (file,)
 
 
-MAP = FactKind(MapConfig, files=_map_files, take=_take_map, bare=_bare_map, key=".file")
+MAP = FactKind(MapConfig, files=_map_files, take=_take_map, bare=_bare_map, opened=maps_of, key=".file")
 
 LANDMARKS = FactKind(tuple[Landmark, ...])
 
@@ -84,12 +85,12 @@ LOG = NodeKind(
 )
 
 
-def _readings(config: LocalizationConfig, context: Context) -> set[str]:
+def _readings(config: LocalizationConfig, context: Context) -> set[str | type[Message]]:
     topics = reading_topics(config.measurement, context.user_class)
     return {"sensors/odometry", "sensors/odometry_pose", f"{EVENT_PREFIX}estimator", *topics}
 
 
-def _needs(config: LocalizationConfig, context: Context) -> dict[str, str]:
+def _needs(config: LocalizationConfig, context: Context) -> dict[str | type[Message], str]:
     return dict.fromkeys(reading_topics(config.measurement, context.user_class), "measurement")
 
 

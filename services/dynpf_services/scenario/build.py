@@ -1,12 +1,12 @@
 """From a scenario to the plan of its run, and to its nodes."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import msgspec
 from dynpf_protocol.errors import ScenarioError
-from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, TOPICS
+from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, TOPICS, Topic
 from dynpf_runtime.graph import Graph, NodeSpec
 from dynpf_runtime.node import Node
 from dynpf_runtime.plan import Plan
@@ -15,6 +15,7 @@ from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.kinds import load, node_kind, section_of
 from dynpf_services.scenario.order import in_tick_order
 from dynpf_services.scenario.schema import Scenario, key_of, resolved_json
+from dynpf_services.scenario.user_code import UserComponent
 
 __all__ = ["build_node", "build_nodes", "plan_of"]
 
@@ -61,26 +62,56 @@ def build_node(scenario: Scenario, name: str) -> Node:
 
 def _specs(scenario: Scenario) -> list[NodeSpec]:
     shared: dict[str, Any] = {}
-    return [_spec(Context(scenario, name, shared)) for name in scenario.nodes]
-
-
-def _spec(context: Context) -> NodeSpec:
-    name, config = context.name, context.scenario.nodes[context.name]
-    text = context.scenario.kinds[name]
-    kind = node_kind(text)
-    names = _Names(name, section_of(text), context.scenario.remaps.get(name, {}))
-    try:
-        writes = kind.writes(config, context)
-        rows = writes if isinstance(writes, Mapping) else {own: TOPICS[own] for own in writes}
-        return NodeSpec(
-            name=name,
-            kind=text,
+    contexts = [Context(scenario, name, shared) for name in scenario.nodes]
+    writes = {context.name: _writes(context) for context in contexts}
+    written = [row for rows in writes.values() for row in rows.values()]
+    return [
+        NodeSpec(
+            name=context.name,
+            kind=_identity(context),
             build=partial(_built, context),
-            reads={names.topic(own): own for own in kind.reads(config, context)},
-            writes={own: msgspec.structs.replace(row, name=names.topic(own)) for own, row in rows.items()},
+            reads=_reads(context, written),
+            writes=writes[context.name],
         )
+        for context in contexts
+    ]
+
+
+def _identity(context: Context) -> str:
+    """Return what tells a node's kind from others: of the user's, the class."""
+    config = context.scenario.nodes[context.name]
+    return config.name if isinstance(config, UserComponent) else context.scenario.kinds[context.name]
+
+
+def _names(context: Context) -> "_Names":
+    scenario, name = context.scenario, context.name
+    return _Names(name, section_of(scenario.kinds[name]), scenario.remaps.get(name, {}))
+
+
+def _writes(context: Context) -> dict[str, Topic]:
+    """Return the topics that a node writes, by its own names for them."""
+    scenario, names = context.scenario, _names(context)
+    try:
+        declared = node_kind(scenario.kinds[context.name]).writes(scenario.nodes[context.name], context)
+    except ScenarioError:
+        raise
     except ValueError as error:
-        raise ScenarioError(f"{key_of(name)}: {error}") from error
+        raise ScenarioError(f"{key_of(context.name)}: {error}") from error
+    rows = declared if isinstance(declared, Mapping) else {own: TOPICS[own] for own in declared}
+    return {own: msgspec.structs.replace(row, name=names.topic(own)) for own, row in rows.items()}
+
+
+def _reads(context: Context, written: Sequence[Topic]) -> dict[str, str]:
+    """Return the node's own name for each topic that it reads; of a type, all that its robot's nodes write."""
+    scenario, names = context.scenario, _names(context)
+    found = {}
+    for own in node_kind(scenario.kinds[context.name]).reads(scenario.nodes[context.name], context):
+        if isinstance(own, str):
+            found[names.topic(own)] = own
+        else:
+            of_type = [row.name for row in written if row.type is own and row.name.startswith(names.namespace)]
+            found.update({topic: topic for topic in of_type})
+    return found
 
 
 class _Names:
@@ -93,19 +124,21 @@ class _Names:
     def __init__(self, node: str, usual: str, remap: Mapping[str, str]) -> None:
         self._node, self._usual, self._remap = node, usual, remap
         namespace, slash, _ = node.rpartition("/")
-        self._namespace = namespace + slash
+        self.namespace = namespace + slash
 
     def topic(self, own: str) -> str:
         if own in self._remap:
             return self._remap[own]
-        first, _, rest = own.partition("/")
+        first, slash, rest = own.partition("/")
         if own in _SHARED:
             return own
         if own.startswith(EVENT_PREFIX):
             return EVENT_PREFIX + self._node
+        if not slash:
+            return f"{self._node}/{own}"
         if first == self._usual:
             return f"{self._node}/{rest}"
-        return self._namespace + own
+        return self.namespace + own
 
 
 _SHARED = frozenset({"log"})
@@ -151,7 +184,9 @@ def _check_readers(scenario: Scenario, graph: Graph) -> None:
     """Raise ScenarioError where nothing writes what a node cannot do without."""
     for name, config in scenario.nodes.items():
         needs = node_kind(scenario.kinds[name]).needs(config, Context(scenario, name))
-        names = {own: topic for topic, own in graph.specs[name].reads.items()}
-        for own, key in sorted(needs.items()):
-            if names[own] not in graph.topics:
+        names = {own: topic for topic, own in graph.specs[name].reads.items()}  # own name -> topic
+        for own, key in needs.items():
+            if isinstance(own, str) and names[own] not in graph.topics:
                 raise ScenarioError(f"{key_of(name)}.{key}: reads {names[own]}, which no node of this run writes")
+            if isinstance(own, type) and not any(graph.topics[topic].type is own for topic in names.values()):
+                raise ScenarioError(f"{key_of(name)}.{key}: reads {own.__name__}, which no node of this run writes")

@@ -2,6 +2,9 @@
 
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from dynpf_protocol.errors import ScenarioError
+
+from dynpf_services.scenario.kinds import fact_kind, fact_names
 from dynpf_services.scenario.user_code import check_allowed, find_class
 
 if TYPE_CHECKING:
@@ -36,6 +39,15 @@ class Context:
     def fact(self, key: str) -> Any:
         """Return the table ``key`` that nodes share, None where the scenario has none."""
         return self.scenario.facts.get(key)
+
+    def opened(self, key: str) -> Any:
+        """Return what the table ``key`` stands for, such as the maps of [map]; None where the scenario has none."""
+        if key not in fact_names():
+            raise ScenarioError(f"{self.name}: there is no table {key!r}; there are {', '.join(fact_names())}")
+        if key not in self.scenario.facts:
+            return None
+        opened = fact_kind(key).opened
+        return self.fact(key) if opened is None else opened(self)
 
     def beside(self, node: str) -> Any:
         """Return the configuration of another node of the same robot, None where there is none of that name."""

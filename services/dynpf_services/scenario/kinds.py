@@ -9,6 +9,7 @@ from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from dynpf_protocol.messages import Message
 from dynpf_protocol.topics import Topic
 
 if TYPE_CHECKING:
@@ -27,16 +28,17 @@ Take = Callable[[str, str], bytes]
 class NodeKind(NamedTuple):
     """A kind of node: how it is configured, which topics it reads and writes by its own names, and how it is built.
 
-    ``build`` is the import string of a function of the configuration and the Context, loaded when a node is built.
+    Of a type of messages, it reads all topics of the same robot that carry it. ``build`` is the import string of a
+    function of the configuration and the Context, loaded when a node is built.
     ``needs`` are those topics of which one without a writer is an error, each with the key below the node's that asks
     for it. ``problems`` yields what contradicts the rest of the scenario, each with its key.
     """
 
     config: type
     build: str
-    reads: Callable[[Any, "Context"], Iterable[str]]
+    reads: Callable[[Any, "Context"], Iterable[str | type[Message]]]
     writes: Callable[[Any, "Context"], Iterable[str] | Mapping[str, Topic]]
-    needs: Callable[[Any, "Context"], Mapping[str, str]] = lambda _config, _context: {}
+    needs: Callable[[Any, "Context"], Mapping[str | type[Message], str]] = lambda _config, _context: {}
     plays_log: bool = False  # it is the source of a run that plays an imported log
     problems: Callable[[Any, "Context"], Iterator[str]] = lambda _config, _context: iter(())
 
@@ -55,6 +57,7 @@ class FactKind(NamedTuple):
     bare: Callable[[Any], Any] = lambda value: value
     check: Callable[["Context"], None] = lambda _context: None
     problems: Callable[[Any, "Scenario"], Iterator[str]] = lambda _value, _scenario: iter(())
+    opened: Callable[["Context"], Any] | None = None  # what it stands for; absent: itself
     key: str = ""  # below the table's own, at which a file is named
     listed: bool = False  # the table is a list of files
 

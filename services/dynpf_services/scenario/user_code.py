@@ -1,7 +1,8 @@
 """A user's own classes, which a scenario names as ``package.module:Name``: where they are, and which source it is.
 
-They are found on the Python path, which PYTHONPATH lengthens; every process of a run inherits it. A recording carries
-no code: it names the modules and a digest of each one's source, so that a replay can tell whether it has the same.
+They are found beside the scenario's file, in folders that the command line names, or on the Python path; always behind
+all that is installed, so that no file of the user's can take the place of one of ours. A recording carries no code: it
+names the modules and a digest of each one's source, so that a replay can tell whether it has the same.
 To import a module is to run it. So nothing here is called for what a recording names, unless its reader has allowed the
 module by name; and this is the only place that imports what a text names.
 """
@@ -10,6 +11,7 @@ import difflib
 import hashlib
 import importlib
 import importlib.util
+import sys
 import traceback
 from collections.abc import Container, Iterable
 from pathlib import Path
@@ -19,7 +21,7 @@ import msgspec
 from dynpf_formats.user_classes import UserClass, is_standard
 from dynpf_protocol.errors import ScenarioError
 
-__all__ = ["UserComponent", "check_allowed", "find_class", "source_digests"]
+__all__ = ["UserComponent", "add_folders", "check_allowed", "find_class", "source_digests"]
 
 
 class UserComponent(
@@ -30,6 +32,14 @@ class UserComponent(
     # In a file, and in the text of a resolved scenario, ``kind`` is the name, and the parameters stand beside it.
     name: str
     parameters: dict[str, Any] = {}
+
+
+def add_folders(folders: Iterable[Path]) -> None:
+    """Let modules be found in ``folders``, behind everything that this process can import already."""
+    for folder in folders:
+        path = str(folder.absolute())
+        if path not in sys.path:
+            sys.path.append(path)
 
 
 def check_allowed(named: Iterable[UserClass], modules: Container[str], where: str) -> None:
@@ -119,5 +129,5 @@ def _not_imported(one: UserClass, error: Exception) -> ScenarioError:
 def _not_found(module: str, error: ModuleNotFoundError | None) -> str:
     lacking = module if error is None or error.name is None else error.name
     if module == lacking or module.startswith(f"{lacking}."):
-        return f"there is no module {lacking!r} on the Python path; name the folder that it is in in PYTHONPATH"
+        return f"no module {lacking!r} is beside the scenario or on the Python path; --code FOLDER names its folder"
     return f"its module needs the module {lacking!r}, which is not installed"
