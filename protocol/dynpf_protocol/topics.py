@@ -284,11 +284,18 @@ TOPICS: dict[str, Topic] = {row.name: row for row in _ROWS}
 
 
 def topic(name: str, topics: Mapping[str, Topic] = TOPICS) -> Topic:
-    """Return the row of a topic; raises UnknownTopicError for a name that is not in the table."""
-    try:
-        return topics[name]
-    except KeyError:
-        raise UnknownTopicError(f"topic {name!r} is not in the topic table") from None
+    """Return the row of a topic; raises UnknownTopicError for a name that is not in the table.
+
+    The log of several robots has the topics of one for each, after the robot's name: ``r1/log/odometry``.
+    """
+    row = topics.get(name)
+    if row is None:
+        robot, _, record = name.rpartition("/log/")
+        row = TOPICS.get(f"log/{record}") if robot else None
+        if row is None:
+            raise UnknownTopicError(f"topic {name!r} is not in the topic table")
+        row = msgspec.structs.replace(row, name=name)
+    return row
 
 
 def is_compared(name: str) -> bool:

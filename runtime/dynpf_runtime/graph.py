@@ -71,6 +71,12 @@ class Graph:
         reads = sorted(self.specs[name].reads)
         return [topic for topic in reads if {*self._publishers(topic)} - {name}]
 
+    @cached_property
+    def waking_records(self) -> frozenset[str]:
+        """The records of a log that begin a tick: a node that reads them steps when they come."""
+        read = [self.topics[topic] for topic in self.awaited if topic in self.topics]
+        return frozenset(row.name for row in read if row.publishers == (LOG_NODE,) and row.wakes)
+
     def input_order(self, topic: str, node: str, sequence: int) -> tuple[int, int, int]:
         """Return the key by which a step's inputs are ordered: topic table, sender, sequence."""
         return self._topic_rank[topic], self._node_rank[node], sequence
@@ -87,7 +93,10 @@ class Graph:
 
     def _publishers(self, topic: str) -> list[str]:
         row = self.topics.get(topic)
-        return [] if row is None else [writer for writer in row.publishers if writer in self.specs]
+        senders = () if row is None else row.publishers
+        # Whoever reads a log's records has them from the source, which feeds them in.
+        writers = [self.source if name == LOG_NODE else name for name in senders]
+        return [writer for writer in writers if writer in self.specs]
 
 
 def topic_table(specs: Sequence[NodeSpec]) -> dict[str, Topic]:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from dynpf_protocol.control import TickDone
-from dynpf_protocol.topics import Delivery, Topic
+from dynpf_protocol.topics import LOG_NODE, Delivery, Topic
 
 from dynpf_runtime.faults import FaultyLink
 from dynpf_runtime.graph import Graph
@@ -43,7 +43,9 @@ class LockstepInbox:
         self.tick = 0
 
     def deliver(self, received: Received, tick: int, _now_ns: int = 0) -> None:
-        self._messages[received.node, tick].append(received)
+        # Records of a log come from the source, which feeds them in.
+        sender = self._graph.source if received.node == LOG_NODE else received.node
+        self._messages[sender, tick].append(received)
 
     def deliver_refused(self, node: str, tick: int) -> None:
         """Count a message that came but cannot be given to the node, so that nobody waits for it."""

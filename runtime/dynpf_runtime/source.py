@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from dynpf_protocol.codec import decode
 from dynpf_protocol.envelope import Envelope
-from dynpf_protocol.topics import LOG_NODE, topic
+from dynpf_protocol.topics import LOG_NODE
 
 from dynpf_runtime.executor import Sent
 from dynpf_runtime.graph import Graph
@@ -41,7 +41,7 @@ def feed_ticks(tick_ns: int, max_ticks: int) -> Iterator[Feed]:
 def feed_log(
     records: Iterable[LogRecord], graph: Graph, *, boot: str, publish_ns: int, max_ticks: int
 ) -> Iterator[Feed]:
-    """Yield one tick for each record that wakes the graph's source; other records ride along with the next such one.
+    """Yield one tick for each record that wakes a node; other records ride along with the next such one.
 
     Records that follow the last such one ride along with the last tick. Nothing is yielded for a log without any.
     """
@@ -73,7 +73,7 @@ def feed_log(
 
     for record in records:
         riding.append(record)
-        if record.topic not in reads or not topic(record.topic, topics).wakes:
+        if record.topic not in graph.waking_records:
             continue
         if waiting is not None:
             yield feed(*waiting, last=tick + 1 == max_ticks)

@@ -27,7 +27,7 @@ from dynpf_formats.importers.heading import GAP_S, heading_faults
 from dynpf_formats.importers.log import ImportedLog, ImportSummary, Record, Span
 from dynpf_formats.importers.text import LFS_POINTER, finite_number, seconds_to_ns, whole_number
 
-__all__ = ["MrclamTexts", "TextFile", "import_mrclam", "parse_mrclam", "robots_in"]
+__all__ = ["MrclamTexts", "TextFile", "import_mrclam", "import_mrclam_team", "parse_mrclam", "robots_in"]
 
 ROBOTS = range(1, 6)
 MAX_READINGS = 256  # of one LandmarkReadings message
@@ -86,6 +86,20 @@ def import_mrclam(folder: Path, robot: int | None = None, *, robots: bool = Fals
         raise ImportFailedError(*problems)
     moving = dict(zip(others, texts[len(names) :], strict=True))
     return parse_mrclam(MrclamTexts(*texts[: len(names)]), source=folder.name, robot=number, moving=moving)
+
+
+def import_mrclam_team(folder: Path) -> tuple[ImportedLog, ...]:
+    """Return the log of each robot of the data set in ``folder``, in the topics of that robot: ``r1/log/odometry``.
+
+    All have one clock and one map. Raises ImportFailedError as ``import_mrclam`` does.
+    """
+    logs = []
+    for number in robots_in(folder):
+        log = import_mrclam(folder, number)
+        logs.append(log._replace(records=tuple(one._replace(topic=f"r{number}/{one.topic}") for one in log.records)))
+    if not logs:
+        raise ImportFailedError(f"{folder}: its one robot has no number; leave out --robot all to import it")
+    return tuple(logs)
 
 
 def robots_in(folder: Path) -> list[int]:

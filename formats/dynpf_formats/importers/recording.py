@@ -1,7 +1,8 @@
 """Imported logs as recordings: records as messages of node "log", landmarks and maps as attachments."""
 
+import heapq
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,11 +19,19 @@ from dynpf_formats.recording.header import Attachment, RunHeader
 from dynpf_formats.recording.provenance import collect
 from dynpf_formats.recording.writer import RecordingWriter
 
-__all__ = ["BOOT", "LANDMARKS", "write_recording", "write_stream"]
+__all__ = ["BOOT", "LANDMARKS", "write_recording", "write_stream", "write_team"]
 
 BOOT = "import"
 LANDMARKS = "landmarks.json"
 """The attachment that holds the log's landmarks, as a list of id, x and y."""
+
+
+def write_team(logs: Sequence[ImportedLog], path: Path) -> None:
+    """Write the logs of robots that share clock and map into one recording, in order of time."""
+    landmarks = Attachment(name=LANDMARKS, media_type="application/json", data=msgspec.json.encode(logs[0].landmarks))
+    records = heapq.merge(*(log.records for log in logs), key=lambda record: record.stamp_ns)
+    origin = {"robots": [msgspec.to_builtins(log.summary) for log in logs]}
+    _write(records, path, origin, (landmarks,))
 
 
 class _Written(NamedTuple):

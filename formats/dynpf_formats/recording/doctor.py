@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import msgspec
 from dynpf_protocol.codec import decode
-from dynpf_protocol.errors import BadMessageError
+from dynpf_protocol.errors import BadMessageError, UnknownTopicError
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
 from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, TOPICS
+from dynpf_protocol.topics import topic as row_of
 
 from dynpf_formats.recording.code import recorded_code
 from dynpf_formats.recording.errors import RecordingError
@@ -86,11 +87,10 @@ def _senders(recording: Recording) -> Iterator[Finding]:
         if source.topic.startswith(JOURNAL_PREFIX):
             if source.node not in nodes or source.topic != JOURNAL_PREFIX + source.node:
                 yield _error(f"a journal of unknown node {source.node!r}", source.topic)
-        elif source.topic not in publishers:
+        elif not (expected := publishers.get(source.topic) or _log_publishers(source.topic)):
             yield _error(f"topic {source.topic!r} is none that this run has", source.topic)
-        elif source.node not in publishers[source.topic]:
-            expected = ", ".join(publishers[source.topic])
-            yield _error(f"sent by {source.node!r}; expected {expected}", source.topic)
+        elif source.node not in expected:
+            yield _error(f"sent by {source.node!r}; expected {', '.join(expected)}", source.topic)
 
 
 def _publishers(recording: Recording) -> dict[str, tuple[str, ...]]:
@@ -98,12 +98,20 @@ def _publishers(recording: Recording) -> dict[str, tuple[str, ...]]:
     found = {row.name: row.publishers for row in TOPICS.values()}
     if not recording.header.writes:
         return found
-    found = {name: (LOG_NODE,) for name, senders in found.items() if senders == (LOG_NODE,)}
+    found = {}
     nodes = tuple(recording.header.writes)
     for node, topics in recording.header.writes.items():
         for name in (EVENT_PREFIX + node, *topics):
             found[name] = (*found.get(name, ()), node)
     return {**found, "log": (*nodes, "recorder"), "diagnostics": nodes, "recorder/gap": ("recorder",)}
+
+
+def _log_publishers(name: str) -> tuple[str, ...]:
+    try:
+        publishers = row_of(name).publishers
+    except UnknownTopicError:
+        return ()
+    return publishers if publishers == (LOG_NODE,) else ()
 
 
 def _gaps(recording: Recording) -> Iterator[Finding]:

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 __all__ = ["add_parser"]
 
+ALL = "all"
+
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add ``import FORMAT SOURCE -o OUT`` to the command line."""
@@ -22,7 +24,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
     mrclam = formats.add_parser("mrclam", help="a folder of a UTIAS MRCLAM data set, plain or .xz")
     _add_common(mrclam, "folder with the tables of the data set")
-    mrclam.add_argument("--robot", metavar="N", type=int, help="which robot, where there are several")
+    mrclam.add_argument("--robot", metavar="N", type=_robot, help="which robot, where there are several; or all")
     mrclam.add_argument(
         "--robots", action="store_true", help="the other robots are landmarks that move, where their reference has them"
     )
@@ -105,11 +107,26 @@ def _number(text: str) -> float:
 # What reads and writes logs is loaded on use: dynpf --help shall not wait for it.
 
 
+def _robot(text: str) -> int | str:
+    if text != ALL and not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r}: expected the number of a robot, or {ALL}")
+    return text if text == ALL else int(text)
+
+
 def _import_mrclam(args: argparse.Namespace) -> int:
     import msgspec
-    from dynpf_formats.importers.mrclam import import_mrclam
-    from dynpf_formats.importers.recording import write_recording
+    from dynpf_formats.importers.mrclam import import_mrclam, import_mrclam_team
+    from dynpf_formats.importers.recording import write_recording, write_team
 
+    if args.robot == ALL:
+        if args.robots:
+            raise UsageError("--robots: goes with one robot's log, not with --robot all")
+        team = import_mrclam_team(args.source)
+        write_team(team, args.output)
+        told = [log.summary for log in team]
+        words = (_mrclam_in_words(summary, args.output) for summary in told)
+        print(msgspec.json.encode(told).decode() if args.json else "\n".join(words))
+        return 0
     log = import_mrclam(args.source, args.robot, robots=args.robots)
     write_recording(log, args.output)
     print(msgspec.json.encode(log.summary).decode() if args.json else _mrclam_in_words(log.summary, args.output))

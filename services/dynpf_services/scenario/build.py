@@ -188,5 +188,6 @@ def _check_readers(scenario: Scenario, graph: Graph) -> None:
         for own, key in needs.items():
             if isinstance(own, str) and names[own] not in graph.topics:
                 raise ScenarioError(f"{key_of(name)}.{key}: reads {names[own]}, which no node of this run writes")
-            if isinstance(own, type) and not any(graph.topics[topic].type is own for topic in names.values()):
+            carried = (graph.topics[topic].type for topic in names.values() if topic in graph.topics)
+            if isinstance(own, type) and own not in carried:
                 raise ScenarioError(f"{key_of(name)}.{key}: reads {own.__name__}, which no node of this run writes")

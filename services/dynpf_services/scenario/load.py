@@ -9,6 +9,7 @@ import json
 import re
 import tomllib
 from collections.abc import Container, Iterator, Mapping, Sequence
+from copy import deepcopy
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
@@ -76,13 +77,17 @@ def load_scenario(
     Raises ScenarioError that lists every problem found.
     """
     path = find_scenario(name)
-    raw = _raw(path)
+    raw = _with_tables(_raw(path))
     brought = log.map if log is not None and "map" not in raw else None
     if log is not None:
         _take_from_log(raw, log)
     for override in overrides:
         apply_override(raw, override)
         seen_from_here(raw, override)
+    raw = _with_robots(raw)
+    if log is not None:
+        for node, table in (*raw.items(), *raw.get("nodes", {}).items()):
+            _tell_filter(table, node.rpartition("/")[0], log)
     if seed is not None:
         raw["seed"] = seed
     if clock is not None:
@@ -120,6 +125,7 @@ def override_resolved(resolved: str, overrides: Sequence[str], where: str) -> Sc
         raw = json.loads(resolved)
         if not isinstance(raw, dict):
             raise ScenarioError(f"{where}: its scenario is a {type(raw).__name__}, expected a table of keys")
+        raw = _with_tables(raw)
         for override in overrides:
             apply_override(raw, override)
         return parse_scenario(raw, where)
@@ -256,6 +262,11 @@ def _tables(nodes: Any) -> dict[str, Any]:
     return {table["name"]: {key: value for key, value in table.items() if key != "name"} for table in listed}
 
 
+def _with_tables(raw: dict[str, Any]) -> dict[str, Any]:
+    """Return ``raw`` with the tables of further nodes by name."""
+    return {**raw, "nodes": _tables(raw["nodes"])} if "nodes" in raw else raw
+
+
 def _with_robots(raw: dict[str, Any]) -> dict[str, Any]:
     """Return ``raw`` with a node for each robot in the place of the tables of [robot]."""
     names, tables = raw.pop("robots", None), raw.pop(ROBOT, None)
@@ -265,7 +276,7 @@ def _with_robots(raw: dict[str, Any]) -> dict[str, Any]:
         raise ScenarioError(f"robots: {names!r}; expected a list of names, such as ['r1', 'r2']")
     if not isinstance(tables, dict) or not tables:
         raise ScenarioError("robot: missing; expected the tables of the nodes that each robot has")
-    nodes = {f"{robot}/{name}": table for robot in names for name, table in tables.items()}
+    nodes = {f"{robot}/{name}": deepcopy(table) for robot in names for name, table in tables.items()}
     return {**raw, "nodes": {**(_tables(raw["nodes"]) if "nodes" in raw else {}), **nodes}}
 
 
@@ -289,18 +300,23 @@ def _without_remaps(raw: dict[str, Any]) -> tuple[dict[str, Any], dict[str, dict
 
 
 def _take_from_log(raw: dict[str, Any], log: LogFacts) -> None:
-    """Fill in what the scenario leaves to the log: the map, and where a known start is."""
+    """Fill in what the scenario leaves to the log: the map and the landmarks."""
     raw["log_digest"] = log.digest
     if log.landmarks:
         raw.setdefault("landmarks", [dict(landmark) for landmark in log.landmarks])
     if log.map is not None:
         raw.setdefault("map", {"kind": "occupancy", "file": log.map})
-    estimator = raw.get("estimator")
-    if log.range_max is not None and isinstance(estimator, dict) and estimator.get("kind") == "localization":
-        estimator.setdefault("scan_range_max", log.range_max)
-    start = estimator.get("start") if isinstance(estimator, dict) else None
-    if log.start is not None and isinstance(start, dict) and start.get("kind") == "known":
-        for key, value in zip(("x", "y", "theta"), log.start, strict=True):
+
+
+def _tell_filter(table: Any, robot: str, log: LogFacts) -> None:
+    """Fill in where the filter of a robot starts, and what its scanner reads without return, if its table is one's."""
+    if not isinstance(table, dict) or table.get("kind") != "localization":
+        return
+    if log.range_max is not None:
+        table.setdefault("scan_range_max", log.range_max)
+    start, known = table.get("start"), log.starts.get(robot)
+    if known is not None and isinstance(start, dict) and start.get("kind") == "known":
+        for key, value in zip(("x", "y", "theta"), known, strict=True):
             start.setdefault(key, value)
 
 

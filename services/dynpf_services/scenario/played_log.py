@@ -40,7 +40,7 @@ class PlayedLog:
         self.facts = LogFacts(
             digest=content_digest(recording),
             landmarks=_landmarks(path, landmarks[0]) if landmarks else [],
-            start=_start(self.records),
+            starts=_starts(self.records),
             files={one.name.removeprefix(FOLDER): one.data for one in recording.attachments if is_file(one)},
             range_max=_range_max(recording.header.scenario),
         )
@@ -51,10 +51,17 @@ def log_records(recording: Recording) -> list[LogRecord]:
     return [LogRecord(one.topic, one.stamp_ns, one.payload) for one in recording.messages() if one.node == LOG_NODE]
 
 
-def _start(records: list[LogRecord]) -> tuple[float, float, float] | None:
-    """Return where the robot is at the first record: the first reference pose, less what odometry moved till then."""
+def _starts(records: list[LogRecord]) -> dict[str, tuple[float, float, float]]:
+    """Return where each robot is at its first record, by its name: "" for one without."""
+    robots = sorted({record.topic.rpartition("log/")[0].removesuffix("/") for record in records})
+    return {robot: pose for robot in robots if (pose := _start(records, robot)) is not None}
+
+
+def _start(records: list[LogRecord], robot: str) -> tuple[float, float, float] | None:
+    """Return where a robot is at the first record: its first reference pose, less what odometry moved till then."""
     first = last = None
-    for record in (one for one in records if one.topic in ("log/odometry_pose", "log/truth")):
+    topics = {f"{robot}/{name}".removeprefix("/") for name in ("log/odometry_pose", "log/truth")}
+    for record in (one for one in records if one.topic in topics):
         match decode(record.topic, record.payload):
             case OdometryPose(x=x, y=y, theta=theta):
                 last = np.array([x, y, theta])

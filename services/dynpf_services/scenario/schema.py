@@ -93,13 +93,13 @@ class Scenario(RunTable, frozen=True, forbid_unknown_fields=True, kw_only=True):
 class LogFacts(NamedTuple):
     """What an imported log brings to a scenario.
 
-    Its content digest, its landmarks, the reference pose at its start, the files of its map by their names, and the
-    range that a beam without return reads.
+    Its content digest, its landmarks, the reference pose at its start by the robot's name ("" if there is one alone),
+    the files of its map by their names, and the range that a beam without return reads.
     """
 
     digest: str
     landmarks: Sequence[Mapping[str, Any]]
-    start: tuple[float, float, float] | None
+    starts: Mapping[str, tuple[float, float, float]] = {}
     files: Mapping[str, bytes] = {}
     range_max: float | None = None
 
