@@ -16,19 +16,21 @@ def recorded_code(recording: Recording) -> tuple[UserClass, ...]:
         scenario = json.loads(recording.header.scenario)
     except (ValueError, RecursionError):
         return ()  # of such a scenario nothing can be run
-    estimator = scenario.get("estimator") if isinstance(scenario, dict) else None
-    tables = estimator.items() if isinstance(estimator, dict) else ()
-    return tuple(one for field, table in tables for one in _named(f"estimator.{field}", table))
+    return tuple(_named("", scenario))
 
 
-def _named(key: str, table: Any) -> Iterator[UserClass]:
-    """Yield what one component's table names, or each of a list of them; a kind may stand there alone."""
-    listed = [(f"{key}.{place}", one) for place, one in enumerate(table)] if isinstance(table, list) else [(key, table)]
-    for where, one in listed:
-        kind = one.get("kind") if isinstance(one, dict) else one
-        if isinstance(kind, str) and CLASS_NAME.fullmatch(kind):
-            module, _, name = kind.partition(":")
-            yield UserClass(f"{where}.kind", module, name)
+def _named(key: str, value: Any) -> Iterator[UserClass]:
+    """Yield what a value of a scenario names, and all that lies below it; a kind may stand there alone."""
+    if isinstance(value, str) and CLASS_NAME.fullmatch(value):
+        module, _, name = value.partition(":")
+        yield UserClass(key if key.endswith("kind") else f"{key}.kind", module, name)
+    elif isinstance(value, dict):
+        for name, inner in value.items():
+            yield from _named(f"{key}.{name}".removeprefix("."), inner)
+    elif isinstance(value, list):
+        for place, inner in enumerate(value):
+            named = inner.get("name") if key == "nodes" and isinstance(inner, dict) else None
+            yield from _named(f"{key}.{place if named is None else named}", inner)
 
 
 def described_code(named: Iterable[UserClass]) -> list[dict[str, str]]:
