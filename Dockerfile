@@ -14,6 +14,7 @@ COPY protocol protocol
 COPY formats formats
 COPY runtime runtime
 COPY services services
+COPY systems systems
 COPY lab lab
 COPY scenarios scenarios
 RUN pip --python /opt/dynpf/bin/python install --no-cache-dir --no-index --no-deps --no-build-isolation .

@@ -10,8 +10,8 @@ import time
 import msgspec
 import numpy as np
 from dynpf_lab.studies.rooms import known_start, readings_of, record, world
-from dynpf_services.estimator.components import localizer_of, measurements_of, motion_of
-from dynpf_services.estimator.config import LocalizationConfig
+from dynpf_systems.rooms.localization.components import localizer_of, measurements_of, motion_of
+from dynpf_systems.rooms.localization.config import LocalizationConfig
 
 from dynpf.filters.start import start_poses
 from dynpf.rng import Stream

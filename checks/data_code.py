@@ -14,7 +14,19 @@ from checks.pure_code import bindings, dotted, imported, within
 
 __all__ = ["findings"]
 
-PACKAGES = ("benchmarks", "checks", "docs", "dynpf", "formats", "lab", "protocol", "runtime", "services", "tests")
+PACKAGES = (
+    "benchmarks",
+    "checks",
+    "docs",
+    "dynpf",
+    "formats",
+    "lab",
+    "protocol",
+    "runtime",
+    "services",
+    "systems",
+    "tests",
+)
 
 _UNPICKLES = "runs what is in the data"
 _COMPILES = "makes code of a text"
@@ -45,6 +57,8 @@ EXCEPTIONS = {
     ("services/dynpf_services/scenario/user_code.py", "importlib.import_module"),
     ("services/dynpf_services/scenario/user_code.py", "importlib.util.find_spec"),
     # These take the module from a table of their own.
+    ("lab/dynpf_lab/__init__.py", "importlib.import_module"),
+    ("services/dynpf_services/scenario/kinds.py", "importlib.import_module"),
     ("formats/dynpf_formats/recording/provenance.py", "importlib.util.find_spec"),
     ("dynpf/__init__.py", "importlib.import_module"),
     ("dynpf/kernels/__init__.py", "importlib.import_module"),

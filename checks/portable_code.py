@@ -24,20 +24,12 @@ __all__ = ["PORTABLE", "findings"]
 PORTABLE = (
     "dynpf",
     "protocol/dynpf_protocol",
-    "services/dynpf_services/capsule_scene.py",
-    "services/dynpf_services/colon.py",
-    "runtime/dynpf_runtime/faults.py",
-    "services/dynpf_services/maps.py",
-    "runtime/dynpf_runtime/node.py",
-    "services/dynpf_services/steering.py",
-    "services/dynpf_services/task.py",
-    "services/dynpf_services/controller",
-    "services/dynpf_services/estimator",
     "formats/dynpf_formats/importers",
-    "services/dynpf_services/sensors",
-    "services/dynpf_services/simulator",
-    "services/dynpf_services/vision",
-    "services/dynpf_services/world",
+    "runtime/dynpf_runtime/faults.py",
+    "runtime/dynpf_runtime/node.py",
+    "services/dynpf_services/estimates.py",
+    "services/dynpf_services/nodes.py",
+    "systems/dynpf_systems",
 )
 APART = ("dynpf/__init__.py", "dynpf/filters/smoothing.py", "dynpf/metrics/", "dynpf/reference/")
 """What no node reaches, which is checked, too: measures of runs, smoothers, and the twins that kernels are held to."""

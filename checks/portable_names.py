@@ -93,7 +93,7 @@ _CASTS_BY_REASON = {
         dynpf/kernels/rays.py: fill_cones trace
         dynpf/vision/subsample.py: subsample
         formats/dynpf_formats/importers/maps.py: map_of_message
-        services/dynpf_services/vision/node.py: _decode
+        systems/dynpf_systems/parts/vision.py: _decode
     """,
     "made of Python's own numbers, of which NumPy refuses what does not fit": """
         dynpf/filters/extended.py: __init__

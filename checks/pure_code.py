@@ -17,18 +17,10 @@ __all__ = ["PURE", "bindings", "dotted", "findings", "imported", "within"]
 PURE = (
     "dynpf",
     "protocol/dynpf_protocol",
-    "services/dynpf_services/capsule_scene.py",
-    "services/dynpf_services/colon.py",
-    "services/dynpf_services/maps.py",
     "runtime/dynpf_runtime/node.py",
-    "services/dynpf_services/steering.py",
-    "services/dynpf_services/task.py",
-    "services/dynpf_services/simulator",
-    "services/dynpf_services/vision",
-    "services/dynpf_services/sensors",
-    "services/dynpf_services/estimator",
-    "services/dynpf_services/controller",
-    "services/dynpf_services/world",
+    "services/dynpf_services/estimates.py",
+    "services/dynpf_services/nodes.py",
+    "systems/dynpf_systems",
 )
 
 MODULES = (
@@ -49,6 +41,8 @@ MODULES = (
         "typing",
     ),
     *("cv2", "msgspec", "numba", "numpy", "yaml"),
+    # What a node is built of: its scenario, from which everything has been read that there is to read.
+    *(f"dynpf_services.scenario.{name}" for name in ("context", "kinds", "schema", "user_component")),
 )
 
 BUILTINS = {

@@ -17,7 +17,7 @@ from dynpf_protocol.journal import JournalEntry
 from dynpf_protocol.messages import LogLevel
 from dynpf_protocol.topics import TOPICS, Delivery
 from dynpf_services.scenario.schema import Scenario
-from dynpf_services.scenario.user_code import UserComponent
+from dynpf_services.scenario.user_component import UserComponent
 from msgspec import inspect as types
 
 __all__ = ["PAGES", "scenarios", "topics"]

@@ -7,11 +7,11 @@ from dynpf_formats.recording.reader import Recording
 from dynpf_protocol.codec import decode
 from dynpf_protocol.errors import UsageError
 from dynpf_protocol.messages import LaserScan, RobotState
-from dynpf_services.estimator.config import LocalizationConfig
-from dynpf_services.maps import open_maps
 from dynpf_services.scenario.recorded import recorded_scenario
 from dynpf_services.scenario.schema import Scenario
-from dynpf_services.sensors.config import SimulatedSensorsConfig
+from dynpf_systems.rooms.localization.config import LocalizationConfig
+from dynpf_systems.rooms.maps import open_maps
+from dynpf_systems.rooms.sensors.config import SimulatedSensorsConfig
 
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.maps.raycast import RayCaster

@@ -26,7 +26,15 @@ _IN_WORDS = {
 }
 _CORE_NAMES = ("scipy_openblas_get_corename64_", "scipy_openblas_get_corename", "openblas_get_corename")
 
-_PACKAGES = ("dynpf", "dynpf_protocol", "dynpf_formats", "dynpf_runtime", "dynpf_services", "dynpf_lab")
+_PACKAGES = (
+    "dynpf",
+    "dynpf_protocol",
+    "dynpf_formats",
+    "dynpf_runtime",
+    "dynpf_services",
+    "dynpf_systems",
+    "dynpf_lab",
+)
 _DISTRIBUTIONS = (
     "eclipse-zenoh",
     "llvmlite",

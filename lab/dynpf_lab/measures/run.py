@@ -19,13 +19,13 @@ from dynpf_protocol.messages import (
     RobotState,
     heading,
 )
-from dynpf_services.colon import colon_world
-from dynpf_services.estimator.config import RearrangementConfig
 from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.load import override_resolved
 from dynpf_services.scenario.recorded import recorded_scenario
 from dynpf_services.scenario.schema import Scenario
-from dynpf_services.task import RearrangementTask
+from dynpf_systems.colon.tube import colon_world
+from dynpf_systems.parts.config import RearrangementConfig
+from dynpf_systems.parts.task import RearrangementTask
 from numpy.typing import NDArray
 
 from dynpf.maps.raycast import RayCaster

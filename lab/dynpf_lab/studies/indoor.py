@@ -9,7 +9,7 @@ from typing import Annotated, Literal, NamedTuple
 import msgspec
 import numpy as np
 from dynpf_protocol.errors import UsageError
-from dynpf_services.estimator.config import LocalizationConfig
+from dynpf_systems.rooms.localization.config import LocalizationConfig
 from msgspec import Meta
 
 from dynpf.filters.adaptation import KldParams, SensorResettingParams

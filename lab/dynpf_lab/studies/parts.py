@@ -18,16 +18,15 @@ from dynpf_protocol.messages import (
     RobotState,
 )
 from dynpf_runtime.node import Received, Step
-from dynpf_services.controller.config import RearrangementControllerConfig
-from dynpf_services.controller.rearrangement import RearrangementController
-from dynpf_services.estimator.config import FilterName, RearrangementConfig
-from dynpf_services.estimator.rearrangement import RearrangementEstimator
-from dynpf_services.sensors.config import GripperSensor, OverheadSensor, SimulatedSensorsConfig
-from dynpf_services.sensors.simulated import SimulatedSensors
-from dynpf_services.simulator.config import WorkspaceConfig
-from dynpf_services.simulator.workspace import WorkspaceSimulator
-from dynpf_services.task import NOISE as LEVELS
-from dynpf_services.task import PartSpec, RearrangementTask
+from dynpf_systems.parts.config import FilterName, RearrangementConfig, WorkspaceConfig
+from dynpf_systems.parts.controller import RearrangementController
+from dynpf_systems.parts.controller_config import RearrangementControllerConfig
+from dynpf_systems.parts.estimator import RearrangementEstimator
+from dynpf_systems.parts.simulator import WorkspaceSimulator
+from dynpf_systems.parts.task import NOISE as LEVELS
+from dynpf_systems.parts.task import PartSpec, RearrangementTask
+from dynpf_systems.rooms.sensors.config import GripperSensor, OverheadSensor, SimulatedSensorsConfig
+from dynpf_systems.rooms.sensors.simulated import SimulatedSensors
 from numpy.typing import NDArray
 
 from dynpf.metrics.consistency import nees

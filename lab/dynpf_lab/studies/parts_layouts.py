@@ -9,8 +9,8 @@ import msgspec
 import numpy as np
 from dynpf_protocol.errors import UsageError
 from dynpf_protocol.messages import Estimate
-from dynpf_services.controller.rearrangement import RearrangementController
-from dynpf_services.task import PartSpec, RearrangementTask
+from dynpf_systems.parts.controller import RearrangementController
+from dynpf_systems.parts.task import PartSpec, RearrangementTask
 from msgspec import Meta
 from numpy.typing import NDArray
 

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
-from dynpf_services.estimator.config import FilterName, RearrangementConfig
-from dynpf_services.estimator.robot_filters import Seen, fused, robot_filter
+from dynpf_systems.parts.config import FilterName, RearrangementConfig
+from dynpf_systems.parts.robot_filters import Seen, fused, robot_filter
 from msgspec import Meta
 
 from dynpf.metrics.consistency import nees

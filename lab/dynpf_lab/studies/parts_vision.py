@@ -16,12 +16,12 @@ from dynpf_runtime.node import Received, Step
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import record_inline
 from dynpf_services.scenario.schema import Scenario
-from dynpf_services.simulator.camera import DrawnDisc, board_discs, encode, render
-from dynpf_services.simulator.config import WorkspaceConfig
-from dynpf_services.simulator.workspace import draw_starts
-from dynpf_services.vision.config import VisionConfig
-from dynpf_services.vision.node import SUBSAMPLING, VisionNode
-from dynpf_services.world.camera import CameraParams
+from dynpf_systems.parts.camera import DrawnDisc, board_discs, encode, render
+from dynpf_systems.parts.camera_model import CameraParams
+from dynpf_systems.parts.config import WorkspaceConfig
+from dynpf_systems.parts.simulator import draw_starts
+from dynpf_systems.parts.vision import SUBSAMPLING, VisionNode
+from dynpf_systems.parts.vision_config import VisionConfig
 from msgspec import Meta
 from numpy.typing import NDArray
 

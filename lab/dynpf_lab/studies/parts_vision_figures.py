@@ -7,8 +7,8 @@ from typing import Any
 import cv2
 import numpy as np
 from dynpf_protocol.errors import UsageError
-from dynpf_services.simulator.camera import DrawnDisc, board_discs, encode, render
-from dynpf_services.world.camera import CameraParams, project
+from dynpf_systems.parts.camera import DrawnDisc, board_discs, encode, render
+from dynpf_systems.parts.camera_model import CameraParams, project
 from numpy.typing import NDArray
 
 from dynpf.vision import DetectionParams, Disc, detect_discs, subsample

@@ -12,18 +12,18 @@ from dynpf_protocol.codec import decode
 from dynpf_protocol.errors import UsageError
 from dynpf_protocol.messages import LandmarkReadings, LaserScan, Odometry, OdometryPose, RobotState
 from dynpf_runtime.node import Received, Step
-from dynpf_services.estimator.components import Moved, localizer_of, measurements_of, motion_of
-from dynpf_services.estimator.config import LocalizationConfig
-from dynpf_services.estimator.readings import TOPICS, reading_of
-from dynpf_services.maps import Maps, open_maps
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.played_log import PlayedLog
 from dynpf_services.scenario.schema import Scenario
-from dynpf_services.sensors.config import SimulatedSensorsConfig
-from dynpf_services.sensors.simulated import SimulatedSensors
-from dynpf_services.simulator.config import Door, RoomConfig
-from dynpf_services.simulator.room import RoomSimulator
-from dynpf_services.steering import Route
+from dynpf_systems.rooms.config import Door, RoomConfig
+from dynpf_systems.rooms.localization.components import Moved, localizer_of, measurements_of, motion_of
+from dynpf_systems.rooms.localization.config import LocalizationConfig
+from dynpf_systems.rooms.localization.readings import TOPICS, reading_of
+from dynpf_systems.rooms.maps import Maps, open_maps
+from dynpf_systems.rooms.sensors.config import SimulatedSensorsConfig
+from dynpf_systems.rooms.sensors.simulated import SimulatedSensors
+from dynpf_systems.rooms.steering import Route
+from dynpf_systems.rooms.world import RoomSimulator
 
 from dynpf.filters.models import Models
 from dynpf.filters.start import FromReadingsStart, KnownStart, start_poses

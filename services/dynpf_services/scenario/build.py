@@ -15,7 +15,7 @@ from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.kinds import load, node_kind, section_of
 from dynpf_services.scenario.order import in_tick_order
 from dynpf_services.scenario.schema import Scenario, key_of, resolved_json
-from dynpf_services.scenario.user_code import UserComponent
+from dynpf_services.scenario.user_component import UserComponent
 
 __all__ = ["build_node", "build_nodes", "plan_of"]
 

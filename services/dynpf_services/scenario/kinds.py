@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 __all__ = ["FactKind", "NodeKind", "Take", "fact_kind", "fact_names", "load", "node_kind", "node_kinds", "section_of"]
 
-SYSTEMS = ("dynpf_services.systems",)
-"""The modules that list what systems bring: FACTS and KINDS, both by import strings."""
+SYSTEMS = "dynpf_systems"
+"""The package of the systems: SYSTEMS lists its folders, each with FACTS and KINDS, both by import strings."""
 
 Take = Callable[[str, str], bytes]
 """Gives a file: called with the path that the scenario names, and with the file's name seen from that path's folder."""
@@ -112,4 +112,4 @@ def section_of(text: str) -> str:
 
 @cache
 def _systems() -> tuple[Any, ...]:
-    return tuple(import_module(name) for name in SYSTEMS)
+    return tuple(import_module(f"{SYSTEMS}.{name}") for name in import_module(SYSTEMS).SYSTEMS)

@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from dynpf_services.scenario.user_code import UserComponent
+from dynpf_services.scenario.user_component import UserComponent
 
 __all__ = ["explain", "folded", "nearest", "one_of", "unfolded", "unknown_keys"]
 

@@ -16,7 +16,7 @@ from msgspec import Meta
 
 from dynpf_services.scenario.kinds import fact_kind, node_kinds
 from dynpf_services.scenario.problems import unfolded
-from dynpf_services.scenario.user_code import UserComponent
+from dynpf_services.scenario.user_component import UserComponent
 
 __all__ = ["File", "LogFacts", "RunTable", "Scenario", "key_of", "resolved_json", "whole_json"]
 

@@ -15,23 +15,11 @@ import sys
 import traceback
 from collections.abc import Container, Iterable
 from pathlib import Path
-from typing import Any
 
-import msgspec
 from dynpf_formats.user_classes import UserClass, is_standard
 from dynpf_protocol.errors import ScenarioError
 
-__all__ = ["UserComponent", "add_folders", "check_allowed", "find_class", "source_digests"]
-
-
-class UserComponent(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="package.module:Name"
-):
-    """A class of your own. All other keys of the table are its parameters; see "Your own components" above."""
-
-    # In a file, and in the text of a resolved scenario, ``kind`` is the name, and the parameters stand beside it.
-    name: str
-    parameters: dict[str, Any] = {}
+__all__ = ["add_folders", "check_allowed", "find_class", "source_digests"]
 
 
 def add_folders(folders: Iterable[Path]) -> None:

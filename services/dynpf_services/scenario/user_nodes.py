@@ -14,7 +14,7 @@ from dynpf_services.nodes import Moment, Node
 from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.kinds import NodeKind
 from dynpf_services.scenario.schema import key_of
-from dynpf_services.scenario.user_code import UserComponent
+from dynpf_services.scenario.user_component import UserComponent
 
 __all__ = ["KIND", "UserNode", "build"]
 

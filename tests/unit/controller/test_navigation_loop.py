@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from dynpf_protocol.messages import Estimate, PartEstimate
 from dynpf_runtime.node import Received, Step, state_digest
-from dynpf_services.controller.config import RearrangementControllerConfig
-from dynpf_services.controller.rearrangement import RearrangementController
-from dynpf_services.simulator.config import WorkspaceConfig
-from dynpf_services.simulator.workspace import WorkspaceSimulator
-from dynpf_services.task import PartSpec, RearrangementTask
+from dynpf_systems.parts.config import WorkspaceConfig
+from dynpf_systems.parts.controller import RearrangementController
+from dynpf_systems.parts.controller_config import RearrangementControllerConfig
+from dynpf_systems.parts.simulator import WorkspaceSimulator
+from dynpf_systems.parts.task import PartSpec, RearrangementTask
 
 from dynpf.metrics.rearrangement import all_home, normalized_part_length
 from dynpf.rng import generator

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from dynpf_protocol.messages import Estimate, PartEstimate
 from dynpf_runtime.node import Received, Step, state_digest
-from dynpf_services.controller.config import RearrangementControllerConfig
-from dynpf_services.controller.rearrangement import RearrangementController
-from dynpf_services.task import PartSpec, RearrangementTask
+from dynpf_systems.parts.controller import RearrangementController
+from dynpf_systems.parts.controller_config import RearrangementControllerConfig
+from dynpf_systems.parts.task import PartSpec, RearrangementTask
 
 GOALS = ((0.0, 0.55), (-0.476, -0.275), (0.476, -0.275))
 RADII = (0.06, 0.08, 0.11)

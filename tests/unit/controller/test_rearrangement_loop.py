@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from dynpf_protocol.messages import Detection, Detections, Gripper
 from dynpf_runtime.node import Received, Step
-from dynpf_services.controller.config import RearrangementControllerConfig
-from dynpf_services.controller.rearrangement import RearrangementController
-from dynpf_services.estimator.config import RearrangementConfig
-from dynpf_services.estimator.rearrangement import RearrangementEstimator
-from dynpf_services.simulator.config import Hiding, Intervention, WorkspaceConfig
-from dynpf_services.simulator.workspace import WorkspaceSimulator
-from dynpf_services.task import PartSpec, RearrangementTask
+from dynpf_systems.parts.config import Hiding, Intervention, RearrangementConfig, WorkspaceConfig
+from dynpf_systems.parts.controller import RearrangementController
+from dynpf_systems.parts.controller_config import RearrangementControllerConfig
+from dynpf_systems.parts.estimator import RearrangementEstimator
+from dynpf_systems.parts.simulator import WorkspaceSimulator
+from dynpf_systems.parts.task import PartSpec, RearrangementTask
 
 from dynpf.metrics.rearrangement import all_home
 from dynpf.rng import generator

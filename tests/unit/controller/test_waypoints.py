@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from dynpf_protocol.messages import Command, Estimate
 from dynpf_runtime.node import Received, Step, decode_state, encode_state
-from dynpf_services.controller.config import WaypointsConfig
-from dynpf_services.controller.waypoints import WaypointController
+from dynpf_systems.rooms.config import WaypointsConfig
+from dynpf_systems.rooms.waypoints import WaypointController
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

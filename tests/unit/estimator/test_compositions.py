@@ -10,12 +10,12 @@ from dynpf_protocol.codec import decode
 from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.messages import Estimate
 from dynpf_runtime.replay import replay_node
-from dynpf_services.estimator.config import LocalizationConfig
 from dynpf_services.scenario.build import build_nodes
 from dynpf_services.scenario.load import parse_scenario
 from dynpf_services.scenario.record import record_inline
 from dynpf_services.scenario.schema import Scenario
-from dynpf_services.scenario.user_code import UserComponent
+from dynpf_services.scenario.user_component import UserComponent
+from dynpf_systems.rooms.localization.config import LocalizationConfig
 
 TICKS = 8
 RANGE_BEARING = {"kind": "range_bearing"}

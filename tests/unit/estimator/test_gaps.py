@@ -3,7 +3,7 @@
 import pytest
 from dynpf_protocol.messages import Gripper, HostEvent, Log
 from dynpf_runtime.node import Node, Received, Step
-from dynpf_services.estimator.gaps import GAPS
+from dynpf_services.estimates import GAPS
 from dynpf_services.scenario.build import build_node
 from dynpf_services.scenario.load import load_scenario
 

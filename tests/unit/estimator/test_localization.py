@@ -21,9 +21,9 @@ from dynpf_protocol.messages import (
     heading,
 )
 from dynpf_runtime.node import Output, Received, Step, decode_state, encode_state
-from dynpf_services.estimator.config import LocalizationConfig
-from dynpf_services.estimator.localization import LocalizationEstimator
-from dynpf_services.maps import Maps
+from dynpf_systems.rooms.localization.config import LocalizationConfig
+from dynpf_systems.rooms.localization.estimator import LocalizationEstimator
+from dynpf_systems.rooms.maps import Maps
 
 from dynpf.filters.start import KnownStart
 from dynpf.maps.landmarks import LandmarkMap

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from dynpf_protocol.messages import Command, Detection, Detections, Gripper
 from dynpf_runtime.node import Received, Step, state_digest
-from dynpf_services.estimator.config import RearrangementConfig
-from dynpf_services.estimator.rearrangement import RearrangementEstimator
-from dynpf_services.task import PartSpec, RearrangementTask
+from dynpf_systems.parts.config import RearrangementConfig
+from dynpf_systems.parts.estimator import RearrangementEstimator
+from dynpf_systems.parts.task import PartSpec, RearrangementTask
 
 from dynpf.rng import generator
 

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 from dynpf_runtime.executor import Executor
 from dynpf_runtime.node import Node, Rehearsing, encode_state
-from dynpf_services.estimator import localization
 from dynpf_services.scenario.build import build_nodes
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import record_inline
 from dynpf_services.scenario.schema import Scenario
+from dynpf_systems.rooms.localization import estimator as localization
 
 from dynpf import kernels
 from dynpf.portable import rehearse

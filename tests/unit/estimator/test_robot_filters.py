@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 from dynpf_protocol.errors import ScenarioError
-from dynpf_services.estimator.config import RearrangementConfig
-from dynpf_services.estimator.robot_filters import Belief, Seen, fused, robot_filter
 from dynpf_services.scenario.load import load_scenario
+from dynpf_systems.parts.config import RearrangementConfig
+from dynpf_systems.parts.robot_filters import Belief, Seen, fused, robot_filter
 
 from dynpf.metrics.consistency import nees
 from dynpf.metrics.rearrangement import robot_bound

@@ -16,9 +16,9 @@ from dynpf_protocol.messages import (
     timestamp,
 )
 from dynpf_runtime.node import Received, Step, decode_state, encode_state
-from dynpf_services.estimator.readings import reading_of
-from dynpf_services.sensors.config import LogSensorsConfig
-from dynpf_services.sensors.log import LogSensors
+from dynpf_systems.rooms.localization.readings import reading_of
+from dynpf_systems.rooms.sensors.config import LogSensorsConfig
+from dynpf_systems.rooms.sensors.log import LogSensors
 
 from dynpf.measurement import RangeBearingReadings
 

@@ -25,8 +25,9 @@ from dynpf_protocol.messages import (
     RobotState,
 )
 from dynpf_runtime.node import Received, Step, decode_state, encode_state
-from dynpf_services.maps import NO_MAPS, Maps
-from dynpf_services.sensors.config import (
+from dynpf_systems.parts.task import PartSpec, RearrangementTask
+from dynpf_systems.rooms.maps import NO_MAPS, Maps
+from dynpf_systems.rooms.sensors.config import (
     GripperSensor,
     GyroSensor,
     LandmarkSensor,
@@ -37,8 +38,7 @@ from dynpf_services.sensors.config import (
     ScanSensor,
     SimulatedSensorsConfig,
 )
-from dynpf_services.sensors.simulated import SimulatedSensors
-from dynpf_services.task import PartSpec, RearrangementTask
+from dynpf_systems.rooms.sensors.simulated import SimulatedSensors
 
 from dynpf.maps.segments import SegmentMap
 

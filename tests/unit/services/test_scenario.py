@@ -11,7 +11,7 @@ from dynpf_runtime.bus.agreement import first_difference
 from dynpf_services.scenario.build import build_nodes
 from dynpf_services.scenario.load import find_scenario, load_scenario, override_resolved, parse_scenario, scenario_files
 from dynpf_services.scenario.schema import LogFacts, resolved_json, whole_json
-from dynpf_services.simulator.config import RoomConfig
+from dynpf_systems.rooms.config import RoomConfig
 
 from tests.unit.services.small_log import FACTS
 

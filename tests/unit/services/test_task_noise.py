@@ -7,7 +7,7 @@ import pytest
 from dynpf_runtime.node import Received, Step
 from dynpf_services.scenario.build import build_nodes
 from dynpf_services.scenario.load import load_scenario
-from dynpf_services.task import NOISE
+from dynpf_systems.parts.task import NOISE
 
 TICK_NS = 50_000_000
 

@@ -12,12 +12,12 @@ from typing import Any
 import pytest
 from dynpf_lab.cli.main import main
 from dynpf_protocol.errors import ScenarioError
-from dynpf_services.estimator.components import localizer_of, measurements_of, motion_of
-from dynpf_services.estimator.config import LocalizationConfig
-from dynpf_services.maps import NO_MAPS, Maps
 from dynpf_services.scenario.build import user_classes
 from dynpf_services.scenario.load import load_scenario, override_resolved, with_user_code
 from dynpf_services.scenario.schema import Scenario, resolved_json
+from dynpf_systems.rooms.localization.components import localizer_of, measurements_of, motion_of
+from dynpf_systems.rooms.localization.config import LocalizationConfig
+from dynpf_systems.rooms.maps import NO_MAPS, Maps
 
 from dynpf.motion import Arcs, ArcsParams
 

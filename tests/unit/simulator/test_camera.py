@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 import pytest
-from dynpf_services.simulator.camera import Camera, DrawnDisc, encode, render
-from dynpf_services.world.camera import CameraParams, calibration_pairs, project
+from dynpf_systems.parts.camera import Camera, DrawnDisc, encode, render
+from dynpf_systems.parts.camera_model import CameraParams, calibration_pairs, project
 
 PARAMS = CameraParams()
 QUIET = CameraParams(noise_std=0.0, light_falloff=0.0, light_slope=0.0)

@@ -8,11 +8,10 @@ import pytest
 from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.messages import CapsuleMove, CapsuleReading, CapsuleState, SceneUpdate
 from dynpf_runtime.node import Received, Step
-from dynpf_services.colon import ColonConfig, ColonWorld, MapHolds
-from dynpf_services.sensors.capsule import CapsuleSensors
-from dynpf_services.sensors.config import CapsuleSensorsConfig
-from dynpf_services.simulator.capsule import CapsuleSimulator
-from dynpf_services.simulator.config import CapsuleConfig
+from dynpf_systems.colon.config import CapsuleConfig, CapsuleSensorsConfig
+from dynpf_systems.colon.sensors import CapsuleSensors
+from dynpf_systems.colon.simulator import CapsuleSimulator
+from dynpf_systems.colon.tube import ColonConfig, ColonWorld, MapHolds
 
 from dynpf.colon import ROUTE
 from dynpf.colon.beams import expected_ranges

@@ -7,11 +7,11 @@ import pytest
 from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.messages import Obstacles, RobotState
 from dynpf_runtime.node import Result, Step, decode_state, encode_state
-from dynpf_services.maps import Maps
-from dynpf_services.simulator.clearance import from_segments
-from dynpf_services.simulator.company import closed_doors
-from dynpf_services.simulator.config import Door, Driver, PeopleParams, RoomConfig
-from dynpf_services.simulator.room import RoomSimulator
+from dynpf_systems.rooms.clearance import from_segments
+from dynpf_systems.rooms.company import closed_doors
+from dynpf_systems.rooms.config import Door, Driver, PeopleParams, RoomConfig
+from dynpf_systems.rooms.maps import Maps
+from dynpf_systems.rooms.world import RoomSimulator
 
 from dynpf.maps.segments import SegmentMap
 

@@ -8,9 +8,9 @@ from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.landmarks import Landmark
 from dynpf_protocol.messages import Command, RobotState, SceneUpdate
 from dynpf_runtime.node import Received, Result, Step, decode_state, encode_state
-from dynpf_services.maps import Maps
-from dynpf_services.simulator.config import RoomConfig
-from dynpf_services.simulator.room import RoomSimulator
+from dynpf_systems.rooms.config import RoomConfig
+from dynpf_systems.rooms.maps import Maps
+from dynpf_systems.rooms.world import RoomSimulator
 
 from dynpf.maps.segments import SegmentMap
 

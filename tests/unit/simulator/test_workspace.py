@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from dynpf_protocol.messages import Command, CompressedImage
 from dynpf_runtime.node import Received, Step, state_digest
-from dynpf_services.simulator.config import Hiding, Intervention, WorkspaceConfig
-from dynpf_services.simulator.workspace import WorkspaceSimulator, draw_starts
-from dynpf_services.task import PartSpec, RearrangementTask
-from dynpf_services.world.camera import CameraParams
+from dynpf_systems.parts.camera_model import CameraParams
+from dynpf_systems.parts.config import Hiding, Intervention, WorkspaceConfig
+from dynpf_systems.parts.simulator import WorkspaceSimulator, draw_starts
+from dynpf_systems.parts.task import PartSpec, RearrangementTask
 
 from dynpf.rng import generator
 from dynpf.vision import Board, DetectionParams, detect_discs

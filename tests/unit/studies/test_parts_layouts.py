@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from dynpf_lab.studies.parts import run_parts
 from dynpf_lab.studies.parts_layouts import CASES, GAP, STUDIES, LayoutsSettings, case_task
-from dynpf_services.task import layout_of
+from dynpf_systems.parts.task import layout_of
 
 
 @pytest.mark.parametrize("case", CASES)

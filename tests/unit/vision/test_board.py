@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from dynpf_services.world.camera import CameraParams, project
+from dynpf_systems.parts.camera_model import CameraParams, project
 
 from dynpf import rng
 from dynpf.vision import Board, CalibrationError, Disc, calibrate, find_board

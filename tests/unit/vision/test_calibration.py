@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from dynpf_services.world.camera import CameraParams, calibration_pairs, project
+from dynpf_systems.parts.camera_model import CameraParams, calibration_pairs, project
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from dynpf_protocol.messages import CompressedImage, Detections, Log, Message, timestamp
 from dynpf_runtime.node import Received, Step, decode_state, encode_state
-from dynpf_services.simulator.camera import DrawnDisc, board_discs, encode, render
-from dynpf_services.vision.config import VisionConfig
-from dynpf_services.vision.node import VisionNode
-from dynpf_services.world.camera import CameraParams
+from dynpf_systems.parts.camera import DrawnDisc, board_discs, encode, render
+from dynpf_systems.parts.camera_model import CameraParams
+from dynpf_systems.parts.vision import VisionNode
+from dynpf_systems.parts.vision_config import VisionConfig
 
 from dynpf.vision import Board
 

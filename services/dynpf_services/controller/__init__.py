@@ -1,1 +1,0 @@
-"""The controller: what the robot shall do next, from the estimate alone."""

@@ -1,1 +1,0 @@
-"""The estimator: where the robot is, and the things around it, from what the sensors say."""

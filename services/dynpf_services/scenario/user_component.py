@@ -1,0 +1,17 @@
+"""How a scenario's table names a class of the user's in the place of one of ours."""
+
+from typing import Any
+
+import msgspec
+
+__all__ = ["UserComponent"]
+
+
+class UserComponent(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="package.module:Name"
+):
+    """A class of your own. All other keys of the table are its parameters; see "Your own components" above."""
+
+    # In a file, and in the text of a resolved scenario, ``kind`` is the name, and the parameters stand beside it.
+    name: str
+    parameters: dict[str, Any] = {}

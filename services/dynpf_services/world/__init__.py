@@ -1,1 +1,0 @@
-"""What processes share of the world that they run in."""

@@ -1,0 +1,9 @@
+"""COLON: a capsule in a tube whose walls change; kinds of nodes and tables by import string."""
+
+FACTS = {"colon": "dynpf_systems.colon.nodes:COLON", "maps": "dynpf_systems.colon.nodes:DRAWINGS"}
+
+KINDS = {
+    ("simulator", "capsule"): "dynpf_systems.colon.nodes:CAPSULE",
+    ("sensors", "capsule"): "dynpf_systems.colon.nodes:RANGES",
+    ("estimator", "capsule"): "dynpf_systems.colon.nodes:ESTIMATOR",
+}

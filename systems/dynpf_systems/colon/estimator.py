@@ -1,0 +1,194 @@
+"""The estimator of a capsule in a tube whose walls change: its pose, and which map holds."""
+
+import math
+from typing import Any
+
+import numpy as np
+from dynpf_protocol import frames
+from dynpf_protocol.messages import (
+    CapsuleEstimate,
+    CapsuleMove,
+    CapsuleReading,
+    Color,
+    HostEvent,
+    Log,
+    LogLevel,
+    MapProbability,
+    MovedWall,
+    PoseInFrame,
+    PosesInFrame,
+    SceneUpdate,
+    timestamp,
+)
+from dynpf_runtime.node import Output, Result, State, Step
+from dynpf_services.estimates import gap_warning, robot_transform
+from dynpf_services.scenario.context import Context
+
+from dynpf.colon.hypotheses import UNLISTED
+from dynpf.colon.world import BEAMS
+from dynpf.filters.resampling import systematic
+from dynpf.motion.capsule import CapsuleMotion
+from dynpf.rng import Stream
+from dynpf_systems.colon.config import CapsuleEstimatorConfig
+from dynpf_systems.colon.filters import Located, capsule_filter
+from dynpf_systems.colon.scene import arrow_entity, drawn_pose, tube_entity, walls_entity
+from dynpf_systems.colon.tube import ColonWorld, colon_world
+
+__all__ = ["CapsuleEstimator", "build"]
+
+SHOWN_PARTICLES = 200
+SHOWN_PERIOD_NS = 200_000_000
+SCENE_PERIOD_NS = 1_000_000_000
+CAPSULE_COLOR = Color(r=0.8, g=0.15, b=0.25)
+WALL_COLOR = Color(r=0.55, g=0.3, b=0.65)
+MOVED_COLOR = Color(r=0.9, g=0.6, b=0.1)
+
+
+class CapsuleEstimator:
+    """Follows the capsule's readings, each with the motion that led to it, in the order of their numbers.
+
+    Raises ScenarioError where filter, maps and schedule do not fit each other.
+    """
+
+    def __init__(
+        self,
+        *,
+        config: CapsuleEstimatorConfig,
+        seed: int,
+        world: ColonWorld,
+        name: str = "estimator",
+    ) -> None:
+        self.name = name
+        self._seed = seed
+        self._known = config.start == "known"
+        self._filter = capsule_filter(config, world)
+        self._belief: Any = self._filter.start(self._known, Stream.of(seed, self.name, 0, "start"))
+        self._reading = -1
+        self._map: str | None = None
+        self._shown_ns = -SHOWN_PERIOD_NS
+        self._scene_ns = -SCENE_PERIOD_NS
+
+    def step(self, step: Step) -> Result:
+        """Take the readings in; answer with what is found after the last of them, if there was any."""
+        logs: list[Output] = []
+        readings: list[CapsuleReading] = []
+        for received in step.inputs:
+            match received.message:
+                case HostEvent() as gap:
+                    logs.append(gap_warning(gap, step.stamp_ns))
+                case CapsuleReading() as reading if reading.reading > self._reading:
+                    readings.append(reading)
+        located: Located | None = None
+        stream = Stream.of(self._seed, self.name, step.number, "update")
+        for reading in sorted(readings, key=lambda one: one.reading):
+            numbers = (max(self._reading, 0), reading.reading)
+            ranges = np.array(reading.ranges_px)
+            self._belief, located = self._filter.update(
+                self._belief, _motion(reading), ranges, stream.part(reading.reading), numbers
+            )
+            self._reading = reading.reading
+        if located is None:
+            return Result(tuple(logs))
+        return Result((*self._report(located, step.stamp_ns), *self._told(located, step.stamp_ns), *logs))
+
+    def rehearse(self) -> None:
+        """See Rehearsing."""
+        stream = Stream.of(self._seed, self.name, 0, "rehearsal")
+        for known in (True,) if self._known else (True, False):
+            belief = self._filter.start(known, stream.part("start"))
+            for reading, motion in enumerate((None, CapsuleMotion(1.0, 0.0))):
+                ranges = np.full(len(BEAMS), 60.0)
+                belief, _ = self._filter.update(belief, motion, ranges, stream.part(reading), (0, 0))
+
+    def freeze(self) -> State:
+        return {
+            "belief": self._filter.freeze(self._belief),
+            "reading": self._reading,
+            "map": self._map,
+            "shown_ns": self._shown_ns,
+            "scene_ns": self._scene_ns,
+        }
+
+    def thaw(self, state: State) -> None:
+        self._belief = self._filter.thaw(state["belief"])
+        self._reading = state["reading"]
+        self._map = state["map"]
+        self._shown_ns = state["shown_ns"]
+        self._scene_ns = state["scene_ns"]
+
+    def _report(self, located: Located, stamp_ns: int) -> list[Output]:
+        pose = PoseInFrame(timestamp=timestamp(stamp_ns), frame_id=frames.MAP, pose=drawn_pose(*located.pose.tolist()))
+        outputs = [Output("estimator/capsule", self._estimate(located)), Output("estimator/pose", pose)]
+        if stamp_ns - self._shown_ns >= SHOWN_PERIOD_NS:
+            self._shown_ns = stamp_ns
+            outputs.append(Output("estimator/particles", self._particles(stamp_ns)))
+            placed = pose.pose.position
+            transform = robot_transform(placed.x, placed.y, float(located.pose[2]), pose.timestamp)
+            outputs.append(Output("estimator/transforms", transform))
+        if stamp_ns - self._scene_ns >= SCENE_PERIOD_NS:
+            self._scene_ns = stamp_ns
+            outputs.append(Output("estimator/scene", self._scene(located, stamp_ns)))
+        return outputs
+
+    def _estimate(self, located: Located) -> CapsuleEstimate:
+        x, y, theta = located.pose.tolist()
+        known: dict[str, Any] = {}
+        if located.changed_at is not None:
+            known["changed_at"] = located.changed_at
+        if (moved := located.moved) is not None:
+            known["reference"] = moved.reference
+            walls = zip(*moved.places.tolist(), moved.distances.tolist(), strict=True)
+            known["walls"] = tuple(MovedWall(x_px=a, y_px=b, moved_px=distance) for a, b, distance in walls)
+        if located.radius is not None:
+            known["end_radius_px"], known["end_radius_sigma_px"] = located.radius
+        return CapsuleEstimate(
+            reading=self._reading,
+            x_px=x,
+            y_px=y,
+            theta=math.remainder(theta, math.tau),
+            covariance=tuple(located.covariance.ravel().tolist()),
+            n_eff=self._filter.cloud(self._belief).n_eff,
+            map=located.map,
+            maps=tuple(MapProbability(map=name, probability=min(p, 1.0)) for name, p in located.maps.items()),
+            **known,
+        )
+
+    def _particles(self, stamp_ns: int) -> PosesInFrame:
+        cloud = self._filter.cloud(self._belief)
+        # Chosen by weight, not by place, so that what is looked at is the posterior.
+        chosen = systematic(cloud.weights, 0.5, min(SHOWN_PARTICLES, cloud.weights.size))
+        poses = tuple(drawn_pose(*pose) for pose in cloud.particles[:3, chosen].T.tolist())
+        return PosesInFrame(timestamp=timestamp(stamp_ns), frame_id=frames.MAP, poses=poses)
+
+    def _scene(self, located: Located, stamp_ns: int) -> SceneUpdate:
+        now, moved = timestamp(stamp_ns), located.moved
+        name = located.map if moved is None else moved.reference
+        label = f"map {name}" if moved is None else f"{UNLISTED}; {name}'s walls have moved"
+        ends = np.zeros((2, 2, 0))
+        if moved is not None:
+            ends = np.stack((moved.places, moved.places + moved.distances * moved.outwards))
+        return SceneUpdate(
+            entities=(
+                tube_entity(self._filter.grids[name], label, now, "believed tube", WALL_COLOR, above=False),
+                walls_entity(ends, now, "moved walls", MOVED_COLOR),
+                arrow_entity(located.pose, now, "estimated capsule", CAPSULE_COLOR),
+            )
+        )
+
+    def _told(self, located: Located, stamp_ns: int) -> list[Output]:
+        """Return a message if another map is likeliest than before."""
+        before, self._map = self._map, located.map
+        if not located.maps or before in (None, located.map):
+            return []
+        text = f"the map is no longer {before}: {located.map} since about reading {located.changed_at:.0f}"
+        return [Output("log", Log(timestamp=timestamp(stamp_ns), level=LogLevel.INFO, message=text, name=self.name))]
+
+
+def _motion(reading: CapsuleReading) -> CapsuleMotion | None:
+    move = reading.move
+    return CapsuleMotion(move.rho_px, move.turn) if isinstance(move, CapsuleMove) else None
+
+
+def build(config: CapsuleEstimatorConfig, context: Context) -> CapsuleEstimator:
+    """Return the estimator of a run."""
+    return CapsuleEstimator(config=config, seed=context.seed, world=colon_world(context), name=context.name)

@@ -1,0 +1,84 @@
+"""The capsule simulator: a capsule that is driven along its route through a tube whose walls change on the way."""
+
+import math
+
+import numpy as np
+from dynpf_protocol.messages import CapsuleMove, CapsuleState, Color, SceneUpdate, timestamp
+from dynpf_runtime.node import Output, Result, State, Step
+from dynpf_services.scenario.context import Context
+
+from dynpf.colon.world import Capsule, blown, steered
+from dynpf.motion.capsule import CapsuleMotion
+from dynpf.rng import generator
+from dynpf_systems.colon.config import CapsuleConfig
+from dynpf_systems.colon.scene import arrow_entity, tube_entity
+from dynpf_systems.colon.tube import ColonWorld, colon_world
+
+__all__ = ["CapsuleSimulator", "build"]
+
+SCENE_PERIOD_NS = 200_000_000
+WALL_COLOR = Color(r=0.35, g=0.35, b=0.35)
+CAPSULE_COLOR = Color(r=0.15, g=0.4, b=0.8)
+
+
+class CapsuleSimulator:
+    """True world of a capsule in its tube; the source of its run, which ends with the route.
+
+    Each step is one tick and one reading: at the first the capsule is at its start, before every other it makes a
+    motion. Raises ScenarioError for a map that cannot be made, or that does not hold the route.
+    """
+
+    def __init__(self, *, config: CapsuleConfig, seed: int, world: ColonWorld, name: str = "simulator") -> None:
+        self.name = name
+        self._seed = seed
+        self._capsule = Capsule(sigma=config.sigma_px, sigma_theta=config.sigma_theta)
+        self._route, self._true, self._grids = world.route, world.true, world.true_grids()
+        self._goals = world.route.poses()
+        self._reading = -1
+        self._pose = np.array(world.route.start)
+        self._scene_ns = -SCENE_PERIOD_NS
+
+    def step(self, step: Step) -> Result:
+        self._reading += 1
+        motion = self._move(step.number) if self._reading > 0 else None
+        x, y, theta = self._pose.tolist()
+        state = CapsuleState(
+            reading=self._reading,
+            x_px=x,
+            y_px=y,
+            theta=math.remainder(theta, math.tau),
+            map=self._true.at(self._reading),
+            **({} if motion is None else {"move": CapsuleMove(rho_px=motion.rho, turn=motion.turn)}),
+        )
+        outputs = [Output("truth/capsule", state)]
+        if step.stamp_ns - self._scene_ns >= SCENE_PERIOD_NS:
+            self._scene_ns = step.stamp_ns
+            outputs.append(Output("truth/scene", self._scene(step.stamp_ns)))
+        return Result(tuple(outputs), finished=self._reading >= len(self._route.motions))
+
+    def _move(self, number: int) -> CapsuleMotion:
+        """Make the next motion, in the map that holds at its end, and return it as it was asked for."""
+        noisy = self._capsule.sigma > 0.0 or self._capsule.sigma_theta > 0.0
+        goal = self._goals[:, self._reading]
+        motion = steered(self._pose, goal) if noisy else self._route.motions[self._reading - 1]
+        grid = self._grids[self._true.at(self._reading)]
+        self._pose = blown(self._pose, motion, self._capsule, grid, generator(self._seed, self.name, number, "motion"))
+        return motion
+
+    def _scene(self, stamp_ns: int) -> SceneUpdate:
+        now, held = timestamp(stamp_ns), self._true.at(self._reading)
+        tube = tube_entity(self._grids[held], f"true map: {held}", now, "tube", WALL_COLOR, above=True)
+        return SceneUpdate(entities=(tube, arrow_entity(self._pose, now, "capsule", CAPSULE_COLOR)))
+
+    def freeze(self) -> State:
+        return {"reading": self._reading, "pose": self._pose.copy(), "scene_ns": self._scene_ns}
+
+    def thaw(self, state: State) -> None:
+        self._reading = state["reading"]
+        self._pose = np.array(state["pose"])
+        self._scene_ns = state["scene_ns"]
+
+
+def build(config: CapsuleConfig, context: Context) -> CapsuleSimulator:
+    """Return the simulator of a run."""
+    return CapsuleSimulator(config=config, seed=context.seed, world=colon_world(context), name=context.name)

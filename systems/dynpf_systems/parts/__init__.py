@@ -1,0 +1,10 @@
+"""PARTS: a robot brings parts to their goals under an overhead camera; kinds of nodes and tables by import string."""
+
+FACTS = {"task": "dynpf_systems.parts.nodes:TASK"}
+
+KINDS = {
+    ("simulator", "workspace"): "dynpf_systems.parts.nodes:WORKSPACE",
+    ("vision", ""): "dynpf_systems.parts.nodes:VISION",
+    ("estimator", "rearrangement"): "dynpf_systems.parts.nodes:ESTIMATOR",
+    ("controller", "rearrangement"): "dynpf_systems.parts.nodes:CONTROLLER",
+}

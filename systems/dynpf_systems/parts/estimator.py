@@ -1,0 +1,285 @@
+"""Estimator of the rearrangement task: a particle filter for the robot, a Kalman filter for each part.
+
+The robot's filter draws from the optimal importance density (PARTS eq. 3.19-3.24) unless another is named, and moves
+its particles along the velocity last commanded: the way down the potential from where the robot was thought to be,
+which is what the robot does, wherever it really was. A part is a random walk until it is held; then it goes where the
+gripper goes, and what is seen of it tells about the robot too. Detections carry no names: they are matched to the robot
+and the parts by position, radius and the grey that each has shown so far.
+"""
+
+import math
+
+import msgspec
+import numpy as np
+from dynpf_protocol import frames
+from dynpf_protocol.messages import (
+    Command,
+    Detections,
+    Estimate,
+    Gripper,
+    HostEvent,
+    PartEstimate,
+    PoseInFrame,
+    PosesInFrame,
+    planar_pose,
+    timestamp,
+)
+from dynpf_runtime.node import Output, Result, State, Step
+from dynpf_services.estimates import gap_warning, robot_transform
+from dynpf_services.scenario.context import Context
+from numpy.typing import NDArray
+
+from dynpf.filters.association import associate
+from dynpf.portable import log, sincos
+from dynpf.rng import Stream
+from dynpf_systems.parts.config import RearrangementConfig
+from dynpf_systems.parts.robot_filters import Belief, Seen, fused, robot_filter
+from dynpf_systems.parts.task import RearrangementTask, layout_of, task_of
+
+__all__ = ["RearrangementEstimator", "build"]
+
+FloatArray = NDArray[np.float64]
+
+ROBOT = 0  # row of the robot among the objects to be matched; part i is row i + 1
+
+
+class RearrangementEstimator:
+    """Reads detections, the gripper and the last command; writes the estimate of robot and parts."""
+
+    def __init__(
+        self,
+        *,
+        config: RearrangementConfig,
+        seed: int,
+        tick_s: float,
+        task: RearrangementTask,
+        name: str = "estimator",
+    ) -> None:
+        self.name = name
+        self._layout = layout_of(task)
+        self._config = config
+        self._noise = config.noise(task)
+        self._seed = seed
+        self._tick_s = tick_s
+        count = len(task.parts)
+        self._radii = np.concatenate([[task.robot_radius], self._layout.radii])
+        self._robot_filter = robot_filter(config)
+        self._robot: Belief | None = None
+        self._parts = np.zeros((count, 2))
+        self._variances = np.full(count, config.prior_variance)
+        expected = [config.robot_grey, *[config.part_grey] * count]
+        # Of an object whose grey is not known yet, zero.
+        self._greys = np.array([0.0 if grey is None else grey for grey in expected])
+        self._toned = np.array([grey is not None for grey in expected])
+        self._missed = np.zeros(count + 1, dtype=np.int64)
+        self._seen = np.zeros(count, dtype=bool)
+        self._located = np.zeros(count, dtype=bool)
+        self._command = Command(mode="idle")
+        self._stamp_ns = -1
+        self._theta = 0.0
+        self._contact = False
+        self._held = -1
+        self._shown_ns = -1
+
+    def step(self, step: Step) -> Result:
+        detections: Detections | None = None
+        logs: list[Output] = []
+        for item in step.inputs:
+            match item.message:
+                case Command():
+                    self._command = item.message
+                case Gripper():
+                    self._theta = math.remainder(item.message.theta, math.tau)
+                    self._contact = item.message.contact
+                case Detections():
+                    detections = item.message
+                case HostEvent():
+                    logs.append(gap_warning(item.message, step.stamp_ns))
+        self._held = self._command.target if self._contact and self._command.grip else -1
+        elapsed_s = 0.0 if self._stamp_ns < 0 else max(step.stamp_ns - self._stamp_ns, 0) / 1e9
+        self._stamp_ns = step.stamp_ns
+        self._filter(detections, elapsed_s, step.number)
+        if self._robot is None or not self._located.all():
+            return Result(tuple(logs))
+        return Result((*self._outputs(self._robot, step), *logs))
+
+    def rehearse(self) -> None:
+        """See Rehearsing."""
+        stream = Stream.of(self._seed, self.name, 0, "rehearsal")
+        seen = Seen(np.zeros(2), self._noise.measurement)
+        self._robot_filter.rehearse(seen, self._noise.process, stream)
+
+    def freeze(self) -> State:
+        return {
+            "robot": None if self._robot is None else self._robot.freeze(),
+            "parts": self._parts.copy(),
+            "variances": self._variances.copy(),
+            "greys": self._greys.copy(),
+            "toned": self._toned.copy(),
+            "missed": self._missed.copy(),
+            "seen": self._seen.copy(),
+            "located": self._located.copy(),
+            "stamp_ns": self._stamp_ns,
+            "command": msgspec.to_builtins(self._command),
+            "theta": self._theta,
+            "contact": self._contact,
+            "held": self._held,
+            "shown_ns": self._shown_ns,
+        }
+
+    def thaw(self, state: State) -> None:
+        self._robot = None if state["robot"] is None else Belief.thaw(state["robot"])
+        self._parts, self._variances = state["parts"].copy(), state["variances"].copy()
+        self._greys, self._toned, self._missed = (state[name].copy() for name in ("greys", "toned", "missed"))
+        self._seen, self._located = state["seen"].copy(), state["located"].copy()
+        self._stamp_ns = state["stamp_ns"]
+        self._command = msgspec.convert(state["command"], Command)
+        self._theta, self._contact = state["theta"], state["contact"]
+        self._held, self._shown_ns = state["held"], state["shown_ns"]
+
+    def _filter(self, detections: Detections | None, elapsed_s: float, number: int) -> None:
+        """Predict, match the detections, and take them in: first the robot's, then the parts'."""
+        ticks = elapsed_s / self._tick_s
+        shift = np.array([self._command.vx, self._command.vy]) * elapsed_s
+        variance = self._noise.process * ticks
+        self._variances = self._variances + self._config.part_process_variance * ticks
+        measured = _Measured.of(detections)
+        predicted, variances = self._predictions(shift, variance)
+        matches = associate(self._costs(measured, predicted, variances))
+        self._seen = matches[1:] >= 0
+        if detections is not None:
+            self._remember(matches, measured)
+        stream = Stream.of(self._seed, self.name, number, "robot")
+        seen = fused(self._sights(matches, measured))
+        if self._robot is not None:
+            self._robot = self._robot_filter.step(self._robot, shift, variance, seen, stream)
+        elif seen is not None:
+            self._robot = self._robot_filter.start(seen, stream)
+        self._update_parts(matches[1:], measured)
+
+    def _predictions(self, shift: FloatArray, variance: float) -> tuple[FloatArray, FloatArray]:
+        """Return where each object is expected, (p + 1, 2), and the variance of each coordinate, (p + 1,)."""
+        predicted = np.zeros((len(self._radii), 2))
+        variances = np.full(len(self._radii), self._config.prior_variance)
+        predicted[1:], variances[1:] = self._parts, self._variances
+        if self._robot is not None:
+            predicted[ROBOT] = self._robot.mean + shift
+            variances[ROBOT] = self._robot.variance + variance
+            if self._held >= 0:
+                predicted[self._held + 1] = predicted[ROBOT] + self._grip_offset(self._held)
+                variances[self._held + 1] = variances[ROBOT] + self._swing_variance(self._held)
+        return predicted, variances
+
+    def _costs(self, measured: "_Measured", predicted: FloatArray, variances: FloatArray) -> FloatArray:
+        """Return the negative log-likelihood of each detection for each object, infinite outside the gates."""
+        config = self._config
+        innovation_variance = (variances + self._noise.measurement)[:, None]
+        aside, ahead = (measured.centres[:, axis] - predicted[:, axis, None] for axis in (0, 1))
+        distance = (aside * aside + ahead * ahead) / innovation_variance
+        radius_error = measured.radii - self._radii[:, None]
+        grey_error = np.where(self._toned[:, None], measured.greys - self._greys[:, None], 0.0)
+        costs: FloatArray = 0.5 * (
+            distance
+            + 2.0 * log(innovation_variance)
+            + np.square(radius_error / config.radius_sigma)
+            + np.square(grey_error / config.grey_sigma)
+        )
+        costs[(distance > config.gate) | (np.abs(radius_error) > config.radius_gate)] = np.inf
+        return costs
+
+    def _remember(self, matches: NDArray[np.intp], measured: "_Measured") -> None:
+        """Learn the greys of what was matched, and forget where an object is that was missed for too long."""
+        found = matches >= 0
+        greys = measured.greys[matches[found]]
+        known = self._greys[found]
+        self._greys[found] = np.where(self._toned[found], 0.9 * known + 0.1 * greys, greys)
+        self._toned = self._toned | found
+        self._located = self._located | self._seen
+        if self._held >= 0:  # robot and held part tell where each other is
+            found[[ROBOT, self._held + 1]] = found[ROBOT] or found[self._held + 1]
+        self._missed = np.where(found, 0, self._missed + 1)
+        forgotten = self._missed >= self._config.lost_after
+        self._variances = np.where(forgotten[1:], self._config.prior_variance, self._variances)
+        if forgotten[ROBOT]:
+            self._robot = None  # the next detection starts the filter anew
+
+    def _sights(self, matches: NDArray[np.intp], measured: "_Measured") -> list[Seen]:
+        """Return what was seen of the robot: its own disc, and that of the part in its gripper."""
+        noise = self._noise.measurement
+        seen = [Seen(measured.centres[matches[ROBOT]], noise)] if matches[ROBOT] >= 0 else []
+        if self._held >= 0 and matches[self._held + 1] >= 0:
+            place = measured.centres[matches[self._held + 1]] - self._grip_offset(self._held)
+            seen.append(Seen(place, noise + self._swing_variance(self._held)))
+        return seen
+
+    def _update_parts(self, matches: NDArray[np.intp], measured: "_Measured") -> None:
+        """Take in what was seen of the parts: a random walk's Kalman filter, of equal variances (PARTS table 3.2)."""
+        held = self._held if self._robot is not None else -1
+        free = self._seen.copy()
+        if held >= 0 and self._robot is not None:
+            self._parts[held] = self._robot.mean + self._grip_offset(held)
+            self._variances[held] = self._robot.variance + self._swing_variance(held)
+            free[held] = False
+        gains = (self._variances / (self._variances + self._noise.measurement))[free]
+        self._parts[free] += gains[:, None] * (measured.centres[matches[free]] - self._parts[free])
+        self._variances[free] *= 1.0 - gains
+
+    def _grip_offset(self, part: int) -> FloatArray:
+        distance = self._layout.grip_distance(part)
+        sine, cosine = sincos(self._theta)
+        return np.array([distance * cosine, distance * sine])
+
+    def _swing_variance(self, part: int) -> float:
+        """Return the variance that the gripper's angle adds to where a part is against the robot, across the arm."""
+        distance = self._layout.grip_distance(part)
+        return self._config.encoder_variance * (distance * distance)
+
+    def _outputs(self, robot: Belief, step: Step) -> tuple[Output, ...]:
+        x, y = robot.mean.tolist()
+        (xx, xy), (yx, yy) = robot.covariance.tolist()
+        parts = tuple(
+            PartEstimate(x=px, y=py, variance=variance, seen=seen)
+            for (px, py), variance, seen in zip(
+                self._parts.tolist(), self._variances.tolist(), self._seen.tolist(), strict=True
+            )
+        )
+        estimate = Estimate(
+            x=x,
+            y=y,
+            theta=self._theta,
+            covariance=(xx, xy, 0.0, yx, yy, 0.0, 0.0, 0.0, self._config.encoder_variance),
+            n_eff=robot.n_eff,
+            parts=parts,
+            held=self._held,
+        )
+        stamp = timestamp(step.stamp_ns)
+        pose = PoseInFrame(timestamp=stamp, frame_id=frames.MAP, pose=planar_pose(x, y, self._theta))
+        outputs = [Output("estimator/state", estimate), Output("estimator/pose", pose)]
+        if self._shown_ns < 0 or step.stamp_ns - self._shown_ns >= round(self._config.particle_period_s * 1e9):
+            self._shown_ns = step.stamp_ns
+            poses = tuple(planar_pose(px, py, self._theta) for px, py in robot.shown.T.tolist())
+            shown = PosesInFrame(timestamp=stamp, frame_id=frames.MAP, poses=poses)
+            outputs.append(Output("estimator/particles", shown))
+            outputs.append(Output("estimator/transforms", robot_transform(x, y, self._theta, stamp)))
+        return tuple(outputs)
+
+
+class _Measured(msgspec.Struct, frozen=True):
+    """Detections as arrays: centres (m, 2), radii (m,), greys (m,)."""
+
+    centres: FloatArray
+    radii: FloatArray
+    greys: FloatArray
+
+    @classmethod
+    def of(cls, detections: Detections | None) -> "_Measured":
+        discs = () if detections is None else detections.discs
+        table = np.array([(disc.x, disc.y, disc.radius, disc.grey) for disc in discs]).reshape(-1, 4)
+        return cls(table[:, :2], table[:, 2], table[:, 3])
+
+
+def build(config: RearrangementConfig, context: Context) -> RearrangementEstimator:
+    """Return the estimator of a run."""
+    return RearrangementEstimator(
+        config=config, seed=context.seed, tick_s=context.tick_s, task=task_of(context), name=context.name
+    )

@@ -1,0 +1,54 @@
+"""PARTS: a robot that brings parts to their goals under an overhead camera."""
+
+from collections.abc import Iterator
+
+from dynpf_protocol.topics import EVENT_PREFIX
+from dynpf_services.scenario.context import Context
+from dynpf_services.scenario.kinds import FactKind, NodeKind
+
+from dynpf_systems.parts.config import RearrangementConfig, WorkspaceConfig
+from dynpf_systems.parts.controller_config import RearrangementControllerConfig
+from dynpf_systems.parts.task import RearrangementTask
+from dynpf_systems.parts.vision_config import VisionConfig
+
+__all__ = ["CONTROLLER", "ESTIMATOR", "TASK", "VISION", "WORKSPACE"]
+
+TASK = FactKind(RearrangementTask)
+
+
+def _without_task(_config: WorkspaceConfig, context: Context) -> Iterator[str]:
+    if context.fact("task") is None:
+        yield "task: missing; the workspace simulator needs the parts and their goals"
+
+
+WORKSPACE = NodeKind(
+    config=WorkspaceConfig,
+    build="dynpf_systems.parts.simulator:build",
+    reads=lambda *_: {"controller/command"},
+    writes=lambda *_: {"truth/robot", "truth/parts", "truth/scene", "camera/image"},
+    problems=_without_task,
+)
+
+VISION = NodeKind(
+    config=VisionConfig,
+    build="dynpf_systems.parts.vision:build",
+    reads=lambda *_: {"camera/image"},
+    writes=lambda *_: {"vision/detections", "log"},
+)
+
+ESTIMATOR = NodeKind(
+    config=RearrangementConfig,
+    build="dynpf_systems.parts.estimator:build",
+    reads=lambda *_: {
+        *("vision/detections", "sensors/overhead", "sensors/gripper", "controller/command"),
+        f"{EVENT_PREFIX}estimator",
+    },
+    writes=lambda *_: (*(f"estimator/{name}" for name in ("state", "pose", "particles", "transforms")), "log"),
+)
+
+CONTROLLER = NodeKind(
+    config=RearrangementControllerConfig,
+    build="dynpf_systems.parts.controller:build",
+    reads=lambda *_: {"estimator/state"},
+    writes=lambda *_: {"controller/command"},
+)

@@ -1,0 +1,73 @@
+"""Facts of a run that several nodes share: the rearrangement task and the landmarks."""
+
+from typing import Annotated, Literal, NamedTuple
+
+import msgspec
+import numpy as np
+from dynpf_protocol.errors import ScenarioError
+from dynpf_services.scenario.context import Context
+from msgspec import Meta
+
+from dynpf.fields.layout import Layout
+
+__all__ = ["NOISE", "Noise", "NoiseLevel", "PartSpec", "RearrangementTask", "layout_of", "task_of"]
+
+Positive = Annotated[float, Meta(gt=0.0)]
+Point = tuple[float, float]
+NoiseLevel = Literal["none", "low", "medium", "high"]
+
+
+class Noise(NamedTuple):
+    """Variances of each coordinate in m^2: of the robot's motion in a tick, and of measured positions."""
+
+    process: float
+    measurement: float
+
+
+NOISE: dict[NoiseLevel, Noise] = {
+    "none": Noise(0.0, 0.0),
+    "low": Noise(0.06e-4, 0.2e-4),
+    "medium": Noise(0.06e-4, 1.0e-4),
+    "high": Noise(0.06e-4, 5.0e-4),
+}
+"""The noise of PARTS chapter 4."""
+
+
+class PartSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One disc to be moved; metres."""
+
+    radius: Positive
+    goal: Point
+    start: Point | None = None  # None: drawn by the seed
+
+
+class RearrangementTask(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """PARTS: a disc robot brings disc parts to their goals in a rectangle centred at the origin; metres."""
+
+    parts: Annotated[tuple[PartSpec, ...], Meta(min_length=1, max_length=64)]
+    width: Positive = 2.0
+    height: Positive = 2.0
+    robot_radius: Positive = 0.10
+    robot_start: Point | None = None  # None: drawn by the seed
+    reach: Annotated[float, Meta(ge=0.0)] = 0.01  # gap between robot and held part
+    # Of the motion and of measured positions: 0.06, and 0.2, 1 or 5 cm^2; where another table does not say otherwise.
+    noise: NoiseLevel = "low"
+
+
+def task_of(context: Context) -> RearrangementTask:
+    """Return the task of a run; raises ScenarioError where it has none."""
+    task: RearrangementTask | None = context.fact("task")
+    if task is None:
+        raise ScenarioError(f"{context.name}: needs the table [task] with the parts and their goals")
+    return task
+
+
+def layout_of(task: RearrangementTask) -> Layout:
+    """Return the fixed facts of a task as the arrays that the algorithms take."""
+    return Layout(
+        radii=np.array([part.radius for part in task.parts]),
+        goals=np.array([part.goal for part in task.parts]),
+        half_size=np.array([task.width, task.height]) / 2.0,
+        robot_radius=task.robot_radius,
+        reach=task.reach,
+    )

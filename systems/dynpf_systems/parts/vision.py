@@ -1,0 +1,120 @@
+"""The vision node: camera frames in, discs in workspace coordinates out."""
+
+import math
+from collections.abc import Sequence
+from typing import cast
+
+import cv2
+import msgspec
+import numpy as np
+from dynpf_protocol.messages import CompressedImage, Detection, Detections, Log, LogLevel, timestamp
+from dynpf_runtime.node import Output, Result, State, Step
+from dynpf_services.scenario.context import Context
+from numpy.typing import NDArray
+
+from dynpf.rng import generator
+from dynpf.vision import Board, Calibration, CalibrationError, Disc, detect_discs
+from dynpf_systems.parts.task import NOISE
+from dynpf_systems.parts.vision_config import VisionConfig
+
+__all__ = ["BrokenFrameError", "VisionNode", "build"]
+
+SUBSAMPLING = 4  # 1280 x 1024 -> 320 x 256
+MAX_DISCS = 256  # that a Detections message holds
+
+_JPEG_END = b"\xff\xd9"
+
+
+class BrokenFrameError(ValueError):
+    """A frame cannot be decoded, or is not what the configuration says."""
+
+
+class VisionNode:
+    """Looks for discs in the newest frame of each step. Keeps nothing from one step to the next but the calibration.
+
+    With a board in its configuration it calibrates itself from the first frame that shows one, and tells so on `log`. A
+    frame that cannot be used gives an empty list of discs and a warning; a step without a frame gives nothing.
+    """
+
+    def __init__(self, *, config: VisionConfig, seed: int, name: str = "vision") -> None:
+        self.name = name
+        self._config = config
+        self._seed = seed
+        self._calibration = None if isinstance(config.calibration, Board) else config.calibrated()
+
+    def step(self, step: Step) -> Result:
+        frames = [item for item in step.inputs if isinstance(item.message, CompressedImage)]
+        if not frames:
+            return Result()
+        newest = max(frames, key=lambda item: item.stamp_ns).message
+        said: tuple[Output, ...] = ()
+        placed: tuple[Detection, ...] = ()
+        try:
+            discs = detect_discs(self._decode(cast(CompressedImage, newest).data), self._config.detection)
+            if self._calibration is None:
+                self._calibration = self._config.calibrated(discs, SUBSAMPLING)
+                said = (self._said(LogLevel.INFO, f"calibrated: {self._calibration.rms_px:.3f} px rms", step),)
+            else:
+                placed = self._placed(discs, self._calibration, step.number)
+        except (BrokenFrameError, CalibrationError) as error:
+            said = (self._said(LogLevel.WARNING, f"camera/image of tick {step.tick}: {error}", step),)
+        return Result((Output("vision/detections", Detections(discs=placed)), *said))
+
+    def freeze(self) -> State:
+        # A calibration that the scenario fixes is no state.
+        if not isinstance(self._config.calibration, Board):
+            return {}
+        return {"calibration": msgspec.to_builtins(self._calibration)}
+
+    def thaw(self, state: State) -> None:
+        if "calibration" in state:
+            self._calibration = msgspec.convert(state["calibration"], Calibration | None)
+
+    def _said(self, level: LogLevel, message: str, step: Step) -> Output:
+        return Output("log", Log(timestamp=timestamp(step.stamp_ns), level=level, message=message, name=self.name))
+
+    def _placed(self, discs: Sequence[Disc], calibration: Calibration, number: int) -> tuple[Detection, ...]:
+        if len(discs) > MAX_DISCS:
+            raise BrokenFrameError(f"{len(discs)} discs found, at most {MAX_DISCS} can be told")
+        placed = calibration.discs_to_workspace(discs, SUBSAMPLING)
+        noise = self._noise(len(discs), number)
+        return tuple(
+            Detection(
+                x=place.x + dx,
+                y=place.y + dy,
+                radius=place.radius,
+                grey=disc.grey,
+                residual=disc.residual_px * place.radius / disc.radius_px,
+            )
+            for disc, place, (dx, dy) in zip(discs, placed, noise.tolist(), strict=True)
+        )
+
+    def _decode(self, data: bytes) -> NDArray[np.uint8]:
+        """Decode to grey at a quarter of the frame's size, which the decoder does in one go."""
+        if data.startswith(b"\xff\xd8") and not data.endswith(_JPEG_END):
+            raise BrokenFrameError(f"JPEG of {len(data)} bytes is cut off")
+        try:
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_4)
+        except cv2.error as error:
+            raise BrokenFrameError(f"{len(data)} bytes that are no image ({error.err})") from error
+        if image is None:
+            raise BrokenFrameError(f"{len(data)} bytes that are no image")
+        expected = (self._config.height_px // SUBSAMPLING, self._config.width_px // SUBSAMPLING)
+        if image.shape != expected:
+            raise BrokenFrameError(
+                f"frame is about {SUBSAMPLING * image.shape[1]} x {SUBSAMPLING * image.shape[0]} pixels, "
+                f"expected {self._config.width_px} x {self._config.height_px}"
+            )
+        return np.asarray(image, dtype=np.uint8)
+
+    def _noise(self, count: int, number: int) -> NDArray[np.float64]:
+        draws = generator(self._seed, self.name, number, "position noise").standard_normal((count, 2))
+        return (self._config.position_noise_m or 0.0) * draws
+
+
+def build(config: VisionConfig, context: Context) -> VisionNode:
+    """Return the vision of a run, with the noise of its task, where the configuration does not say otherwise."""
+    task = context.fact("task")
+    if config.position_noise_m is None and task is not None:
+        config = msgspec.structs.replace(config, position_noise_m=math.sqrt(NOISE[task.noise].measurement))
+    return VisionNode(config=config, seed=context.seed, name=context.name)

@@ -1,0 +1,81 @@
+"""What a scenario says of rooms: the simulated one, and the ways that are driven in it; SI units and radians."""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from dynpf_systems.rooms.steering import Route
+
+__all__ = [
+    "Door",
+    "Driver",
+    "PeopleParams",
+    "RoomConfig",
+    "WaypointsConfig",
+]
+
+NonNegative = Annotated[float, Meta(ge=0.0)]
+Positive = Annotated[float, Meta(gt=0.0)]
+
+
+Index = Annotated[int, Meta(ge=0, lt=64)]
+Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
+
+
+class PeopleParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """People who walk through the room, and through the beams, from one place in view to the next."""
+
+    number: Annotated[int, Meta(ge=0, le=256)] = 0
+    speed: Positive = 0.8  # m/s
+    radius: Positive = 0.2  # m
+
+
+class Door(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A door that is in no map: while it is closed, a wall between two points."""
+
+    segment: tuple[float, float, float, float]  # x1, y1, x2, y2 in m
+    period: Positive = 20.0  # s from opening to opening
+    open_for: NonNegative = 10.0  # s; at the start of each period
+    phase: float = 0.0  # s after the start of the run at which a period begins
+    opens_within: NonNegative = 0.0  # m from the robot: then it is open in any case
+
+
+class Driver(Route, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Somebody who sees the robot and drives it, as logs are recorded: the way does not depend on an estimate.
+
+    Stops before people and closed doors. The run ends with the route.
+    """
+
+    gap: Positive = 0.3  # m that is kept to what stands in the way ahead
+
+
+class RoomConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="room"):
+    """A unicycle robot in a room: within the walls of the run's map, or else in a rectangle centred at the origin.
+
+    ``alpha`` are the six error parameters of the velocity motion model (INDOOR): the true speed and turning rate differ
+    from the commanded ones with variance alpha1 v^2 + alpha2 w^2 and alpha3 v^2 + alpha4 w^2, and the robot turns on
+    the spot besides at a rate of variance alpha5 v^2 + alpha6 w^2.
+    """
+
+    width: Positive = 6.0  # m; of the rectangle, where there is no map
+    height: Positive = 4.0  # m
+    robot_radius: Positive = 0.15  # m
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, m, rad
+    max_speed: Positive = 1.0  # m/s
+    max_turn_rate: Positive = 2.0  # rad/s
+    alpha: tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative] = (
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    )
+    driver: Driver | None = None  # absent: the controller drives
+    people: PeopleParams | None = None
+    doors: Annotated[tuple[Door, ...], Meta(max_length=256)] = ()
+
+
+class WaypointsConfig(Route, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="waypoints"):
+    """Drive through ``points`` in order, ``laps`` times, by the estimated pose."""

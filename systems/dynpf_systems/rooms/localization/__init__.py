@@ -1,0 +1,1 @@
+"""Localization in a map: filters put together from motion and measurement models."""

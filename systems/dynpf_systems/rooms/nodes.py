@@ -1,0 +1,111 @@
+"""Robots in rooms: the simulated room, its sensors, logs of real robots, localization in a map, and waypoints."""
+
+from collections.abc import Iterator
+
+import msgspec
+from dynpf_protocol.landmarks import Landmark
+from dynpf_protocol.messages import Message
+from dynpf_protocol.topics import EVENT_PREFIX
+from dynpf_services.scenario.context import Context
+from dynpf_services.scenario.kinds import FactKind, NodeKind, Take
+
+from dynpf_systems.rooms.config import RoomConfig, WaypointsConfig
+from dynpf_systems.rooms.localization.config import LocalizationConfig
+from dynpf_systems.rooms.localization.readings import reading_topics
+from dynpf_systems.rooms.maps import MapConfig, maps_of, named_file, open_maps
+from dynpf_systems.rooms.sensors.config import LogSensorsConfig, SimulatedSensorsConfig
+
+__all__ = ["LANDMARKS", "LOCALIZATION", "LOG", "MAP", "ROOM", "SIMULATED", "WAYPOINTS"]
+
+SENSED = ("odometry", "odometry_pose", "landmarks", "scan")
+"""What logs have records of."""
+
+
+def _take_map(path: str, config: MapConfig, take: Take) -> None:
+    open_maps(config, None, lambda name: take(path, name))
+
+
+def _bare_map(config: MapConfig) -> MapConfig:
+    file = named_file(config)
+    return config if file is None else msgspec.structs.replace(config, file=file.rpartition("/")[2])
+
+
+def _map_files(config: MapConfig) -> tuple[str, ...]:
+    file = named_file(config)
+    return () if file is None else (file,)
+
+
+MAP = FactKind(MapConfig, files=_map_files, take=_take_map, bare=_bare_map, opened=maps_of, key=".file")
+
+LANDMARKS = FactKind(tuple[Landmark, ...])
+
+
+def _room_writes(config: RoomConfig, _context: Context) -> set[str]:
+    company = {"truth/obstacles"} if (config.people is not None and config.people.number) or config.doors else set()
+    return {"truth/robot", "truth/scene", *company}
+
+
+def _two_drivers(config: RoomConfig, context: Context) -> Iterator[str]:
+    if config.driver is not None and context.beside("controller") is not None:
+        yield "simulator.driver: the [controller] drives already"
+
+
+ROOM = NodeKind(
+    config=RoomConfig,
+    build="dynpf_systems.rooms.world:build",
+    reads=lambda config, _: {"controller/command"} if config.driver is None else (),
+    writes=_room_writes,
+    problems=_two_drivers,
+)
+
+
+def _truth_read(_config: SimulatedSensorsConfig, context: Context) -> set[str]:
+    return {"truth/robot", "truth/obstacles" if context.fact("task") is None else "truth/parts"}
+
+
+def _sensed(config: SimulatedSensorsConfig, _context: Context) -> set[str]:
+    return {f"sensors/{name}" for name in config.__struct_fields__ if getattr(config, name) is not None}
+
+
+SIMULATED = NodeKind(
+    config=SimulatedSensorsConfig,
+    build="dynpf_systems.rooms.sensors.simulated:build",
+    reads=_truth_read,
+    writes=_sensed,
+)
+
+LOG = NodeKind(
+    config=LogSensorsConfig,
+    build="dynpf_systems.rooms.sensors.log:build",
+    reads=lambda *_: {f"log/{name}" for name in SENSED},
+    writes=lambda *_: {f"sensors/{name}" for name in SENSED},
+    plays_log=True,
+)
+
+
+def _readings(config: LocalizationConfig, context: Context) -> set[str | type[Message]]:
+    topics = reading_topics(config.measurement, context.user_class)
+    return {"sensors/odometry", "sensors/odometry_pose", f"{EVENT_PREFIX}estimator", *topics}
+
+
+def _needs(config: LocalizationConfig, context: Context) -> dict[str | type[Message], str]:
+    return dict.fromkeys(reading_topics(config.measurement, context.user_class), "measurement")
+
+
+LOCALIZATION = NodeKind(
+    config=LocalizationConfig,
+    build="dynpf_systems.rooms.localization.estimator:build",
+    reads=_readings,
+    needs=_needs,
+    writes=lambda *_: (
+        *(f"estimator/{name}" for name in ("state", "pose", "dead_reckoning", "particles", "transforms", "scene")),
+        "log",
+    ),
+)
+
+WAYPOINTS = NodeKind(
+    config=WaypointsConfig,
+    build="dynpf_systems.rooms.waypoints:build",
+    reads=lambda *_: {"estimator/state"},
+    writes=lambda *_: {"controller/command"},
+)
