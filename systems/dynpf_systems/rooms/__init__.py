@@ -1,4 +1,4 @@
-"""Robots in rooms, simulated or logged, located in a map by what they read; kinds of nodes and tables by import string."""
+"""Robots in rooms, simulated or logged, located in a map; kinds of nodes and tables by import string."""
 
 FACTS = {"map": "dynpf_systems.rooms.nodes:MAP", "landmarks": "dynpf_systems.rooms.nodes:LANDMARKS"}
 
