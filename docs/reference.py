@@ -16,8 +16,10 @@ import msgspec
 from dynpf_protocol.journal import JournalEntry
 from dynpf_protocol.messages import LogLevel
 from dynpf_protocol.topics import TOPICS, Delivery
-from dynpf_services.scenario.schema import Scenario
+from dynpf_services.scenario.kinds import fact_kind, fact_names
+from dynpf_services.scenario.schema import RunTable
 from dynpf_services.scenario.user_component import UserComponent
+from dynpf_services.scenario.vocabulary import whole_type
 from msgspec import inspect as types
 
 __all__ = ["PAGES", "scenarios", "topics"]
@@ -31,7 +33,9 @@ radians, times in seconds, unless a field says otherwise. NaN and infinity do no
 is encoded. Unknown fields, and values outside a type or range, are refused when it is decoded. In poses, x points along
 the width of the map and z upwards; everything in the plane is in the frame `map`.
 
-*Wakes* are the nodes that step when the topic arrives in a realtime run; in lockstep every node steps every tick.
+A topic that *wakes* makes the nodes that read it step when it arrives in a realtime run; in lockstep every node steps
+every tick. The names are those of nodes that have their usual names: what the node `estimator` calls `estimator/state`
+is `other/state` of a node `other`, and `r1/estimator/state` of the robot `r1`.
 Of a *fresh* topic a node takes only the newest message that has arrived, in a realtime run. What is *compared* makes
 two runs the same.
 """
@@ -47,18 +51,90 @@ here, or a value outside its range, is refused with the file, the key and what w
 Lengths are in metres, angles in radians, times in seconds, unless a key says otherwise; `_px` are pixels.
 A node takes part in a run if its table is there. `kind` chooses between the nodes that can do the job, and between the
 components of the estimator. A component whose other keys keep their defaults may be written as its kind alone:
-`proposal = "optimal"`; and where a list of tables is expected, one may stand alone.
+`proposal = "optimal"`; and where a list of tables is expected, one may stand alone. Editors complete and check
+scenarios by the schema that `dynpf schema` prints.
 
-## The file
+## The run
+"""
+
+NODES_AND_TABLES = """\
+## Nodes, and the tables that they share
+
+The tables `[simulator]`, `[vision]`, `[sensors]`, `[estimator]` and `[controller]` are nodes of these names. Any number
+of others have a name of their own, `[nodes.NAME]`, and a `kind` of any section (`kind = "localization"`); a kind that
+two sections have is named with its section, as in `rearrangement_estimator`. They take their turn in a tick by the
+section of their kind, and within one each after those that it reads.
+
+A node's topics begin with its name: an estimator `[nodes.ekf]` writes `ekf/state`, `ekf/particles` and so on. It reads
+what it would read as the one of its kind, `sensors/odometry` say; `remap = { "sensors/odometry" = "wheels/odometry" }`
+in its table gives it another topic for one of these names.
+
+`robots = ["r1", "r2"]` names several robots; each table of `[robot]`, such as `[robot.estimator]`, then stands for a
+node of each of them: `r1/estimator` and `r2/estimator`, whose topics are within the namespace of their robot
+(`r1/sensors/odometry`, `r1/estimator/state`). `--set nodes.r1/estimator.n=500` sets a key of one alone, and
+`--set robot.estimator.n=500` of all.
+
+Tables that nodes share:
+"""
+
+OWN_NODES = """\
+## Your own nodes, messages and sensors
+
+`kind = "module:Name"` in a node's table makes it a class of yours, a subclass of `dynpf_lab.Node`, or of
+`dynpf_lab.Sensor` for a sensor that reads the true state of a simulated robot. Its fields are the parameters that the
+table gives. [examples/](../examples) has systems that are made so: each is complete in two files.
+
+```toml
+[nodes.guard]
+kind = "watchdog:Watchdog"
+limit = 0.5
+```
+
+```python
+# watchdog.py, beside the scenario
+from typing import NamedTuple
+
+from dynpf_lab import Message, Node
+from dynpf_protocol.messages import Estimate
+
+
+class Alarm(Message, frozen=True, kw_only=True):
+    schema_name = "watchdog.Alarm"
+    since_s: float
+
+
+class Watchdog(Node, frozen=True, kw_only=True):
+    reads = ("estimator/state",)  # topics, or types of messages: then all topics of its robot that carry it
+    writes = {"alarm": Alarm}  # of the node `guard`: guard/alarm
+    limit: float = 0.5  # m
+
+    class State(NamedTuple):
+        bad_since_ns: int = -1
+
+    def step(self, state, moment):
+        estimate = moment.newest(Estimate)
+        if estimate is None:
+            return state, ()
+        bad = estimate.covariance[0] + estimate.covariance[4] > self.limit**2
+        since = -1 if not bad else state.bad_since_ns if state.bad_since_ns >= 0 else moment.stamp_ns
+        alarm = [Alarm(since_s=(moment.stamp_ns - since) * 1e-9)] if bad else []
+        return state._replace(bad_since_ns=since), alarm
+```
+
+- `step` is a function of its arguments alone: the state before and the moment in, the state after and messages out.
+  Random numbers come from `moment.draws()`, keyed by seed, node and step. State is a NamedTuple with a default for each
+  field, of plain values, messages and NumPy arrays; it is taken out, put back and digested without a line of yours.
+- Messages are structs with a `schema_name`; their schema, codec, journal, recording, replay and comparison follow.
+- A measurement model of yours takes messages of yours if its class attribute `reading` is their type.
+- Modules are looked for beside the scenario's file and in the folders that `--code FOLDER` names, behind everything
+  that is installed: a file of yours can break nothing of ours.
 """
 
 OWN_COMPONENTS = """\
 ## Your own components
 
 Where a table below says `kind = "package.module:Name"`, a class of yours can stand in the place of the library's: a
-motion or measurement model, a resampling scheme, a proposal, a regularization, an adaptation, or a whole filter. The
-module is looked for on the Python path: name its folder in the environment variable `PYTHONPATH`, which the processes
-of a run inherit.
+motion or measurement model, a resampling scheme, a proposal, a regularization, an adaptation, or a whole filter.
 
 ```toml
 [estimator.motion]
@@ -91,7 +167,7 @@ class Drift:
 - The class attribute `uses` names what it is given besides, as keywords: of a motion or measurement model `landmarks`,
   `grid` and `segments`, the maps of the run; of a filter `motion`, `measurements`, `proposal` and `resampling`.
 - A measurement model names the type of its readings in the class attribute `reading`: `RangeBearingReadings`,
-  `UnlabelledReadings`, `Scan`, `RangeVector`, `Lines` or `Position`.
+  `UnlabelledReadings`, `Scan`, `RangeVector`, `Lines` or `Position`; or a type of messages of your own.
 - A motion model is given a `Twist`, or a `Displacement` if its class attribute `control` is that type.
 - Its bytes are as exact as what it calls. The library's own are the same on every machine; NumPy's `@`, `exp` or `sin`
   and those of `math` are not, but differ in the last digits from processor to processor, and a replay elsewhere shows
@@ -157,12 +233,20 @@ def topics() -> str:
 def scenarios() -> str:
     """Return the reference of the keys of a scenario."""
     lines = [SCENARIOS_HEAD]
-    info = _struct(Scenario)
-    lines += [*_described(info, {}), "", OWN_COMPONENTS.rstrip()]
+    info = _struct(whole_type())
+    lines += [*_described(_struct(RunTable), {}), "", NODES_AND_TABLES.rstrip(), "", *_shared(), ""]
+    lines += [OWN_NODES.rstrip(), "", OWN_COMPONENTS.rstrip()]
     for path, inner in _sections(info, ""):
         kind = f', kind = "{inner.tag}"' if inner.tag is not None else ""
         lines += ["", f"## `{path}`{kind}", "", *_described(inner, {})]
     return "\n".join([*lines, ""])
+
+
+def _shared() -> list[str]:
+    """Return the table of the tables that nodes share."""
+    kinds = ((name, fact_kind(name)) for name in fact_names())
+    rows = ((f"`{name}`", _type(types.type_info(kind.type), {}), kind.about) for name, kind in kinds)
+    return [*_table(("Table", "Type", "What it is"), rows)]
 
 
 def _sections(info: types.StructType, path: str) -> Iterator[tuple[str, types.StructType]]:

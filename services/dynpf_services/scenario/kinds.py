@@ -52,6 +52,7 @@ class FactKind(NamedTuple):
     """
 
     type: Any
+    about: str  # what it is, for the reference
     files: Callable[[Any], tuple[str, ...]] = lambda _value: ()
     take: Callable[[str, Any, Take], None] = lambda _path, _value, _take: None
     bare: Callable[[Any], Any] = lambda value: value

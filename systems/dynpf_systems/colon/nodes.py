@@ -15,10 +15,8 @@ from dynpf_systems.colon.tube import MOST_DRAWINGS, ColonConfig, colon_world
 __all__ = ["CAPSULE", "COLON", "DRAWINGS", "ESTIMATOR", "RANGES"]
 
 Drawings = Annotated[tuple[str, ...], Meta(max_length=MOST_DRAWINGS)]
-"""Bitmaps (PNG, BMP, PGM) that take the place of the tube of [colon]: a, b and so on by their order. Paths are seen
-from the scenario's folder, on the command line from the current one; a recording carries the content."""
 
-COLON = FactKind(ColonConfig, opened=colon_world)
+COLON = FactKind(ColonConfig, about="The tube, and when its maps hold (COLON)", opened=colon_world)
 
 
 def _take_drawing(path: str, _paths: tuple[str, ...], take: Take) -> None:
@@ -37,6 +35,8 @@ def _without_tube(paths: tuple[str, ...], scenario: Scenario) -> Iterator[str]:
 
 DRAWINGS = FactKind(
     Drawings,
+    about="Bitmaps (PNG, BMP, PGM) that take the place of the tube of [colon]: a, b and so on by their order. Paths are"
+    " seen from the scenario's folder, on the command line from the current one; a recording carries the content",
     files=lambda paths: paths,
     take=_take_drawing,
     bare=lambda paths: tuple(path.rpartition("/")[2] for path in paths),

@@ -13,7 +13,7 @@ from dynpf_systems.parts.vision_config import VisionConfig
 
 __all__ = ["CONTROLLER", "ESTIMATOR", "TASK", "VISION", "WORKSPACE"]
 
-TASK = FactKind(RearrangementTask)
+TASK = FactKind(RearrangementTask, about="Parts and their goals (PARTS)")
 
 
 def _without_task(_config: WorkspaceConfig, context: Context) -> Iterator[str]:

@@ -35,9 +35,25 @@ def _map_files(config: MapConfig) -> tuple[str, ...]:
     return () if file is None else (file,)
 
 
-MAP = FactKind(MapConfig, files=_map_files, take=_take_map, bare=_bare_map, opened=maps_of, key=".file")
+MAP = FactKind(
+    MapConfig,
+    about="The map: a grid or walls, m",
+    files=_map_files,
+    take=_take_map,
+    bare=_bare_map,
+    opened=maps_of,
+    key=".file",
+)
+    MapConfig,
+    about="The map: a grid or walls, m",
+    files=_map_files,
+    take=_take_map,
+    bare=_bare_map,
+    opened=maps_of,
+    key=".file",
+)
 
-LANDMARKS = FactKind(tuple[Landmark, ...])
+LANDMARKS = FactKind(tuple[Landmark, ...], about="Landmarks of the map, m; where it is left out, those of the log")
 
 
 def _room_writes(config: RoomConfig, _context: Context) -> set[str]:
