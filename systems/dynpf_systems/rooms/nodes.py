@@ -44,14 +44,6 @@ MAP = FactKind(
     opened=maps_of,
     key=".file",
 )
-    MapConfig,
-    about="The map: a grid or walls, m",
-    files=_map_files,
-    take=_take_map,
-    bare=_bare_map,
-    opened=maps_of,
-    key=".file",
-)
 
 LANDMARKS = FactKind(tuple[Landmark, ...], about="Landmarks of the map, m; where it is left out, those of the log")
 
