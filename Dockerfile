@@ -16,7 +16,7 @@ COPY runtime runtime
 COPY services services
 COPY lab lab
 COPY scenarios scenarios
-RUN pip --python /opt/dynpf/bin/python install --no-cache-dir --no-index --no-deps --no-build-isolation .
+RUN pip --python /opt/dynpf/bin/python install --no-cache-dir --no-index --no-deps --no-build-isolation . ./lab
 
 FROM ${BASE}
 RUN useradd --system --no-create-home dynpf && install --directory --owner=dynpf /dynpf/runs /var/cache/dynpf

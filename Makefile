@@ -57,9 +57,10 @@ peers: .venv-peers/.installed
 # Keeps the versions that are locked, as far as pyproject.toml lets it; `make lock UPGRADE=1` takes the newest.
 COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --fork-strategy fewest \
 	--no-emit-index-url --no-emit-find-links --custom-compile-command 'make lock' $(if $(UPGRADE),--upgrade)
+BOTH = lab/pyproject.toml --no-emit-package dynpf --group pyproject.toml:build
 lock: .venv/.dev
-	$(COMPILE) pyproject.toml --group build --output-file requirements.lock
-	$(COMPILE) pyproject.toml --group build --group dev --constraint requirements.lock --output-file requirements-dev.lock
+	$(COMPILE) $(BOTH) --output-file requirements.lock
+	$(COMPILE) $(BOTH) --group pyproject.toml:dev --constraint requirements.lock --output-file requirements-dev.lock
 	$(COMPILE) benchmarks/peers.in --output-file requirements-peers.lock
 
 # Every commit then has to pass `make check`.
@@ -81,8 +82,8 @@ clean:
 	@$(PIP) install --require-hashes --requirement requirements.lock
 	@touch $@
 
-.venv/.project: .venv/.runtime pyproject.toml
-	@$(PIP) install --no-build-isolation --no-deps --editable .
+.venv/.project: .venv/.runtime pyproject.toml lab/pyproject.toml dynpf/__init__.py
+	@$(PIP) install --no-build-isolation --no-deps --editable . --editable lab
 	@touch $@
 
 .venv/.dev: .venv/.project requirements-dev.lock
