@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 SCENARIO ?= parts-3-easy
 
 .DELETE_ON_ERROR:
-.PHONY: run test test-container test-machines test-arm64 test-old-x86 check format docs peers lock hooks clean
+.PHONY: run test test-container test-wheels test-machines test-arm64 test-old-x86 check format docs peers lock hooks clean
 
 run: .venv/.project
 	$(BIN)/dynpf run $(SCENARIO)
@@ -21,6 +21,10 @@ test: .venv/.dev
 
 test-container: .venv/.dev
 	$(BIN)/pytest -m container
+
+# The wheels in fresh environments, with the oldest and the newest packages (docs/library.md); shows what was measured.
+test-wheels: .venv/.dev
+	$(BIN)/pytest -m wheels -rP tests/wheels
 
 # The same bytes under every choice of kernels here, and on another processor in emulation (docs/machines.md).
 # JOBS and SETTINGS take those whose names begin with one of their words, CPU one of QEMU's processors.
