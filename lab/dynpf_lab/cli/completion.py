@@ -2,6 +2,8 @@
 
 import argparse
 from collections.abc import Iterable
+from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import argcomplete
@@ -21,9 +23,9 @@ class _Values(BaseCompleter):
     def __call__(self, *, action: argparse.Action, parser: argparse.ArgumentParser, **asked: Any) -> Iterable[str]:
         metavar = str(action.metavar)
         if metavar == "SCENARIO":
-            from dynpf_services.scenario.schema import scenario_files
-
-            return [*(file.stem for file in scenario_files()), *FilesCompleter(["toml"])(**asked)]
+            shipped = (Path(file.name) for file in files("dynpf_scenarios").iterdir())
+            names = sorted(file.stem for file in shipped if file.suffix == ".toml")
+            return [*names, *FilesCompleter(["toml"])(**asked)]
         if parser.prog == "dynpf study" and metavar == "NAME":
             from dynpf_lab.studies.catalogue import NAMES
 
