@@ -16,6 +16,6 @@ def test_a_run_does_not_see_folders_of_a_user_that_are_called_as_its_own(
         (mine / name).mkdir(parents=True)
         (mine / name / "__init__.py").write_text("raise RuntimeError('mine')\n")
     monkeypatch.chdir(mine)
-    run = dynpf("run", "landmark-room", "--set", "max_ticks=20", "--json", "-o", tmp_path / "run.mcap", modules=mine)
+    run = dynpf("run", "landmark-room", "--set", "max_ticks=2", "--json", "-o", tmp_path / "run.mcap", modules=mine)
     assert run.wait() == 0, run.stderr
     assert json.loads(run.stdout)["complete"]
