@@ -17,7 +17,7 @@ COPY services services
 COPY systems systems
 COPY lab lab
 COPY scenarios scenarios
-RUN pip --python /opt/dynpf/bin/python install --no-cache-dir --no-index --no-deps --no-build-isolation .
+RUN pip --python /opt/dynpf/bin/python install --no-cache-dir --no-index --no-deps --no-build-isolation . ./lab
 
 FROM ${BASE}
 RUN useradd --system --no-create-home dynpf && install --directory --owner=dynpf /dynpf/runs /var/cache/dynpf

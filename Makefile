@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 SCENARIO ?= parts-3-easy
 
 .DELETE_ON_ERROR:
-.PHONY: run test test-container test-machines test-arm64 test-old-x86 check format docs peers lock hooks clean
+.PHONY: run test test-container test-wheels test-machines test-arm64 test-old-x86 check format docs peers lock hooks clean
 
 run: .venv/.project
 	$(BIN)/dynpf run $(SCENARIO)
@@ -21,6 +21,10 @@ test: .venv/.dev
 
 test-container: .venv/.dev
 	$(BIN)/pytest -m container
+
+# The wheels in fresh environments, with the oldest and the newest packages (docs/library.md); shows what was measured.
+test-wheels: .venv/.dev
+	$(BIN)/pytest -m wheels -rP tests/wheels
 
 # The same bytes under every choice of kernels here, and on another processor in emulation (docs/machines.md).
 # JOBS and SETTINGS take those whose names begin with one of their words, CPU one of QEMU's processors.
@@ -57,9 +61,10 @@ peers: .venv-peers/.installed
 # Keeps the versions that are locked, as far as pyproject.toml lets it; `make lock UPGRADE=1` takes the newest.
 COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --fork-strategy fewest \
 	--no-emit-index-url --no-emit-find-links --custom-compile-command 'make lock' $(if $(UPGRADE),--upgrade)
+BOTH = lab/pyproject.toml --no-emit-package dynpf --group pyproject.toml:build
 lock: .venv/.dev
-	$(COMPILE) pyproject.toml --group build --output-file requirements.lock
-	$(COMPILE) pyproject.toml --group build --group dev --constraint requirements.lock --output-file requirements-dev.lock
+	$(COMPILE) $(BOTH) --output-file requirements.lock
+	$(COMPILE) $(BOTH) --group pyproject.toml:dev --constraint requirements.lock --output-file requirements-dev.lock
 	$(COMPILE) benchmarks/peers.in --output-file requirements-peers.lock
 
 # Every commit then has to pass `make check`.
@@ -81,8 +86,8 @@ clean:
 	@$(PIP) install --require-hashes --requirement requirements.lock
 	@touch $@
 
-.venv/.project: .venv/.runtime pyproject.toml
-	@$(PIP) install --no-build-isolation --no-deps --editable .
+.venv/.project: .venv/.runtime pyproject.toml lab/pyproject.toml dynpf/__init__.py
+	@$(PIP) install --no-build-isolation --no-deps --editable . --editable lab
 	@touch $@
 
 .venv/.dev: .venv/.project requirements-dev.lock

@@ -73,6 +73,8 @@ EXCEPTIONS = {
     ("dynpf/kernels/__init__.py", "importlib.import_module"),
     # Threads that change no bit of the result, in the number that the caller gives.
     ("dynpf/filters/models.py", "concurrent.futures.ThreadPoolExecutor"),
+    # Read by type checkers alone.
+    ("dynpf/filters/particle.py", "typing_extensions.TypeVar"),
     *(
         ("dynpf/kernels/compiler.py", name)
         for name in (

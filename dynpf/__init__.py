@@ -7,6 +7,8 @@ imported when it is first asked for, so that ``import dynpf`` costs nothing.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+__version__ = "0.1.0"
+
 if TYPE_CHECKING:
     from dynpf.filters.adaptation import (
         Augmented,
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
     from dynpf.measurement.likelihood_field import LikelihoodField, LikelihoodFieldParams
     from dynpf.measurement.linear import LinearMeasurement, Observation
     from dynpf.measurement.lines import Lines, PolarLines, PolarLinesParams
+    from dynpf.measurement.model import Batched, GaussianMeasurement, MeasurementModel
     from dynpf.measurement.position import GaussianPosition, GaussianPositionParams, Position
     from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, RangeBearingReadings
     from dynpf.measurement.range_vector import RangeVector, RangeVectorModel, RangeVectorParams
@@ -55,7 +58,7 @@ if TYPE_CHECKING:
     from dynpf.motion.gradient_flow import GradientFlow, GradientFlowParams
     from dynpf.motion.gyro import GyroOdometry, GyroOdometryParams
     from dynpf.motion.linear import LinearGaussian, LinearGaussianParams
-    from dynpf.motion.model import Displacement, Twist
+    from dynpf.motion.model import Displacement, GaussianMotion, MotionModel, Twist
     from dynpf.motion.odometry import OdometryMotion, OdometryParams
     from dynpf.motion.velocity import Velocity, VelocityParams
     from dynpf.rng import Stream
@@ -66,6 +69,7 @@ __all__ = [
     "Augmented",
     "AugmentedParams",
     "Auxiliary",
+    "Batched",
     "BeamModel",
     "BeamParams",
     "CapsuleMotion",
@@ -78,6 +82,8 @@ __all__ = [
     "FromReadingsStart",
     "Gaussian",
     "GaussianKernel",
+    "GaussianMeasurement",
+    "GaussianMotion",
     "GaussianPosition",
     "GaussianPositionParams",
     "GradientFlow",
@@ -100,6 +106,8 @@ __all__ = [
     "Lines",
     "LocalLinearization",
     "MapTimeline",
+    "MeasurementModel",
+    "MotionModel",
     "Multinomial",
     "Observation",
     "OccupancyGrid",
@@ -198,6 +206,7 @@ _MODULES: dict[str, tuple[str, ...]] = {
     "dynpf.measurement.likelihood_field": ("LikelihoodField", "LikelihoodFieldParams"),
     "dynpf.measurement.linear": ("LinearMeasurement", "Observation"),
     "dynpf.measurement.lines": ("Lines", "PolarLines", "PolarLinesParams"),
+    "dynpf.measurement.model": ("Batched", "GaussianMeasurement", "MeasurementModel"),
     "dynpf.measurement.position": ("GaussianPosition", "GaussianPositionParams", "Position"),
     "dynpf.measurement.range_bearing": ("RangeBearing", "RangeBearingParams", "RangeBearingReadings"),
     "dynpf.measurement.range_vector": ("RangeVector", "RangeVectorModel", "RangeVectorParams"),
@@ -212,7 +221,7 @@ _MODULES: dict[str, tuple[str, ...]] = {
     "dynpf.motion.gradient_flow": ("GradientFlow", "GradientFlowParams"),
     "dynpf.motion.gyro": ("GyroOdometry", "GyroOdometryParams"),
     "dynpf.motion.linear": ("LinearGaussian", "LinearGaussianParams"),
-    "dynpf.motion.model": ("Displacement", "Twist"),
+    "dynpf.motion.model": ("Displacement", "GaussianMotion", "MotionModel", "Twist"),
     "dynpf.motion.odometry": ("OdometryMotion", "OdometryParams"),
     "dynpf.motion.velocity": ("Velocity", "VelocityParams"),
     "dynpf.rng": ("Stream",),
@@ -220,10 +229,12 @@ _MODULES: dict[str, tuple[str, ...]] = {
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'dynpf' has no attribute {name!r}")
-    return getattr(import_module(_HOME[name]), name)
+if not TYPE_CHECKING:  # a type checker takes a module with this function to have any name that is asked for
+
+    def __getattr__(name: str) -> Any:
+        if name not in _HOME:
+            raise AttributeError(f"module 'dynpf' has no attribute {name!r}")
+        return getattr(import_module(_HOME[name]), name)
 
 
 def __dir__() -> list[str]:

@@ -6,14 +6,14 @@ no state: clouds go in and come out.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
 
 from dynpf.filters.adaptation import Doubt, Rescuer, Sizing
 from dynpf.filters.cloud import Cloud, gathered, uniform_cloud, weighted_cloud
-from dynpf.filters.estimate import pose_estimate
+from dynpf.filters.estimate import PoseEstimate, pose_estimate
 from dynpf.filters.models import Models, Outcome
 from dynpf.filters.proposal import Prior, Proposal, Proposed
 from dynpf.filters.regularization import Regularization
@@ -26,7 +26,12 @@ from dynpf.se2 import Floats
 
 __all__ = ["ParticleFilter", "Report"]
 
-EstimateT = TypeVar("EstimateT")
+if TYPE_CHECKING:  # a filter that is not asked for another estimate makes this one; typing knows defaults from 3.13 on
+    from typing_extensions import TypeVar as TypeVarWithDefault
+
+    EstimateT = TypeVarWithDefault("EstimateT", default=PoseEstimate)
+else:
+    EstimateT = TypeVar("EstimateT")
 PartT = TypeVar("PartT")
 
 

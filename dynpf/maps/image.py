@@ -3,7 +3,6 @@
 import re
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,6 +43,10 @@ def decode_image(data: bytes) -> Shades:
 
 
 def _pixels(data: bytes) -> NDArray[np.uint8] | NDArray[np.uint16] | None:
+    try:
+        import cv2  # noqa: PLC0415 - maps that are not read from images do without
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError("images are read by OpenCV: pip install 'dynpf[vision]'", name="cv2") from error
     try:
         return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)  # type: ignore[return-value]
     except cv2.error:  # no bytes at all, or more pixels than OpenCV takes

@@ -5,7 +5,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import yaml
+
+try:
+    import yaml
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError("maps of map_server need PyYAML: pip install 'dynpf[maps]'", name="yaml") from error
 
 from dynpf.maps.image import Shades, decode_image
 from dynpf.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid

@@ -5,6 +5,11 @@ connected components, arcs), `edges` (to a fraction of a pixel), `circle` (the f
 what is rejected), `projection`, `calibration` and `board` (pixels to metres).
 """
 
+try:
+    import cv2  # noqa: F401 - an extra of the library, asked for by name before its modules need it
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError("dynpf.vision needs OpenCV: pip install 'dynpf[vision]'", name="cv2") from error
+
 from dynpf.vision.board import Board, find_board
 from dynpf.vision.calibration import Calibration, CalibrationError, WorkspaceDisc, calibrate
 from dynpf.vision.circle import fit_circle

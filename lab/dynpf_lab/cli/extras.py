@@ -1,4 +1,4 @@
-"""Packages that only some commands need, and that are installed with an extra of dynpf."""
+"""Packages that only some commands need, and that are installed with an extra of dynpf-lab."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,4 +16,4 @@ def needing(package: str, *, extra: str, what: str) -> Iterator[None]:
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] != package:
             raise
-        raise UsageError(f"{what} needs the package {package}: pip install 'dynpf[{extra}]'") from error
+        raise UsageError(f"{what} needs the package {package}: pip install 'dynpf-lab[{extra}]'") from error

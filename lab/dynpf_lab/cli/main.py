@@ -7,6 +7,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
+from typing import Any
 
 from dynpf_protocol.errors import DynpfError, StepError
 
@@ -37,7 +38,14 @@ _COMMANDS = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code: 0 done or same, 1 differs or failed, 2 wrong usage."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads cost more than they give
+    if "_ARGCOMPLETE" in os.environ:
+        _complete()
     words = list(sys.argv[1:] if arguments is None else arguments)
+    if words == ["--version"]:
+        from dynpf_lab.cli.version import versions
+
+        print(versions())
+        return 0
     if not words or words[0] in {"-h", "--help"}:
         print(_overview())
         return 0 if words else 2
@@ -49,9 +57,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     label = command
     try:
-        parser = argparse.ArgumentParser(prog="dynpf", allow_abbrev=False)
-        commands = parser.add_subparsers(required=True)
-        import_module(f"dynpf_lab.cli.{_COMMANDS[command][0]}").add_parser(commands)
+        parser, commands = _parser()
+        _load(command, commands)
         options, unknown = parser.parse_known_args(words)
         if unknown:
             commands.choices[command].error(f"unrecognized arguments: {' '.join(unknown)}")
@@ -72,11 +79,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return stop.code if isinstance(stop.code, int) else 2
 
 
+def _parser() -> "tuple[argparse.ArgumentParser, argparse._SubParsersAction[Any]]":
+    parser = argparse.ArgumentParser(prog="dynpf", allow_abbrev=False)
+    return parser, parser.add_subparsers(required=True)
+
+
+def _load(command: str, commands: "argparse._SubParsersAction[Any]") -> None:
+    import_module(f"dynpf_lab.cli.{_COMMANDS[command][0]}").add_parser(commands)
+
+
+def _complete() -> None:
+    """Tell the shell what may come next on its line, and exit."""
+    from dynpf_lab.cli.completion import complete
+
+    parser, commands = _parser()
+    typed = os.environ["COMP_LINE"].split()
+    for command, (_, text) in _COMMANDS.items():
+        if command in typed[1:2]:
+            _load(command, commands)
+        else:
+            commands.add_parser(command, help=text)
+    complete(parser)
+
+
 def _overview() -> str:
     rows = "\n".join(f"  {name:<11} {text}" for name, (_, text) in _COMMANDS.items())
     return (
         "usage: dynpf COMMAND ...\n\nA localization laboratory: processes on a bus, one recording a run, exact replay."
-        f"\n\n{rows}\n\ndynpf COMMAND --help tells more."
+        f"\n\n{rows}\n\ndynpf COMMAND --help tells more, dynpf --version the versions in use."
     )
 
 

@@ -65,7 +65,7 @@ def _pyplot() -> Any:
     try:
         import matplotlib  # noqa: PLC0415
     except ImportError as error:
-        raise UsageError("figures need matplotlib: pip install 'dynpf[figures]'; rows are written") from error
+        raise UsageError("figures need matplotlib: pip install 'dynpf-lab[figures]'; rows are written") from error
     matplotlib.use("Agg")
     from matplotlib import pyplot  # noqa: PLC0415
 

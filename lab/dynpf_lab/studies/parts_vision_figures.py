@@ -33,7 +33,7 @@ def draw(photographs: Sequence[str], seed: int, rows: list[Row], folder: Path) -
     try:
         import matplotlib  # noqa: PLC0415
     except ImportError as error:
-        raise UsageError("figures need matplotlib: pip install 'dynpf[figures]'; rows are written") from error
+        raise UsageError("figures need matplotlib: pip install 'dynpf-lab[figures]'; rows are written") from error
     matplotlib.use("Agg")
     from matplotlib import pyplot  # noqa: PLC0415
 

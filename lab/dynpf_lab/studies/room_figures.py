@@ -29,7 +29,7 @@ def draw(place: World, epochs: Sequence[Epoch], shown: Sequence[Shown], rows: li
     try:
         import matplotlib  # noqa: PLC0415
     except ImportError as error:
-        raise UsageError("figures need matplotlib: pip install 'dynpf[figures]'; rows are written") from error
+        raise UsageError("figures need matplotlib: pip install 'dynpf-lab[figures]'; rows are written") from error
     matplotlib.use("Agg")
     from matplotlib import pyplot  # noqa: PLC0415
 

@@ -1,9 +1,13 @@
+import platform
 import sys
 
+import numpy as np
 import pytest
 from dynpf_lab.cli import list_
 from dynpf_lab.cli.main import main
 from dynpf_protocol.errors import RunError, StepError, UsageError
+
+import dynpf
 
 COMMANDS = ["list", "run", "service", "health", "replay", "play", "diff", "info", "doctor", "recover"]
 COMMANDS += ["metrics", "import", "export", "study", "bench"]
@@ -24,6 +28,14 @@ def test_help_shows_all_commands(words: list[str], capsys: pytest.CaptureFixture
     told = capsys.readouterr()
     assert told.err == ""
     assert all(f"\n  {command} " in told.out for command in COMMANDS)
+
+
+def test_the_version_is_told_with_those_of_what_dynpf_stands_on(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith(f"dynpf {dynpf.__version__} (CPython {platform.python_version()}, ")
+    assert f", numpy {np.__version__}, " in second
+    assert "matplotlib" not in second  # an extra
 
 
 def test_no_command_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:

@@ -132,8 +132,8 @@ def test_missing_packages_are_named_with_what_to_install(
     assert main(["export", str(log), "--format", "parquet", "-o", str(tmp_path / "x")]) == 2
     assert main(["import", "rosbag", str(log), "-o", str(tmp_path / "y")]) == 2
     assert capsys.readouterr().err.splitlines() == [
-        "dynpf export: writing Parquet needs the package pyarrow: pip install 'dynpf[parquet]'",
-        "dynpf import: reading ROS bags needs the package rosbags: pip install 'dynpf[ros]'",
+        "dynpf export: writing Parquet needs the package pyarrow: pip install 'dynpf-lab[parquet]'",
+        "dynpf import: reading ROS bags needs the package rosbags: pip install 'dynpf-lab[ros]'",
     ]
 
 

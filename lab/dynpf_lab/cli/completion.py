@@ -1,0 +1,33 @@
+"""Tab completion: what may come next on the shell's line, by argcomplete."""
+
+import argparse
+from collections.abc import Iterable
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import argcomplete
+from argcomplete.completers import BaseCompleter, FilesCompleter
+
+__all__ = ["complete"]
+
+
+def complete(parser: argparse.ArgumentParser) -> None:
+    """Tell the shell that asks for it what the parser takes next, and exit."""
+    argcomplete.autocomplete(parser, default_completer=_Values())
+
+
+class _Values(BaseCompleter):
+    """Completes the arguments that have no list of choices."""
+
+    def __call__(self, *, action: argparse.Action, parser: argparse.ArgumentParser, **asked: Any) -> Iterable[str]:
+        metavar = str(action.metavar)
+        if metavar == "SCENARIO":
+            shipped = (Path(file.name) for file in files("dynpf_scenarios").iterdir())
+            names = sorted(file.stem for file in shipped if file.suffix == ".toml")
+            return [*names, *FilesCompleter(["toml"])(**asked)]
+        if parser.prog == "dynpf study" and metavar == "NAME":
+            from dynpf_lab.studies.catalogue import NAMES
+
+            return NAMES
+        return FilesCompleter(["mcap"] if metavar.endswith(".mcap") else ())(**asked)
