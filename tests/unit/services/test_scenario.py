@@ -231,7 +231,7 @@ def playing_a_log(start: Raw) -> str:
 
 
 def test_a_log_brings_its_digest_its_landmarks_and_its_first_pose(write: Any) -> None:
-    log = LogFacts("d1", [{"id": 4, "x": 1.0, "y": 2.0}], (1.0, 2.0, 0.5))
+    log = LogFacts("d1", [{"id": 4, "x": 1.0, "y": 2.0}], {"": (1.0, 2.0, 0.5)})
     scenario: Any = load_scenario(write("log.json", playing_a_log({"kind": "known"})), log=log)
     assert scenario.log_digest == "d1"
     assert [(one.id, one.x, one.y) for one in scenario.landmarks] == [(4, 1.0, 2.0)]
@@ -240,7 +240,7 @@ def test_a_log_brings_its_digest_its_landmarks_and_its_first_pose(write: Any) ->
 
 
 def test_what_the_scenario_says_itself_stands_against_the_log(write: Any) -> None:
-    log = LogFacts("d1", [{"id": 4, "x": 1.0, "y": 2.0}], (1.0, 2.0, 0.5))
+    log = LogFacts("d1", [{"id": 4, "x": 1.0, "y": 2.0}], {"": (1.0, 2.0, 0.5)})
     path = write("log.json", playing_a_log({"kind": "known", "x": 9.0}))
     scenario: Any = load_scenario(
         path, log=log, overrides=["landmarks=[{id = 8, x = 0, y = 0}]", "estimator.start.y=7"]
