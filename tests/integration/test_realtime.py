@@ -9,7 +9,7 @@ from dynpf_formats.recording.reader import Recording, read_recording
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.journal import JOURNAL_PREFIX, decode_entry, encode_entry
-from dynpf_services.scenario.schema import SCENARIOS
+from dynpf_services.scenario.load import SCENARIOS
 
 TICKS = 80
 FAULTS = """

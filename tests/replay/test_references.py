@@ -23,7 +23,7 @@ from dynpf_protocol.errors import UsageError
 from dynpf_protocol.journal import decode_entry, encode_entry
 from dynpf_protocol.messages import Message
 from dynpf_runtime.replay import Replayed, replay_node, write_replayed
-from dynpf_services.scenario.build import build_node
+from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import override_resolved
 
 TABLE = {entry.name: entry for entry in read_table()}
@@ -91,7 +91,7 @@ def altered(
 
 def replayed(recording: Recording, node: str) -> Replayed:
     scenario = override_resolved(recording.header.scenario, (), str(recording.path))
-    return replay_node(recording, build_node(scenario, node), scenario.state_digest_ticks, keep=True)
+    return replay_node(recording, plan_of(scenario), node, keep=True)
 
 
 def message(recording: Recording, key: Key) -> Message:
@@ -173,7 +173,7 @@ def test_another_seed_is_found_by_diff_and_by_replay(made_here, tmp_path):
     assert first.a != first.b
     scenario = override_resolved(made_here.header.scenario, ["seed=2"], "")
     for node in ("simulator", "sensors", "estimator"):
-        found = replay_node(made_here, build_node(scenario, node), scenario.state_digest_ticks).mismatch
+        found = replay_node(made_here, plan_of(scenario), node).mismatch
         assert found is not None
         assert found.node == node
         assert found.recorded != found.replayed

@@ -10,7 +10,7 @@ from dynpf_protocol.codec import decode
 from dynpf_protocol.messages import Message
 from dynpf_runtime.node import Received, Step, decode_state, encode_state, state_digest
 from dynpf_runtime.replay import replay_node
-from dynpf_services.scenario.build import build_node, build_nodes
+from dynpf_services.scenario.build import build_nodes, plan_of
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import record_inline
 from dynpf_services.scenario.schema import Scenario
@@ -58,8 +58,7 @@ def test_same_seed_gives_the_same_run_and_another_seed_another(recordings, name,
 
 @pytest.mark.parametrize(("name", "node"), CASES)
 def test_replay_of_a_node_is_what_it_did_inline(recordings, name, node):
-    resolved = scenario(name)
-    outcome = replay_node(recordings[name], build_node(resolved, node), resolved.state_digest_ticks)
+    outcome = replay_node(recordings[name], plan_of(scenario(name)), node)
     assert outcome.mismatch is None
     assert outcome.steps == TICKS[name]
     assert outcome.messages > 0

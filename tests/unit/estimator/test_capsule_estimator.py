@@ -11,10 +11,12 @@ from dynpf_protocol.codec import decode
 from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.messages import CapsuleEstimate, Log, SceneUpdate
 from dynpf_runtime.replay import replay_node
-from dynpf_services.scenario.build import build_node, build_nodes
+from dynpf_services.scenario.build import build_node, build_nodes, plan_of
+from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import record_inline
-from dynpf_services.scenario.schema import Scenario, colon_world
+from dynpf_services.scenario.schema import Scenario
+from dynpf_systems.colon.tube import colon_world
 
 from dynpf.colon import UNLISTED
 from dynpf.colon.wall import Wall
@@ -72,8 +74,7 @@ def test_walls_that_have_moved_explain_a_map_that_is_in_no_list(tmp_path: Path) 
     last = estimates(recording)[-1]
     assert (last.map, last.reference) == (UNLISTED, "a")
     assert estimates(recording)[7].walls == ()
-    world = colon_world(scenario)
-    assert world is not None
+    world = colon_world(Context(scenario, "estimator"))
     beyond = Wall.of(world.grid("c", ""), 25.0, 35.0, 25.0).beyond
     scene = messages(recording, "estimator/scene")[-1]
     assert isinstance(scene, SceneUpdate)
@@ -103,7 +104,7 @@ def test_a_schedule_is_a_hint_is_obeyed_or_counts_for_nothing(tmp_path: Path) ->
 def test_the_other_filters_follow_and_a_node_replayed_or_thawed_goes_on_as_it_did(table: str, tmp_path: Path) -> None:
     scenario = loaded("colon-growth", f"estimator.filter={table}", "estimator.start=known")
     recording = run(scenario, tmp_path)
-    outcome = replay_node(recording, build_node(scenario, "estimator"), 1)
+    outcome = replay_node(recording, plan_of(scenario)._replace(state_digest_ticks=1), "estimator")
     assert (outcome.mismatch, outcome.digests) == (None, 16)
     measures, last = measure(recording), estimates(recording)[-1]
     assert measures["lost"] is False

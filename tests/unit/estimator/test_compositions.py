@@ -9,8 +9,14 @@ from dynpf_formats.recording.reader import Recording, read_recording
 from dynpf_protocol.codec import decode
 from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.messages import Estimate
+from dynpf_runtime.graph import Graph
 from dynpf_runtime.replay import replay_node
+<<<<<<< HEAD
 from dynpf_services.scenario.build import build_nodes
+=======
+from dynpf_systems.rooms.localization.config import LocalizationConfig
+from dynpf_services.scenario.build import build_nodes, plan_of
+>>>>>>> core
 from dynpf_services.scenario.load import parse_scenario
 from dynpf_services.scenario.record import record_inline
 from dynpf_services.scenario.schema import Scenario
@@ -122,7 +128,11 @@ def test_a_composition_runs_and_replays(name: str, tmp_path: Path) -> None:
     assert isinstance(last, Estimate)
     assert abs(last.x) < 3.5
     used = build_nodes(composed)["estimator"]
-    outcome = replay_node(recording, used, composed.state_digest_ticks)
+    plan = plan_of(composed)
+    specs = [
+        spec._replace(build=lambda: used) if name == "estimator" else spec for name, spec in plan.graph.specs.items()
+    ]
+    outcome = replay_node(recording, plan._replace(graph=Graph(specs)), "estimator")
     assert outcome.mismatch is None
     assert outcome.digests == TICKS // 2
     outcomes = used.freeze()["outcomes"]

@@ -8,7 +8,7 @@ from dynpf_formats.recording.reader import Recording, read_recording
 from dynpf_protocol.codec import decode
 from dynpf_protocol.messages import Estimate, FilterHealth, Log, LogLevel
 from dynpf_runtime.replay import replay_node
-from dynpf_services.scenario.build import build_nodes
+from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import record_inline
 
@@ -23,7 +23,7 @@ def run(tmp_path: Path, name: str, *overrides: str) -> Recording:
     path = tmp_path / "run.mcap"
     record_inline(scenario, path)
     recording = read_recording(path)
-    outcome = replay_node(recording, build_nodes(scenario)["estimator"], scenario.state_digest_ticks)
+    outcome = replay_node(recording, plan_of(scenario), "estimator")
     assert outcome.mismatch is None
     return recording
 

@@ -61,7 +61,7 @@ def calls_of_steps(composed: Scenario, calls: Calls, tmp_path: Path, monkeypatch
     def watched(self: Executor, *arguments: Any) -> Any:
         calls.clear()
         done = step(self, *arguments)
-        if self.node.name == "estimator":
+        if self.spec.name == "estimator":
             of_steps.update(calls)
         return done
 

@@ -15,8 +15,6 @@ def test_a_row_is_whole(row: Topic) -> None:
     assert topic(row.name) is row
     assert row.publishers
     assert set(row.publishers) <= {*HOST_NODES, "recorder"}
-    assert set(row.triggers) <= set(NODES)
-    assert not set(row.triggers) & set(row.publishers)
     assert row.description[:1].isupper()
     assert not row.description.endswith(".")
     assert isinstance(row.delivery, Delivery)
@@ -54,16 +52,23 @@ def test_what_is_told_by_the_wall_clock_or_by_a_host_is_never_compared() -> None
     }
 
 
-def test_every_node_hears_of_its_missing_inputs_and_everything_is_recorded() -> None:
+def test_every_node_hears_of_its_missing_inputs() -> None:
     assert all(TOPICS[f"event/{node}"].publishers == (node,) for node in NODES)
-    assert all(row.recorded for row in TOPICS.values())
 
 
 def test_only_of_large_and_frequent_topics_may_a_node_pass_over_old_messages() -> None:
     assert {name for name, row in TOPICS.items() if row.delivery is Delivery.FRESH} == {"camera/image", "sensors/scan"}
 
 
-def test_an_imported_log_reaches_the_sensors_alone() -> None:
-    log = [row for row in TOPICS.values() if row.publishers == (LOG_NODE,)]
+def test_what_is_told_by_a_host_or_is_there_to_be_looked_at_wakes_nobody() -> None:
+    pictures = {row.name for row in TOPICS.values() if row.type.schema_name.startswith("foxglove.")}
+    idle = {name for name, row in TOPICS.items() if not row.wakes}
+    assert pictures - {"camera/image", "log/scan", "sensors/scan"} <= idle
+    assert {name for name, row in TOPICS.items() if not row.compared} <= idle
+
+
+def test_of_an_imported_log_all_but_the_reference_begins_a_tick() -> None:
+    log = {row.name: row.wakes for row in TOPICS.values() if row.publishers == (LOG_NODE,)}
+    assert log.pop("log/truth") is False
     assert log
-    assert all(set(row.triggers) <= {"sensors"} for row in log)
+    assert all(log.values())

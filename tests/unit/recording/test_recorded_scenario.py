@@ -14,7 +14,7 @@ from dynpf_formats.recording.header import Attachment
 from dynpf_formats.recording.reader import Recording
 from dynpf_protocol.errors import ScenarioError
 from dynpf_services.scenario import user_code
-from dynpf_services.scenario.build import user_classes
+from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.recorded import recorded_scenario
 from dynpf_services.scenario.schema import resolved_json
@@ -123,7 +123,7 @@ def test_nothing_is_imported_or_opened_whatever_stands_in_it(
         assert {one.text for one in scenario.user_classes} == {one.text for one in named}
         if named:
             with pytest.raises(ScenarioError):
-                user_classes(scenario)
+                Context(scenario, "estimator").user_classes()
 
 
 def test_what_may_not_be_used_is_noticed() -> None:

@@ -7,7 +7,7 @@ IMAGE = b"P5\n2 1\n255\n\x00\xfe"
 FACTS = LogFacts(
     digest="d1",
     landmarks=[{"id": 6, "x": 1.0, "y": 2.0}],
-    start=(1.0, 2.0, 0.5),
+    starts={"": (1.0, 2.0, 0.5)},
     files={"house.yaml": YAML, "house.pgm": IMAGE},
     range_max=10.0,
 )

@@ -6,7 +6,7 @@ from dynpf_runtime.executor import Executor
 from dynpf_runtime.gaps import GapWatch, notice_gaps
 from dynpf_runtime.inbox import Ready
 
-from tests.unit.services.toy_nodes import ToyNode, received
+from tests.unit.services.toy_nodes import ToyNode, executor_of, received
 
 ODOMETRY = "sensors/odometry"
 
@@ -35,7 +35,7 @@ def test_each_sender_and_topic_has_its_own_sequence() -> None:
 
 
 def notice(reads: set[str]) -> tuple[Executor, Ready, list[HostEvent]]:
-    executor = Executor(ToyNode("estimator", reads=reads), "boot", 1)
+    executor = executor_of(ToyNode("estimator", reads=reads), "boot", 1)
     ready = Ready(4, 40, [received(ODOMETRY, "sensors", sequence) for sequence in (1, 4)], False)
     sent = notice_gaps(executor, GapWatch(), ready, 40, 7)
     assert [(one.topic, one.envelope.sequence, one.envelope.tick) for one in sent] == [

@@ -6,40 +6,37 @@ from collections.abc import Iterable, Sequence
 import pytest
 from dynpf_protocol.control import TickDone
 from dynpf_runtime.faults import Fault, FaultyLink
-from dynpf_runtime.graph import Graph, input_order
 from dynpf_runtime.inbox import LockstepInbox, Ready, RealtimeInbox
 from dynpf_runtime.node import Received
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.unit.services.toy_nodes import ToyNode, received
+from tests.unit.services.toy_nodes import ToyNode, graph_of, received
 
 TICK_NS = 100_000_000
 ANY_ORDER = settings(derandomize=True, deadline=None, max_examples=60)
-GRAPH = Graph.of(
-    [
-        ToyNode("simulator"),
-        ToyNode("sensors", reads=["truth/robot"]),
-        ToyNode(
-            "estimator", reads=["sensors/odometry", "sensors/landmarks", "vision/detections", "controller/command"]
-        ),
-        ToyNode("vision", reads=["camera/image"]),
-        ToyNode("controller", reads=["estimator/state"]),
-    ]
-)
 READS = frozenset({"sensors/odometry", "sensors/landmarks", "vision/detections", "controller/command"})
 WRITERS = {
-    "sensors": ("sensors/odometry", "sensors/landmarks", "sensors/gripper"),  # the last is not read
     "vision": ("vision/detections",),
+    "sensors": ("sensors/odometry", "sensors/landmarks", "sensors/gripper"),  # the last is not read
     "controller": ("controller/command",),
 }
+GRAPH = graph_of(
+    [
+        ToyNode("simulator", reads=["controller/command"], writes=["truth/robot", "camera/image"]),
+        ToyNode("vision", reads=["camera/image"], writes=WRITERS["vision"]),
+        ToyNode("sensors", reads=["truth/robot"], writes=[*WRITERS["sensors"], "sensors/scan"]),
+        ToyNode("estimator", reads=READS, writes=["estimator/state"]),
+        ToyNode("controller", reads=["estimator/state"], writes=WRITERS["controller"]),
+    ]
+)
 
 Arrival = tuple[Received, int] | TickDone
 """A message with its tick, or the end of a tick."""
 
 
 def inbox(*faults: Fault, seed: int = 1) -> LockstepInbox:
-    return LockstepInbox(GRAPH, "estimator", READS, FaultyLink(faults, "estimator", seed))
+    return LockstepInbox(GRAPH, "estimator", FaultyLink(faults, "estimator", seed))
 
 
 def traffic(counts: Sequence[dict[str, int]]) -> dict[str, list[Arrival]]:
@@ -87,7 +84,7 @@ def expected(counts: Sequence[dict[str, int]]) -> list[Ready]:
             tick * TICK_NS,
             sorted(
                 (one for one, at in messages if at == tick - (one.node == "controller")),
-                key=lambda one: input_order(one.topic, one.node, one.sequence),
+                key=lambda one: GRAPH.input_order(one.topic, one.node, one.sequence),
             ),
             tick + 1 == len(counts),
         )
@@ -136,8 +133,7 @@ def test_a_refused_message_stalls_nobody(early: bool) -> None:
 
 
 def test_the_source_sets_the_time_and_waits_for_the_end_of_the_round() -> None:
-    reads = frozenset({"controller/command"})
-    box = LockstepInbox(GRAPH, "simulator", reads, FaultyLink((), "simulator", 1))
+    box = LockstepInbox(GRAPH, "simulator", FaultyLink((), "simulator", 1))
     assert box.take(7) == Ready(0, 7, [], False)
     command = received("controller/command", "controller", 0, 7)
     box.deliver(command, 0)
@@ -166,7 +162,7 @@ def test_delayed_messages_come_in_logical_time(delay_s: float, late: int) -> Non
 
 def test_what_the_source_reads_is_delayed_too() -> None:
     fault = Fault(topic="controller/command", to="simulator", delay_s=0.25)
-    box = LockstepInbox(GRAPH, "simulator", frozenset({"controller/command"}), FaultyLink((fault,), "simulator", 1))
+    box = LockstepInbox(GRAPH, "simulator", FaultyLink((fault,), "simulator", 1))
     came = []
     for tick in range(5):
         ready = box.take(tick * TICK_NS)

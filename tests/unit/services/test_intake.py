@@ -9,14 +9,22 @@ from dynpf_runtime.node import Received
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.unit.services.toy_nodes import ToyNode, graph_of
+
 BOOTS = {"sensors": "s1", "simulator": "w1"}
 TOPIC = "sensors/odometry"
+GRAPH = graph_of(
+    [
+        ToyNode("sensors", reads=["log/odometry"], writes=[TOPIC]),
+        ToyNode("estimator", reads=[TOPIC], writes=["estimator/pose"]),
+    ]
+)
 MESSAGE = Odometry(v=1.0, w=0.5)
 PAYLOAD = encode(TOPIC, MESSAGE)
 
 
 def intake() -> Intake:
-    return Intake(BOOTS, source="sensors")
+    return Intake(BOOTS, GRAPH)
 
 
 def arrival(

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from dynpf_lab.cli.main import main
 from dynpf_protocol.errors import ScenarioError
-from dynpf_services.scenario.load import load_scenario
-from dynpf_services.scenario.schema import SCENARIOS, colon_world
+from dynpf_services.scenario.context import Context
+from dynpf_services.scenario.load import SCENARIOS, load_scenario
+from dynpf_systems.colon.tube import colon_world
 
 DRAWN = cv2.imread(str(SCENARIOS / "maps" / "own-a.png"), cv2.IMREAD_GRAYSCALE)
 WHITE = 238
@@ -85,8 +86,9 @@ def test_bitmaps_need_a_tube_to_be() -> None:
 def test_one_drawing_in_several_formats_is_one_map(drawings: Path) -> None:
     grids = []
     for name in ("a.png", "a.bmp", "a.pgm", "b.png"):
-        world = colon_world(load_scenario("colon-own-maps", overrides=[f"maps=['{name}','b.png']"]))
-        assert world is not None
+        world = colon_world(
+            Context(load_scenario("colon-own-maps", overrides=[f"maps=['{name}','b.png']"]), "simulator")
+        )
         grids.append(world.grid("a", "").cells)
     np.testing.assert_array_equal(grids[0], grids[1])
     np.testing.assert_array_equal(grids[0], grids[2])

@@ -48,7 +48,7 @@ def scenario_of(tmp_path: Path, log: PlayedLog, *overrides: str, text: str = SCE
 
 
 def test_the_start_is_where_the_robot_was_at_the_first_record(log: PlayedLog) -> None:
-    assert log.facts.start == pytest.approx((4.0, 5.0, 0.0))
+    assert log.facts.starts[""] == pytest.approx((4.0, 5.0, 0.0))
 
 
 def test_map_range_and_start_come_from_the_log(log: PlayedLog, tmp_path: Path) -> None:
@@ -74,4 +74,4 @@ def test_a_map_of_the_scenario_s_own_stands_against_the_log_s(log: PlayedLog, tm
 def test_without_odometry_the_start_is_the_first_reference(tmp_path: Path) -> None:
     (tmp_path / "log.txt").write_text("".join(line + "\n" for line in LOG.splitlines() if "ODOM" not in line))
     assert main(["import", "carmen", str(tmp_path / "log.txt"), "-o", str(tmp_path / "log.mcap")]) == 0
-    assert PlayedLog(tmp_path / "log.mcap").facts.start == pytest.approx((5.0, 5.0, math.pi / 2))
+    assert PlayedLog(tmp_path / "log.mcap").facts.starts[""] == pytest.approx((5.0, 5.0, math.pi / 2))

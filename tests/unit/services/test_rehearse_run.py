@@ -9,7 +9,7 @@ from dynpf_runtime.rehearsal import rehearse_run
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import load_scenario
 
-from tests.unit.services.toy_nodes import ToyNode
+from tests.unit.services.toy_nodes import ToyNode, graph_of
 
 
 @pytest.fixture
@@ -25,15 +25,14 @@ def test_nodes_that_have_stepped_on_this_machine_are_not_rehearsed_again(folder:
         steps.append(step.tick)
         return Result()
 
-    nodes = {"simulator": ToyNode("simulator", act=act)}
-    plan = plan_of(load_scenario("landmark-room"))._replace(build=lambda: nodes)
-    rehearse_run(plan, nodes, [])
+    plan = plan_of(load_scenario("landmark-room"))._replace(graph=graph_of([ToyNode("simulator", act=act)]))
+    rehearse_run(plan, [])
     assert steps == [0, 1, 2, 3, 4]
-    rehearse_run(plan, nodes, [])
+    rehearse_run(plan, [])
     assert steps == [0, 1, 2, 3, 4]
     for marker in folder.iterdir():
         marker.unlink()
-    rehearse_run(plan, nodes, [])
+    rehearse_run(plan, [])
     assert len(steps) == 10
 
 
@@ -41,6 +40,6 @@ def test_a_node_that_fails_is_left_to_the_run_to_tell_and_counts_as_not_rehearse
     def act(_: Step) -> Result:
         raise IndexError("out of it")
 
-    nodes = {"simulator": ToyNode("simulator", act=act)}
-    rehearse_run(plan_of(load_scenario("landmark-room"))._replace(build=lambda: nodes), nodes, [])
+    graph = graph_of([ToyNode("simulator", act=act)])
+    rehearse_run(plan_of(load_scenario("landmark-room"))._replace(graph=graph), [])
     assert not list(folder.iterdir())

@@ -12,8 +12,8 @@ from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import StepError
 from dynpf_protocol.journal import encode_entry
 from dynpf_protocol.messages import Diagnostics
-from dynpf_runtime.executor import Executor
 from dynpf_runtime.gaps import GapWatch, notice_gaps
+from dynpf_runtime.graph import Graph
 from dynpf_runtime.inbox import Ready
 from dynpf_runtime.inline import run_inline
 from dynpf_runtime.node import Result, Step
@@ -24,7 +24,7 @@ from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import record_inline
 
 from tests.unit.recording.recorded_runs import HEADER
-from tests.unit.services.toy_nodes import IDLE, ToyNode, received, says
+from tests.unit.services.toy_nodes import IDLE, ToyNode, executor_of, graph_of, received, says, spec_of
 
 
 def test_a_node_that_raises_ends_an_inline_run_by_name(tmp_path: Path) -> None:
@@ -33,8 +33,8 @@ def test_a_node_that_raises_ends_an_inline_run_by_name(tmp_path: Path) -> None:
             raise IndexError("out of it")
         return Result()
 
-    nodes = {"simulator": ToyNode("simulator"), "controller": ToyNode("controller", act=act)}
-    plan = plan_of(load_scenario("landmark-room"))._replace(build=lambda: nodes)
+    graph = graph_of([ToyNode("simulator"), ToyNode("controller", act=act)])
+    plan = plan_of(load_scenario("landmark-room"))._replace(graph=graph)
     path = tmp_path / "run.mcap"
     with (
         pytest.raises(StepError, match=r"controller failed in step 3, tick 3: IndexError: out of it \(.*\.py:\d+\)"),
@@ -63,7 +63,7 @@ def test_a_replayed_recording_keeps_what_the_host_told_the_node(tmp_path: Path) 
         writes=["controller/command"],
         act=lambda _: says("controller/command", IDLE),
     )
-    executor, watch = Executor(node, "c1", 2), GapWatch()
+    executor, watch = executor_of(node, "c1", 2), GapWatch()
     with RecordingWriter(tmp_path / "run.mcap", HEADER) as writer:
         for tick, sequence in enumerate((0, 2, 3)):  # number 1 is lost on the way
             one = received("sensors/odometry", "sensors", sequence, tick * 10)
@@ -83,7 +83,9 @@ def test_a_replayed_recording_keeps_what_the_host_told_the_node(tmp_path: Path) 
 
     recording = read_recording(tmp_path / "run.mcap")
     again = ToyNode("controller", node.reads, node.writes, act=lambda _: says("controller/command", IDLE))
-    outcome = replay_node(recording, again, 2, keep=True)
+    sensors = ToyNode("sensors", writes=["sensors/odometry"])
+    plan = plan_of(load_scenario("landmark-room"))._replace(graph=graph_of([sensors, again]), state_digest_ticks=2)
+    outcome = replay_node(recording, plan, "controller", keep=True)
     assert outcome.mismatch is None
     assert (outcome.steps, outcome.digests) == (3, 2)
     with RecordingWriter(tmp_path / "again.mcap", HEADER) as writer:
@@ -98,7 +100,12 @@ def test_a_replayed_node_that_does_something_else_is_caught(tmp_path: Path) -> N
     path = tmp_path / "run.mcap"
     scenario = load_scenario("landmark-room", overrides=["max_ticks=5"])
     record_inline(scenario, path)
-    node = ToyNode("controller", writes=["controller/command"], act=lambda _: says("controller/command", IDLE))
-    mismatch = replay_node(read_recording(path), node, scenario.state_digest_ticks).mismatch
+    node = ToyNode(
+        "controller", ["estimator/state"], ["controller/command"], act=lambda _: says("controller/command", IDLE)
+    )
+    plan = plan_of(scenario)
+    estimator = plan.graph.specs["estimator"]
+    plan = plan._replace(graph=Graph([estimator, spec_of(node)]))
+    mismatch = replay_node(read_recording(path), plan, "controller").mismatch
     assert mismatch is not None
     assert (mismatch.node, mismatch.topic, mismatch.tick) == ("controller", "controller/command", 0)

@@ -7,6 +7,8 @@ from dynpf_runtime.source import Feed, LogRecord, feed_log, feed_ticks
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.unit.services.toy_nodes import ToyNode, graph_of
+
 ODOMETRY, TRUTH = "log/odometry", "log/truth"
 
 
@@ -18,7 +20,8 @@ def record(topic: str, stamp_ns: int) -> LogRecord:
 def feeds(letters: str, max_ticks: int = 1000, reads: frozenset[str] = frozenset({ODOMETRY})) -> list[Feed]:
     """Return the ticks of a log of o(dometry) and t(ruth), stamped 0, 1, ..."""
     records = [record({"o": ODOMETRY, "t": TRUTH}[letter], stamp) for stamp, letter in enumerate(letters)]
-    return list(feed_log(records, node="sensors", boot="b", reads=reads, publish_ns=9, max_ticks=max_ticks))
+    graph = graph_of([ToyNode("sensors", reads=reads)])
+    return list(feed_log(records, graph, boot="b", publish_ns=9, max_ticks=max_ticks))
 
 
 def shape(ticks: Sequence[Feed]) -> list[str]:

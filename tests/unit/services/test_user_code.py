@@ -12,7 +12,14 @@ from typing import Any
 import pytest
 from dynpf_lab.cli.main import main
 from dynpf_protocol.errors import ScenarioError
+<<<<<<< HEAD
 from dynpf_services.scenario.build import user_classes
+=======
+from dynpf_systems.rooms.localization.components import localizer_of, measurements_of, motion_of
+from dynpf_systems.rooms.localization.config import LocalizationConfig
+from dynpf_systems.rooms.maps import Maps, NO_MAPS
+from dynpf_services.scenario.context import Context
+>>>>>>> core
 from dynpf_services.scenario.load import load_scenario, override_resolved, with_user_code
 from dynpf_services.scenario.schema import Scenario, resolved_json
 from dynpf_systems.rooms.localization.components import localizer_of, measurements_of, motion_of
@@ -99,6 +106,10 @@ def with_motion(table: str) -> Scenario:
     return load_scenario("landmark-room", overrides=[f"estimator.motion={{{table}}}"])
 
 
+def user_classes(scenario: Scenario) -> dict[str, type]:
+    return Context(scenario, "estimator").user_classes()
+
+
 def config(scenario: Scenario) -> LocalizationConfig:
     assert isinstance(scenario.estimator, LocalizationConfig)
     return scenario.estimator
@@ -178,9 +189,15 @@ def test_a_class_is_called_only_if_it_has_the_methods_of_its_part(modules: Modul
 @pytest.mark.parametrize(
     ("kind", "told"),
     [
-        ("no_such_lab:Drift", "there is no module 'no_such_lab' on the Python path; .*PYTHONPATH"),
-        ("no_such_lab.models:Drift", "there is no module 'no_such_lab' on the Python path; .*PYTHONPATH"),
-        ("lab_f.models:Drift", "there is no module 'lab_f.models' on the Python path"),
+        (
+            "no_such_lab:Drift",
+            "no module 'no_such_lab' is beside the scenario or on the Python path; --code",
+        ),
+        (
+            "no_such_lab.models:Drift",
+            "no module 'no_such_lab' is beside the scenario or on the Python path; --code",
+        ),
+        ("lab_f.models:Drift", "no module 'lab_f.models' is beside the scenario or on the Python path"),
         ("lab f:Drift", "estimator.motion.kind: 'lab f:Drift'; expected package.module:Name"),
         ("sys:Drift", "sys is a module of Python's own, which holds no component; it is not imported"),
         ("this:Drift", "this is a module of Python's own"),
@@ -257,5 +274,6 @@ def test_a_run_with_a_users_model_replays_and_tells_when_the_model_has_changed(
     (tmp_path / "lab_i.py").unlink()
     assert main(["replay", str(path), "--allow-code", "lab_i"]) == 2
     assert (
-        "estimator.motion.kind: 'lab_i:Walk': there is no module 'lab_i' on the Python path" in capsys.readouterr().err
+        "estimator.motion.kind: 'lab_i:Walk': no module 'lab_i' is beside the scenario or on the Python path"
+        in capsys.readouterr().err
     )

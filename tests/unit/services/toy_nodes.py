@@ -3,6 +3,9 @@
 from collections.abc import Callable, Iterable
 
 from dynpf_protocol.messages import Command, Message, Odometry
+from dynpf_protocol.topics import TOPICS
+from dynpf_runtime.executor import Executor
+from dynpf_runtime.graph import Graph, NodeSpec
 from dynpf_runtime.node import Output, Received, Result, State, Step
 
 
@@ -31,6 +34,27 @@ class ToyNode:
 
     def thaw(self, state: State) -> None:
         self.steps = [Step(0, 0, 0, ())] * state["steps"]
+
+
+def spec_of(node: ToyNode) -> NodeSpec:
+    """Return what a graph holds of a toy node, which has its topics under their usual names."""
+    return NodeSpec(
+        name=node.name,
+        kind=f"toy {node.name}",
+        build=lambda: node,
+        reads={topic: topic for topic in node.reads},
+        writes={topic: TOPICS[topic] for topic in node.writes},
+    )
+
+
+def graph_of(nodes: Iterable[ToyNode]) -> Graph:
+    """Return the graph of toy nodes that take their turns in the order given."""
+    return Graph([spec_of(node) for node in nodes])
+
+
+def executor_of(node: ToyNode, boot: str, digest_every: int) -> Executor:
+    """Return an executor of a toy node in a run that has every topic of the table."""
+    return Executor(node, spec_of(node), TOPICS, boot, digest_every)
 
 
 def says(topic: str, *messages: Message) -> Result:

@@ -93,7 +93,7 @@ def test_a_robot_is_found_on_a_stretch_of_a_real_log(log: LaserLog, monkeypatch:
 
 def test_rows_name_what_scripts_read(monkeypatch: pytest.MonkeyPatch) -> None:
     study = STUDIES["kidnap"]
-    monkeypatch.setattr(kidnap, "log_named", lambda name: LaserLog(name, (), LogFacts("", [], None)))
+    monkeypatch.setattr(kidnap, "log_named", lambda name: LaserLog(name, (), LogFacts("", [])))
     parts = tasks(KidnapSettings(logs=("a", "b"), filters=("jump", "sir"), tracking_trials=1), 4, 7)
     assert len(parts) == 2 * 2 * (1 + 4 + 4)
     assert {one.seed for one in parts} == {7, 8, 9, 10}
