@@ -11,12 +11,7 @@ from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.messages import Estimate
 from dynpf_runtime.graph import Graph
 from dynpf_runtime.replay import replay_node
-<<<<<<< HEAD
-from dynpf_services.scenario.build import build_nodes
-=======
-from dynpf_systems.rooms.localization.config import LocalizationConfig
 from dynpf_services.scenario.build import build_nodes, plan_of
->>>>>>> core
 from dynpf_services.scenario.load import parse_scenario
 from dynpf_services.scenario.record import record_inline
 from dynpf_services.scenario.schema import Scenario

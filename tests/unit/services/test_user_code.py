@@ -12,14 +12,7 @@ from typing import Any
 import pytest
 from dynpf_lab.cli.main import main
 from dynpf_protocol.errors import ScenarioError
-<<<<<<< HEAD
-from dynpf_services.scenario.build import user_classes
-=======
-from dynpf_systems.rooms.localization.components import localizer_of, measurements_of, motion_of
-from dynpf_systems.rooms.localization.config import LocalizationConfig
-from dynpf_systems.rooms.maps import Maps, NO_MAPS
 from dynpf_services.scenario.context import Context
->>>>>>> core
 from dynpf_services.scenario.load import load_scenario, override_resolved, with_user_code
 from dynpf_services.scenario.schema import Scenario, resolved_json
 from dynpf_systems.rooms.localization.components import localizer_of, measurements_of, motion_of
