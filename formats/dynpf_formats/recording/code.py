@@ -4,6 +4,8 @@ import json
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from dynpf_protocol.topics import NODES
+
 from dynpf_formats.recording.reader import Recording
 from dynpf_formats.user_classes import CLASS_NAME, UserClass, is_standard
 
@@ -16,21 +18,37 @@ def recorded_code(recording: Recording) -> tuple[UserClass, ...]:
         scenario = json.loads(recording.header.scenario)
     except (ValueError, RecursionError):
         return ()  # of such a scenario nothing can be run
-    return tuple(_named("", scenario))
+    tables = _node_tables(scenario) if isinstance(scenario, dict) else ()
+    return tuple(user for key, table in tables for user in _of_node(key, table))
 
 
-def _named(key: str, value: Any) -> Iterator[UserClass]:
-    """Yield what a value of a scenario names, and all that lies below it; a kind may stand there alone."""
-    if isinstance(value, str) and CLASS_NAME.fullmatch(value):
-        module, _, name = value.partition(":")
-        yield UserClass(key if key.endswith("kind") else f"{key}.kind", module, name)
-    elif isinstance(value, dict):
-        for name, inner in value.items():
-            yield from _named(f"{key}.{name}".removeprefix("."), inner)
-    elif isinstance(value, list):
-        for place, inner in enumerate(value):
-            named = inner.get("name") if key == "nodes" and isinstance(inner, dict) else None
-            yield from _named(f"{key}.{place if named is None else named}", inner)
+def _node_tables(scenario: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the tables of nodes, each with its key: those with usual names, and the list of others."""
+    listed = scenario.get("nodes")
+    others = [(f"nodes.{table.get('name')}", table) for table in listed or () if isinstance(table, dict)]
+    usual = [(name, scenario[name]) for name in NODES if isinstance(scenario.get(name), dict)]
+    yield from (*usual, *(others if isinstance(listed, list) else ()))
+
+
+def _of_node(key: str, table: dict[str, Any]) -> Iterator[UserClass]:
+    """Yield what a node's table names: the node itself, whose other keys are its own matter, or its components."""
+    kind = table.get("kind")
+    if isinstance(kind, str) and CLASS_NAME.fullmatch(kind):
+        yield from _named(key, table)
+        return
+    for field, component in table.items():
+        if field not in ("kind", "name", "remap"):
+            yield from _named(f"{key}.{field}", component)
+
+
+def _named(key: str, table: Any) -> Iterator[UserClass]:
+    """Yield what one component's table names, or each of a list of them; a kind may stand there alone."""
+    listed = [(f"{key}.{index}", one) for index, one in enumerate(table)] if isinstance(table, list) else [(key, table)]
+    for where, one in listed:
+        kind = one.get("kind") if isinstance(one, dict) else one
+        if isinstance(kind, str) and CLASS_NAME.fullmatch(kind):
+            module, _, name = kind.partition(":")
+            yield UserClass(f"{where}.kind", module, name)
 
 
 def described_code(named: Iterable[UserClass]) -> list[dict[str, str]]:

@@ -1,5 +1,6 @@
 """From a scenario to the plan of its run, and to its nodes."""
 
+import re
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -14,6 +15,7 @@ from dynpf_runtime.plan import Plan
 from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.kinds import load, node_kind, section_of
 from dynpf_services.scenario.order import in_tick_order
+from dynpf_services.scenario.problems import nearest
 from dynpf_services.scenario.schema import Scenario, key_of, resolved_json
 from dynpf_services.scenario.user_component import UserComponent
 
@@ -27,6 +29,8 @@ def plan_of(scenario: Scenario) -> Plan:
     """
     graph = Graph(in_tick_order(_specs(scenario), _stages(scenario)))
     _check_writers(graph)
+    for name, remap in scenario.remaps.items():
+        _check_remap(graph, name, remap)
     _check_readers(scenario, graph)
     for place, fault in enumerate(scenario.faults):
         reads = graph.specs[fault.to].reads
@@ -97,7 +101,7 @@ def _writes(context: Context) -> dict[str, Topic]:
         raise
     except ValueError as error:
         raise ScenarioError(f"{key_of(context.name)}: {error}") from error
-    rows = declared if isinstance(declared, Mapping) else {own: TOPICS[own] for own in declared}
+    rows = declared if isinstance(declared, Mapping) else {own: TOPICS[own] for own in sorted(declared)}
     return {own: msgspec.structs.replace(row, name=names.topic(own)) for own, row in rows.items()}
 
 
@@ -105,9 +109,13 @@ def _reads(context: Context, written: Sequence[Topic]) -> dict[str, str]:
     """Return the node's own name for each topic that it reads; of a type, all that its robot's nodes write."""
     scenario, names = context.scenario, _names(context)
     found = {}
-    for own in node_kind(scenario.kinds[context.name]).reads(scenario.nodes[context.name], context):
+    declared = node_kind(scenario.kinds[context.name]).reads(scenario.nodes[context.name], context)
+    for own in sorted(declared, key=str):  # whatever the order of a set, in every process the same
         if isinstance(own, str):
-            found[names.topic(own)] = own
+            topic = names.topic(own)
+            if topic in found:
+                raise ScenarioError(f"{key_of(context.name)}.remap.{own}: {topic} is its {found[topic]} already")
+            found[topic] = own
         else:
             of_type = [row.name for row in written if row.type is own and row.name.startswith(names.namespace)]
             found.update({topic: topic for topic in of_type})
@@ -173,11 +181,32 @@ def _check_writers(graph: Graph) -> None:
             if row.name in _SHARED:
                 continue
             first = row.name.partition("/")[0]
-            other = writers.setdefault(row.name, spec.name)
-            if other != spec.name:
-                raise ScenarioError(f"{key_of(spec.name)}: writes {row.name}, which {other} writes already")
+            if row.name in writers:
+                other = writers[row.name]
+                which = "by two of its own names" if other == spec.name else f"which {other} writes already"
+                raise ScenarioError(f"{key_of(spec.name)}: writes {row.name}, {which}")
+            writers[row.name] = spec.name
             if first in {LOG_NODE, "event", "journal", "recorder", "diagnostics"}:
                 raise ScenarioError(f"{key_of(spec.name)}: writes {row.name}, which is not for nodes to write")
+
+
+def _check_remap(graph: Graph, name: str, remap: Mapping[str, str]) -> None:
+    """Raise ScenarioError for a topic of another name where the node has none of its own, or one of another type."""
+    spec, key = graph.specs[name], f"{key_of(name)}.remap"
+    own_names = [*spec.writes, *spec.reads.values()]
+    for own, topic in remap.items():
+        if own not in own_names:
+            raise ScenarioError(f"{key}: the node has no topic {own!r}{nearest(own, sorted(own_names))}")
+        if TOPIC_NAME.fullmatch(topic) is None:
+            raise ScenarioError(f"{key}.{own}: {topic!r} is no topic; expected words of a-z, 0-9 and _ with / between")
+        expected, found = TOPICS.get(own), graph.topics.get(topic)
+        if expected is not None and found is not None and found.type is not expected.type:
+            raise ScenarioError(
+                f"{key}.{own}: {topic} carries {found.type.__name__}; the node expects {expected.type.__name__}"
+            )
+
+
+TOPIC_NAME = re.compile(r"[a-z][a-z0-9_]*(/[a-z0-9_]+)*")
 
 
 def _check_readers(scenario: Scenario, graph: Graph) -> None:

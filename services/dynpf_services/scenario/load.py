@@ -155,13 +155,13 @@ def parse_scenario(raw: Mapping[str, Any], where: str) -> Scenario:
     """
     try:
         layout = _layout({key: value for key, value in raw.items() if value is not None})
-        info = msgspec.inspect.type_info(layout.type)
-        table = folded(info, layout.raw)
-        _raise(where, unknown_keys(info, table, ""))
-        parsed = msgspec.convert(table, layout.type)
     except ScenarioError as error:
-        _raise(where, str(error).splitlines())
-        raise
+        raise ScenarioError("\n".join(f"{where}: {line}" for line in str(error).splitlines())) from error
+    info = msgspec.inspect.type_info(layout.type)
+    table = folded(info, layout.raw)
+    _raise(where, unknown_keys(info, table, ""))
+    try:
+        parsed = msgspec.convert(table, layout.type)
     except msgspec.ValidationError as error:
         raise ScenarioError(f"{where}: {explain(error, table)}") from error
     nodes = getattr(parsed, "nodes", None)
@@ -241,15 +241,14 @@ def _kind(name: str, table: Any, section: str | None) -> tuple[str, Any]:
     if isinstance(kind, str) and ":" in kind:
         return "dynpf_services.scenario.user_nodes:KIND", table
     key = key_of(name)
-    if kind not in kinds:
+    if not isinstance(table, dict):
+        raise ScenarioError(f"{key}: {table!r}; expected a table, such as [{key}]")
+    if not isinstance(kind, str) or kind not in kinds:
         raise ScenarioError(f"{key}.kind: {one_of(kind or None, sorted(kinds))}")
     text = kinds[kind]
     tag = node_kind(text).config.__struct_config__.tag  # type: ignore[attr-defined]
-    if isinstance(table, dict):
-        table = {key: value for key, value in table.items() if key != "kind"}
-        if tag is not None:
-            table = {"kind": tag, **table}
-    return text, table
+    given = {name: value for name, value in table.items() if name != "kind"}
+    return text, given if tag is None else {"kind": tag, **given}
 
 
 def _tables(nodes: Any) -> dict[str, Any]:
@@ -274,6 +273,8 @@ def _with_robots(raw: dict[str, Any]) -> dict[str, Any]:
         return raw
     if not isinstance(names, list) or not all(isinstance(name, str) and NODE_NAME.fullmatch(name) for name in names):
         raise ScenarioError(f"robots: {names!r}; expected a list of names, such as ['r1', 'r2']")
+    if len({*names}) < len(names):
+        raise ScenarioError(f"robots: {names!r}; two robots have one name")
     if not isinstance(tables, dict) or not tables:
         raise ScenarioError("robot: missing; expected the tables of the nodes that each robot has")
     nodes = {f"{robot}/{name}": deepcopy(table) for robot in names for name, table in tables.items()}

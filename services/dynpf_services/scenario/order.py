@@ -1,10 +1,13 @@
 """The order in which the nodes of a run take their turn in a tick."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from dynpf_runtime.graph import NodeSpec
 
 __all__ = ["in_tick_order"]
+
+Upstream = Mapping[str, set[str]]
+"""For each node, those that write what it reads."""
 
 
 def in_tick_order(specs: Sequence[NodeSpec], stages: Mapping[str, int | None]) -> list[NodeSpec]:
@@ -15,28 +18,42 @@ def in_tick_order(specs: Sequence[NodeSpec], stages: Mapping[str, int | None]) -
     """
     writers = {row.name: spec.name for spec in specs for row in spec.writes.values()}
     upstream = {spec.name: {writers[topic] for topic in spec.reads if topic in writers} - {spec.name} for spec in specs}
-    found = _with_stages(specs, stages, upstream)
+    found = _with_stages([spec.name for spec in specs], stages, upstream)
+    by_name = {spec.name: spec for spec in specs}
     ordered: list[NodeSpec] = []
-    left = sorted(specs, key=lambda spec: found[spec.name])  # stable: in a stage as declared
+    left = sorted(by_name, key=lambda name: found[name])  # stable: in a stage as declared
     while left:
-        stage = [spec for spec in left if found[spec.name] == found[left[0].name]]
-        waiting = {spec.name for spec in stage}
-        ready = next((spec for spec in stage if not upstream[spec.name] & waiting), stage[0])
-        ordered.append(ready)
+        stage = [name for name in left if found[name] == found[left[0]]]
+        ready = _first(stage, upstream)
+        ordered.append(by_name[ready])
         left.remove(ready)
     return ordered
 
 
-def _with_stages(
-    specs: Sequence[NodeSpec], stages: Mapping[str, int | None], upstream: Mapping[str, set[str]]
-) -> dict[str, float]:
-    """Return a stage for each node; those without one are between the stage that they read and the next."""
+def _with_stages(names: Sequence[str], stages: Mapping[str, int | None], upstream: Upstream) -> dict[str, float]:
+    """Return a stage for each node; those without one are between the last stage that they read and the next."""
     found: dict[str, float] = {name: stage for name, stage in stages.items() if stage is not None}
-    missing = [spec.name for spec in specs if spec.name not in found]
+    missing = [name for name in names if name not in found]
     while missing:
-        known = [name for name in missing if upstream[name] & found.keys()] or missing[:1]
-        for name in known:
-            before = [found[writer] for writer in upstream[name] if writer in found]
-            found[name] = int(max(before, default=0.0)) + 0.5
-            missing.remove(name)
+        name = _first(missing, upstream)
+        before = [found[writer] for writer in upstream[name] if writer in found]
+        found[name] = int(max(before, default=0.0)) + 0.5
+        missing.remove(name)
     return found
+
+
+def _first(names: Sequence[str], upstream: Upstream) -> str:
+    """Return the first of ``names`` that waits for none of the others, or only for those that wait for it, too."""
+    waiting = set(names)
+    behind = {name: _reached(name, upstream, waiting) for name in names}
+    return next(name for name in names if all(name in behind[other] for other in behind[name]))
+
+
+def _reached(name: str, upstream: Upstream, within: Iterable[str]) -> set[str]:
+    """Return the nodes ``within`` a set that a node waits for, directly or through others of the set."""
+    reached: set[str] = set()
+    new = upstream[name] & {*within}
+    while new:
+        reached |= new
+        new = {writer for other in new for writer in upstream[other]} & {*within} - reached
+    return reached

@@ -49,7 +49,7 @@ LANDMARKS = FactKind(tuple[Landmark, ...], about="Landmarks of the map, m; where
 
 
 def _room_writes(config: RoomConfig, _context: Context) -> set[str]:
-    company = {"truth/obstacles"} if (config.people is not None and config.people.number) or config.doors else set()
+    company = {"truth/obstacles"} if config.people is not None or config.doors else set()
     return {"truth/robot", "truth/scene", *company}
 
 

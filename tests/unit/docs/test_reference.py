@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 from dynpf_protocol.topics import TOPICS
-from dynpf_services.scenario.schema import Scenario
+from dynpf_services.scenario.kinds import fact_names
+from dynpf_services.scenario.schema import RunTable
 
 from docs.reference import PAGES, scenarios, topics
 
@@ -34,7 +35,7 @@ def test_units_ranges_and_defaults_are_told() -> None:
 
 def test_every_table_of_a_scenario_has_its_section() -> None:
     page = scenarios()
-    for name in Scenario.__struct_fields__:
+    for name in (*RunTable.__struct_fields__, *fact_names()):
         assert f"| `{name}` |" in page
     for table in ("task", "simulator", "vision", "sensors", "estimator", "controller"):
         assert f"\n## `[{table}]`" in page

@@ -111,22 +111,18 @@ KINDS = (
         pytest.param(
             {"nodes": {"b": {**ESTIMATOR, "remap": {"estimator/pose": "x/y", "estimator/state": "x/y"}}}},
             "nodes.b: writes x/y",
-            marks=pytest.mark.xfail(strict=True, reason="build.py lets two of a node's topics become one"),
         ),
         pytest.param(
             {"nodes": {"b": {**ESTIMATOR, "remap": {"sensors/odometry": "sensors/odometry_pose"}}}},
             "nodes.b",
-            marks=pytest.mark.xfail(strict=True, reason="build.py lets a topic stand for one of another type"),
         ),
         pytest.param(
             {"nodes": {"b": {**ESTIMATOR, "remap": {"estimator/stat": "x/y"}}}},
             "nodes.b",
-            marks=pytest.mark.xfail(strict=True, reason="build.py passes over a remap of what the node does not have"),
         ),
         pytest.param(
             {"nodes": {"b": {**ESTIMATOR, "remap": {"estimator/state": "A b"}}}},
             "nodes.b",
-            marks=pytest.mark.xfail(strict=True, reason="build.py takes any text for a topic"),
         ),
         (
             {"nodes": {"other": {**ESTIMATOR, "remap": {"estimator/state": "log/odometry"}}}},
@@ -166,7 +162,6 @@ KINDS = (
         pytest.param(
             {"robots": ["r1", "r1"], "robot": ROBOT},
             "run.toml: robots: ",
-            marks=pytest.mark.xfail(strict=True, reason="load.py makes one robot of two of the same name"),
         ),
         ({"robots": ["r1"]}, "run.toml: robot: missing; expected the tables of the nodes that each robot has"),
     ],

@@ -19,7 +19,7 @@ Raw = dict[str, Any]
 TOML = 'title = "A room"\n\n[simulator]\nkind = "room"\n\n[[landmarks]]\nid = 1\nx = 0.0\ny = 1.0\n'
 KEYS = (
     "title, seed, clock, rate, tick_s, max_ticks, needs_log, log_digest, state_digest_ticks, files, user_code, faults, "
-    "task, map, landmarks, colon, maps, simulator, vision, sensors, estimator, controller"
+    "map, landmarks, task, colon, maps, simulator, vision, sensors, estimator, controller"
 )
 
 
@@ -47,7 +47,7 @@ ERRORS: list[tuple[Raw, str]] = [
     (room(max_ticks=0), "max_ticks: 0: expected `int` >= 1"),
     (room(simulator={"kind": "room", "width": 0.0}), "simulator.width: 0.0: expected `float` > 0.0"),
     (room(faults=[{**FAULT, "loss": 2}]), "faults.0.loss: 2: expected `float` <= 1.0"),
-    (room(simulator=3), "simulator.kind: missing; expected one of capsule, room, workspace"),
+    (room(simulator=3), "simulator: 3; expected a table, such as [simulator]"),
     (room(landmarks=[{"id": "a", "x": 0, "y": 1}]), 'landmarks.0.id: "a": expected `int`, got `str`'),
     (room(title=None), "scenario: object missing required field `title`"),
     (room(clock="lock-step"), "clock: 'lock-step'; expected one of lockstep, realtime; did you mean 'lockstep'?"),

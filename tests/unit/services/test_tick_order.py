@@ -1,6 +1,5 @@
 """The order of a tick: by stage, within one each node behind those that it reads, else as declared."""
 
-import pytest
 from dynpf_protocol.messages import Command
 from dynpf_protocol.topics import Topic
 from dynpf_runtime.graph import NodeSpec
@@ -55,7 +54,6 @@ def test_nodes_without_a_stage_that_read_each_other_in_a_row_follow_each_other()
     assert order("w:v", "v:u", "u:a", "a", "b", a=0, b=1) == "auvwb"
 
 
-@pytest.mark.xfail(strict=True, reason="order.py: the stage is found before all that the node reads have theirs")
 def test_a_node_without_a_stage_waits_for_all_that_it_reads_not_for_the_first_alone() -> None:
     assert order("u:av", "v:b", "a", "b", a=0, b=2) == "abvu"
 
@@ -71,7 +69,6 @@ def test_of_a_circle_the_first_declared_comes_first() -> None:
     assert order("s", "x:y", "y:x", s=0) == "sxy"  # even where neither reads a node that has one
 
 
-@pytest.mark.xfail(strict=True, reason="order.py: of a stage that holds a circle the first declared goes, in it or not")
 def test_who_only_reads_a_circle_comes_behind_it() -> None:
     assert order("s", "c:b", "a:b", "b:a", s=0, c=3, a=3, b=3) == "sabc"
 
