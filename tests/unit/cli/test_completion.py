@@ -38,4 +38,7 @@ def test_a_line_is_completed_by_what_the_command_takes(line: str, words: list[st
 def test_a_scenario_is_completed_by_the_shipped_ones_and_by_files(tmp_path: Path) -> None:
     (tmp_path / "landing.toml").touch()
     (tmp_path / "land.csv").touch()
-    assert set(completed("dynpf run land", tmp_path)) == {"landmark-mrclam", "landmark-room", "landing.toml"}
+    assert set(completed("dynpf run land", tmp_path)) == {
+        *("landmark-filters", "landmark-mrclam", "landmark-room", "landmark-team"),
+        "landing.toml",
+    }

@@ -59,7 +59,7 @@ def test_an_unknown_command_is_told_with_the_nearest(word: str, hint: str, capsy
     assert capsys.readouterr() == ("", f"dynpf: unknown command {word!r}; {hint}\n")
 
 
-@pytest.mark.parametrize("words", [["list", "--no-such-option"], ["run"], ["service", "nobody", "parts-3-easy"]])
+@pytest.mark.parametrize("words", [["list", "--no-such-option"], ["run"], ["service", "estimator"]])
 def test_wrong_options_are_wrong_usage(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(words) == 2
     told = capsys.readouterr()

@@ -26,7 +26,7 @@ class Loop:
         given = {"seed": seed, "tick_s": 0.05, "task": task}
         self.task, self.seed, self.sigma = task, seed, sigma
         self.simulator = WorkspaceSimulator(config=WorkspaceConfig(process_variance=0.0), **given)
-        self.controller = RearrangementController(config=RearrangementControllerConfig(), **given)
+        self.controller = RearrangementController(config=RearrangementControllerConfig(), tick_s=0.05, task=task)
         self.lost = ()
         self.tick, self.inputs, self.commands, self.path, self.finished = 0, (), [], [], False
 
@@ -180,7 +180,7 @@ def test_a_thawed_controller_continues_exactly_in_every_stage():
     loop, stages = Loop(task, sigma=0.003), set()
     for _ in range(12):
         loop.run(25)
-        fresh = RearrangementController(config=RearrangementControllerConfig(), seed=1, tick_s=0.05, task=task)
+        fresh = RearrangementController(config=RearrangementControllerConfig(), tick_s=0.05, task=task)
         fresh.thaw(loop.controller.freeze())
         assert state_digest(fresh.freeze()) == state_digest(loop.controller.freeze())
         stages.add(loop.commands[-1].mode)

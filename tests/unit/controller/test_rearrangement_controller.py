@@ -27,7 +27,7 @@ class Bench:
 
     def __init__(self, task=TASK, **config):
         config = RearrangementControllerConfig(construction=self.construction, **config)
-        self.node = RearrangementController(config=config, seed=1, tick_s=0.05, task=task)
+        self.node = RearrangementController(config=config, tick_s=0.05, task=task)
         self.tick = 0
 
     def decide(self, robot=(0.0, 0.0), theta=0.0, parts=AWAY, held=-1, sigma=0.001):

@@ -32,7 +32,7 @@ def run(seed, starts=(None, None, None), variance=LOW, **world):
     given = {"seed": seed, "tick_s": TICK_S, "task": task}
     simulator = WorkspaceSimulator(config=WorkspaceConfig(**world), **given)
     estimator = RearrangementEstimator(config=RearrangementConfig(measurement_variance=variance), **given)
-    controller = RearrangementController(config=RearrangementControllerConfig(), **given)
+    controller = RearrangementController(config=RearrangementControllerConfig(), tick_s=TICK_S, task=task)
     command = ()
     for tick in range(2000):
         result = simulator.step(_step(tick, command))

@@ -26,7 +26,7 @@ def arc(pose: Pose, v: float, w: float, seconds: float) -> Pose:
 
 
 def controller(**config: object) -> WaypointController:
-    return WaypointController(config=WaypointsConfig(**{"points": SQUARE, **config}), seed=1, tick_s=TICK_S)
+    return WaypointController(config=WaypointsConfig(**{"points": SQUARE, **config}))
 
 
 def estimate(pose: Pose) -> Estimate:

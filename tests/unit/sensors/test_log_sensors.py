@@ -32,7 +32,7 @@ TOPICS = {
 
 def sensors() -> LogSensors:
     landmarks = (Landmark(id=6, x=0.0, y=0.0), Landmark(id=7, x=1.0, y=0.0))
-    return LogSensors(config=LogSensorsConfig(), seed=1, tick_s=0.05, landmarks=landmarks)
+    return LogSensors(config=LogSensorsConfig(), landmarks=landmarks)
 
 
 def step(*messages: Message) -> Step:
