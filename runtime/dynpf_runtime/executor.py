@@ -9,15 +9,15 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from dynpf_protocol.codec import encode
+from dynpf_protocol.codec import decode, encode
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import StepError
 from dynpf_protocol.journal import Consumed, JournalEntry, Produced
 from dynpf_protocol.messages import Message
 
-from dynpf_runtime.node import Node, Received, Step, state_digest
+from dynpf_runtime.node import Node, Received, Result, Step, state_digest
 
-__all__ = ["Executed", "Executor", "Sent"]
+__all__ = ["Executed", "Executor", "Sent", "Unsent"]
 
 
 class Sent(NamedTuple):
@@ -26,6 +26,21 @@ class Sent(NamedTuple):
     topic: str
     envelope: Envelope
     payload: bytes
+
+    def message(self) -> Message:
+        """Decode the payload."""
+        return decode(self.topic, self.payload)
+
+
+class Unsent(NamedTuple):
+    """One message that stays in its process and is never encoded."""
+
+    topic: str
+    envelope: Envelope
+    content: Message
+
+    def message(self) -> Message:
+        return self.content
 
 
 class Executed(NamedTuple):
@@ -52,11 +67,20 @@ class Executor:
         Raises StepError where the node raises, or returns what its topics do not promise.
         """
         with self._blamed(tick):
-            result = self.node.step(Step(self.steps, tick, stamp_ns, tuple(inputs)))
-            if undeclared := {output.topic for output in result.outputs} - self._writes:
-                raise ValueError(f"returned messages for {', '.join(sorted(undeclared))}, which it does not declare")
+            result = self._result(tick, stamp_ns, inputs)
             sent = tuple(self.stamp(topic, message, tick, stamp_ns, publish_ns) for topic, message in result.outputs)
         return Executed(sent, result.finished)
+
+    def step_unsent(self, tick: int, stamp_ns: int, inputs: Sequence[Received]) -> tuple[tuple[Unsent, ...], bool]:
+        """Run the next step for this process alone: nothing is encoded, and no entry of a journal follows.
+
+        Returns the messages, and whether the source says that it was the last step. Raises StepError where the node
+        raises or returns messages that it does not declare.
+        """
+        with self._blamed(tick):
+            result = self._result(tick, stamp_ns, inputs)
+        self.steps += 1
+        return tuple(self.number(*output, tick, stamp_ns) for output in result.outputs), result.finished
 
     def journal(
         self, tick: int, stamp_ns: int, inputs: Sequence[Received], sent: Sequence[Sent], *, last: bool
@@ -88,6 +112,18 @@ class Executor:
         self._sequences[topic] = sequence + 1
         envelope = Envelope(self.node.name, self.boot, sequence, tick, stamp_ns, publish_ns)
         return Sent(topic, envelope, payload)
+
+    def number(self, topic: str, message: Message, tick: int, stamp_ns: int) -> Unsent:
+        """Give a message its place in this boot's sequence of its topic, without encoding it."""
+        sequence = self._sequences[topic]
+        self._sequences[topic] = sequence + 1
+        return Unsent(topic, Envelope(self.node.name, self.boot, sequence, tick, stamp_ns, 0), message)
+
+    def _result(self, tick: int, stamp_ns: int, inputs: Sequence[Received]) -> Result:
+        result = self.node.step(Step(self.steps, tick, stamp_ns, tuple(inputs)))
+        if undeclared := {output.topic for output in result.outputs} - self._writes:
+            raise ValueError(f"returned messages for {', '.join(sorted(undeclared))}, which it does not declare")
+        return result
 
     @contextmanager
     def _blamed(self, tick: int) -> Iterator[None]:
