@@ -90,6 +90,8 @@ class _Run:
     def __init__(self, seats: "dict[str, _Seat]", sink: Sink | None, observe: Observer | None) -> None:
         self.seats = seats
         self._sink, self._observe = sink, observe
+        topics = {topic for seat in seats.values() for topic in seat.reads}
+        self._readers = {topic: [seat for seat in seats.values() if topic in seat.reads] for topic in topics}
 
     def step(self, seat: "_Seat", ready: Ready, stamp_ns: int, fed: Sequence[Sent] = (), *, last: bool) -> bool:
         """Run a node's step, hand on what it sent, and return whether it was the run's last."""
@@ -108,12 +110,14 @@ class _Run:
 
     def _hand_on(self, sent: Sent | Unsent) -> None:
         topic, envelope = sent.topic, sent.envelope
-        readers = [seat for seat in self.seats.values() if topic in seat.reads and seat.name != envelope.node]
+        readers = self._readers.get(topic, ())
         if not readers and self._observe is None:
             return
-        received = Received(topic, envelope.node, envelope.boot, envelope.sequence, envelope.stamp_ns, sent.message())
+        node = envelope.node
+        received = Received(topic, node, envelope.boot, envelope.sequence, envelope.stamp_ns, sent.message())
         for seat in readers:
-            seat.inbox.deliver(received, envelope.tick)
+            if seat.name != node:
+                seat.inbox.deliver(received, envelope.tick)
         if self._observe is not None:
             self._observe(received)
 

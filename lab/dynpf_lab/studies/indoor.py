@@ -205,13 +205,13 @@ def _figures(settings: IndoorSettings, seed: int, rows: list[Row], folder: Path)
 
 STUDIES = {
     "indoor": Study(
-        "INDOOR: how many particles a furnished flat with people and doors calls for; deprivation, and its cure",
-        20,
-        IndoorSettings,
-        _parts,
-        _run,
-        summarized,
-        (
+        about="INDOOR: how many particles a furnished flat with people and doors calls for; deprivation, and its cure",
+        trials=20,
+        settings=IndoorSettings,
+        parts=_parts,
+        run_part=_run,
+        rows=summarized,
+        columns=(
             ("dataset", "", "dataset"),
             ("case", "", "case"),
             ("start", "", "start"),
@@ -227,6 +227,6 @@ STUDIES = {
             ("hit/short/max/rand", ".3f", "z_hit_mean z_short_mean z_max_mean z_rand_mean"),
             ("sigma m, lambda /m", ".3f", "sigma_hit_mean lambda_short_mean"),
         ),
-        _figures,
+        figures=_figures,
     )
 }

@@ -210,13 +210,13 @@ def _figures(settings: KidnapSettings, seed: int, rows: list[Row], folder: Path)
 
 STUDIES = {
     "kidnap": Study(
-        "Global localization and recovery from kidnapping on logs of real robots, by laser scans",
-        20,
-        KidnapSettings,
-        tasks,
-        run_task,
-        _rows,
-        (
+        about="Global localization and recovery from kidnapping on logs of real robots, by laser scans",
+        trials=20,
+        settings=KidnapSettings,
+        parts=tasks,
+        run_part=run_task,
+        rows=_rows,
+        columns=(
             ("dataset", "", "dataset"),
             ("case", "", "case"),
             ("filter", "", "filter"),
@@ -234,6 +234,6 @@ STUDIES = {
             ("rad", ".4f", "heading_rmse_rad_mean"),
             ("NEES", ".1f", "nees_mean"),
         ),
-        _figures,
+        figures=_figures,
     ),
 }

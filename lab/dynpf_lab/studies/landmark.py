@@ -298,13 +298,13 @@ _COLUMNS = (
 
 STUDIES = {
     "landmark": Study(
-        "LANDMARK on a real robot's log: filters, particles, models, starts, and readings that are missing",
-        20,
-        LandmarkSettings,
-        tasks,
-        run_task,
-        _rows,
-        _COLUMNS,
-        _figures,
+        about="LANDMARK on a real robot's log: filters, particles, models, starts, and readings that are missing",
+        trials=20,
+        settings=LandmarkSettings,
+        parts=tasks,
+        run_part=run_task,
+        rows=_rows,
+        columns=_COLUMNS,
+        figures=_figures,
     )
 }

@@ -230,13 +230,13 @@ def _figures(settings: TurtlebotSettings, seed: int, rows: list[Row], folder: Pa
 
 STUDIES = {
     "turtlebot": Study(
-        "TURTLEBOT: how many particles it takes to find a robot by the lines of a depth camera, from several starts",
-        20,
-        TurtlebotSettings,
-        _parts,
-        _run,
-        summarized,
-        (
+        about="TURTLEBOT: how many particles find a robot by the lines of a depth camera, from several starts",
+        trials=20,
+        settings=TurtlebotSettings,
+        parts=_parts,
+        run_part=_run,
+        rows=summarized,
+        columns=(
             ("dataset", "", "dataset"),
             ("case", "", "case"),
             ("start", "", "start"),
@@ -249,6 +249,6 @@ STUDIES = {
             ("position m", ".3f", "position_rmse_m_median position_rmse_m_p95"),
             ("heading rad", ".4f", "heading_rmse_rad_median"),
         ),
-        _figures,
+        figures=_figures,
     )
 }
