@@ -154,7 +154,7 @@ class _Seat:
         """Run a step without an entry of the journal; return its end and what is handed on."""
         events = notice_gaps(self._executor, self._gaps, ready, stamp_ns, 0)
         results, finished = self._executor.step_unsent(ready.tick, stamp_ns, ready.inputs)
-        sent = (*fed, *events, *results)
+        sent: tuple[Sent | Unsent, ...] = (*fed, *events, *results)
         return self._done(ready.tick, stamp_ns, sent, last=last or finished), sent
 
     def _done(self, tick: int, stamp_ns: int, sent: Sequence[Sent | Unsent], *, last: bool) -> TickDone:

@@ -67,7 +67,8 @@ class Course(NamedTuple):
     @property
     def information(self) -> FloatArray:
         """What the readings of each tick tell of a coordinate of the robot, (E,): of its disc and of what it holds."""
-        return (1.0 + (self.held >= 0)) / self.noise.measurement
+        sights: FloatArray = 1.0 + (self.held >= 0).astype(np.float64)
+        return sights / self.noise.measurement
 
     @property
     def settled(self) -> slice:

@@ -1,6 +1,6 @@
 """A scenario run in this process, into a recording or before an observer, as studies, references and tests do it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -21,7 +21,7 @@ class Log(Protocol):
     """What the sensors of a run play, and what of the log's attachments goes into the run's recording."""
 
     @property
-    def records(self) -> Sequence[LogRecord]: ...
+    def records(self) -> Iterable[LogRecord]: ...
 
     @property
     def attachments(self) -> Sequence[Attachment]: ...
@@ -30,7 +30,7 @@ class Log(Protocol):
 class LogContent(NamedTuple):
     """A log by its content."""
 
-    records: Sequence[LogRecord] = ()
+    records: Iterable[LogRecord] = ()
     attachments: Sequence[Attachment] = ()
 
 
