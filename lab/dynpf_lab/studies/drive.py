@@ -3,22 +3,22 @@
 ``recorded_in`` turns the sink on: every run then goes into a recording, too.
 """
 
-from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
 from dynpf_protocol.topics import TOPICS
-from dynpf_runtime.inline import run_inline
-from dynpf_runtime.node import Node, Output, Received, Result, State, Step
+from dynpf_runtime.executor import Executor
+from dynpf_runtime.inline import BOOT, run_inline
+from dynpf_runtime.node import Node, Received, Result, State, Step
 from dynpf_services.scenario.build import build_node, plan_of
 from dynpf_services.scenario.record import Log, record_inline
 from dynpf_services.scenario.schema import Scenario
 
 from dynpf_lab.measures.messages import Observed, RunMessages
 
-__all__ = ["drive", "recorded_in", "remember"]
+__all__ = ["drive", "follow_inputs", "inputs_of", "recorded_in"]
 
 _FOLDER: ContextVar[Path | None] = ContextVar("folder of recordings", default=None)
 
@@ -39,15 +39,13 @@ def drive(
     log: Log | None = None,
     *,
     others: Mapping[str, Node] | None = None,
-    remembered: Mapping[str, Node] | None = None,
     stopped: Callable[[Received], bool] | None = None,
 ) -> RunMessages:
     """Run ``scenario`` to its end and return its messages of some topics.
 
     ``log`` is what the sensors play, if they play one. ``others`` are nodes that take the place of the scenario's of
-    the same names: such a run is never recorded. ``remembered`` are those of ``remember``, which give what the
-    scenario's would; a run that is recorded has the scenario's. The tick after one with a
-    message of these topics for which ``stopped`` says so is the last. Raises what the nodes raise.
+    the same names: such a run is never recorded. The tick after one with a message of these topics for which
+    ``stopped`` says so is the last. Raises what the nodes raise.
     """
     observed = Observed(topics)
     ending = False
@@ -64,52 +62,66 @@ def drive(
         record_inline(scenario, path, log, observe=observe, stopped=lambda: "enough was seen" if ending else "")
         return observed.run_of(scenario)
     plan = plan_of(scenario)
-    given = {**(remembered or {}), **(others or {})}
-    if given:
-        plan = plan._replace(build=lambda: {name: given.get(name) or build_node(scenario, name) for name in plan.names})
+    if others:
+        plan = plan._replace(
+            build=lambda: {name: others.get(name) or build_node(scenario, name) for name in plan.names}
+        )
     run_inline(plan, log.records if log else (), observe=observe, stopped=lambda: ending)
     return observed.run_of(scenario)
 
 
-def remember(scenario: Scenario, names: Sequence[str], topics: Collection[str]) -> tuple[RunMessages, dict[str, Node]]:
-    """Run the nodes ``names``, which read nothing of the scenario's others.
+def inputs_of(scenario: Scenario, reader: str, topics: Collection[str]) -> tuple[RunMessages, list[Step]]:
+    """Run ``scenario`` without the node ``reader``, which none of the others reads.
 
-    Returns their messages of some topics, and nodes that give the same again, for the price of a look-up: however many
-    estimators follow a robot on its way, the robot has to go it once. Raises ValueError for a node that reads what
-    another writes.
+    Returns the messages of some topics, and the steps that any such node would be given: however many filters follow a
+    robot on its way, the robot has to go it once. Raises ValueError where some node reads what the reader writes.
     """
-    nodes = {name: build_node(scenario, name) for name in names}
-    others = set(scenario.nodes) - set(names)
-    for name, node in nodes.items():
-        if foreign := sorted(topic for topic in node.reads if others.intersection(TOPICS[topic].publishers)):
-            raise ValueError(f"{name} reads {', '.join(foreign)}; expected nodes that read nothing of the others")
-    memory: dict[str, _Remembered] = {name: _Remembered(node) for name, node in nodes.items()}
+    rest = {name: build_node(scenario, name) for name in scenario.nodes if name != reader}
+    for name, node in rest.items():
+        if read := sorted(topic for topic in node.reads if reader in TOPICS[topic].publishers):
+            raise ValueError(f"{name} reads {', '.join(read)} of {reader}; expected a run that {reader} has no part in")
+    if scenario.faults:
+        raise ValueError("the scenario has faults, whose gaps a node's host would tell it of")
+    probe = _Probe(reader, frozenset(topic for node in rest.values() for topic in node.writes))
+    run = drive(scenario, topics, others={**rest, reader: probe})
+    return run, probe.steps
+
+
+def follow_inputs(scenario: Scenario, reader: str, steps: Sequence[Step], topics: Collection[str]) -> RunMessages:
+    """Return messages of the node ``reader`` in a run of ``scenario`` whose other nodes gave it ``steps``.
+
+    They are those of ``drive``, without the time that the others take; a run that is recorded has them all.
+    """
+    if _FOLDER.get() is not None:
+        return drive(scenario, topics)
     observed = Observed(topics)
+    node = build_node(scenario, reader)
+    executor = Executor(node, BOOT, scenario.state_digest_ticks)
+    for step in steps:
+        inputs = [received for received in step.inputs if received.topic in node.reads]
+        sent, _ = executor.step_unsent(step.tick, step.stamp_ns, inputs)
+        for unsent in sent:
+            place = unsent.envelope
+            observed(Received(unsent.topic, reader, BOOT, place.sequence, place.stamp_ns, unsent.content))
+    return observed.run_of(scenario)
 
-    def observe(received: Received) -> None:
-        observed(received)
-        memory[received.node].keep(received)
 
-    run_inline(plan_of(scenario)._replace(names=tuple(names), build=lambda: nodes), (), observe=observe)
-    return observed.run_of(scenario), dict(memory)
+class _Probe:
+    """Keeps what a node of its name is given."""
 
+    writes = frozenset[str]()
 
-class _Remembered:
-    """Gives what a node gave in a run that was; it has no state of its own."""
-
-    def __init__(self, node: Node) -> None:
-        self.name, self.reads, self.writes = node.name, node.reads, node.writes
-        self._outputs: defaultdict[int, list[Output]] = defaultdict(list)
-
-    def keep(self, received: Received) -> None:
-        self._outputs[received.stamp_ns].append(Output(received.topic, received.message))
+    def __init__(self, name: str, reads: frozenset[str]) -> None:
+        self.name, self.reads = name, reads
+        self.steps: list[Step] = []
 
     def step(self, step: Step) -> Result:
-        """Give what the node gave at this time."""
-        return Result(tuple(self._outputs.get(step.stamp_ns, ())))
+        """Keep the step."""
+        self.steps.append(step)
+        return Result()
 
     def freeze(self) -> State:
-        """Return nothing."""
+        """Return nothing: what is kept is no state."""
         return {}
 
     def thaw(self, state: State) -> None:

@@ -200,7 +200,7 @@ def _figures(settings: IndoorSettings, seed: int, rows: list[Row], folder: Path)
     for start, n in starts:
         case = Case("drive", start, "careful", n)
         config = configured(place, fit, case, way.epochs, seed)
-        shown.append(Shown(f"{start} start, N = {n}", follow(way, config)))
+        shown.append(Shown(f"{start} start, N = {n}", follow(way, config, shown=True)))
     return draw(place, way.epochs, shown, rows, folder)
 
 

@@ -1,7 +1,7 @@
 """Runs of the room scenarios for studies: a robot's way, and what estimators make of it."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -21,7 +21,7 @@ from dynpf_protocol.messages import (
     RobotState,
     heading,
 )
-from dynpf_runtime.node import Node
+from dynpf_runtime.node import Node, Step
 from dynpf_runtime.source import LogRecord
 from dynpf_services.estimator.config import LocalizationConfig
 from dynpf_services.estimator.localization import LocalizationEstimator
@@ -39,7 +39,7 @@ from dynpf.motion.model import Displacement, Twist
 from dynpf.rng import generator
 from dynpf.se2 import FloatArray, arc_displacement, compose, relative, wrap_angle
 from dynpf_lab.measures.messages import RunMessages, of_type
-from dynpf_lab.studies.drive import drive, remember
+from dynpf_lab.studies.drive import drive, follow_inputs, inputs_of
 from dynpf_lab.studies.laser_logs import LaserLog, Record, log_named
 from dynpf_lab.studies.laser_runs import UpdateCount
 
@@ -64,7 +64,6 @@ NEAR_M, NEAR_RAD = 0.5, math.radians(15.0)
 LASTING = 10
 """Updates for which it has to stay right."""
 
-_ESTIMATED = ("estimator/state", "estimator/particles")
 _SENSED = ("truth/robot", "sensors/odometry", "sensors/scan", "sensors/landmarks")
 
 
@@ -89,26 +88,26 @@ class Epoch(NamedTuple):
 class Way(NamedTuple):
     """A robot's way through a world: the run of ``scenario`` with any estimator, by epochs.
 
-    ``nodes`` give again what the scenario's simulator and sensors gave; a log has ``records`` instead. ``maps`` are the
-    estimator's, where a scenario cannot tell them.
+    ``steps`` are what an estimator is given on it; of a log there are ``records`` instead. ``maps`` are those of the
+    estimator, where a scenario cannot tell them.
     """
 
     scenario: Scenario
     epochs: Sequence[Epoch]
-    nodes: Mapping[str, Node]
+    steps: Sequence[Step]
     records: Sequence[Record] = ()
     maps: Maps | None = None
 
 
 class Track(NamedTuple):
     """Estimates (3, T), standard deviation of the position (T,) along its worst direction, particles that there were
-    (T,), and some of the particles (3, M), at each update.
+    (T,), and, where asked for, some of the particles (3, M), at each update.
     """
 
     poses: FloatArray
     sigmas: FloatArray
     counts: FloatArray
-    clouds: Sequence[FloatArray]
+    clouds: Sequence[FloatArray] = ()
 
 
 @lru_cache(maxsize=16)
@@ -139,8 +138,8 @@ def record(place: World, seed: int, updates: int, panels: Sequence[Door] = ()) -
         simulator=msgspec.structs.replace(room, start=start, driver=driver, doors=(*room.doors, *panels)),
         max_ticks=(updates - 1) * sensors.scan.every + 1,
     )
-    run, nodes = remember(scenario, ("simulator", "sensors"), _SENSED)
-    return Way(scenario, _epochs(run), nodes)
+    run, steps = inputs_of(scenario, "estimator", _SENSED)
+    return Way(scenario, _epochs(run), steps)
 
 
 def _epochs(run: RunMessages) -> list[Epoch]:
@@ -207,14 +206,18 @@ def dead_reckoning(epochs: Sequence[Epoch]) -> FloatArray:
     return np.stack(poses, axis=1)
 
 
-def follow(way: Way, config: LocalizationConfig) -> Track:
-    """Return what an estimator, configured so, makes of a way: its estimate at each epoch's scan."""
+def follow(way: Way, config: LocalizationConfig, *, shown: bool = False) -> Track:
+    """Return what an estimator, configured so, makes of a way: its estimate at each epoch's scan, and particles."""
     scenario = msgspec.structs.replace(way.scenario, estimator=config)
-    log = LogContent(LogRecord(one.topic, one.stamp_ns, encode(one.topic, one.message)) for one in way.records)
-    others: dict[str, Node] = {}
-    if way.maps is not None:
-        others["estimator"] = LocalizationEstimator(config=config, seed=scenario.seed, maps=way.maps, classes={})
-    run = drive(scenario, _ESTIMATED, log if way.records else None, others=others, remembered=way.nodes)
+    topics = ("estimator/state", "estimator/particles") if shown else ("estimator/state",)
+    if way.steps:
+        run = follow_inputs(scenario, "estimator", way.steps, topics)
+    else:
+        log = LogContent(LogRecord(one.topic, one.stamp_ns, encode(one.topic, one.message)) for one in way.records)
+        others: dict[str, Node] = {}
+        if way.maps is not None:
+            others["estimator"] = LocalizationEstimator(config=config, seed=scenario.seed, maps=way.maps, classes={})
+        run = drive(scenario, topics, log, others=others)
     by_stamp = {timed.stamp_ns: timed.message for timed in run.topic("estimator/state")}
     estimates = [by_stamp[epoch.stamp_ns] for epoch in way.epochs]
     poses, sigmas, counts = [], [], []
@@ -224,10 +227,7 @@ def follow(way: Way, config: LocalizationConfig) -> Track:
         covariance = np.reshape(estimate.covariance, (3, 3))[:2, :2]
         sigmas.append(math.sqrt(float(np.linalg.eigvalsh(covariance)[-1])))
         counts.append(_particles(estimate))
-    shown = run.topic("estimator/particles")
-    stamps = np.array([timed.stamp_ns for timed in shown])
-    newest = [int(np.searchsorted(stamps, epoch.stamp_ns, side="right")) - 1 for epoch in way.epochs]
-    clouds = [_cloud(shown[index].message) for index in newest]
+    clouds = list(_clouds(run, way.epochs)) if shown else []
     return Track(np.array(poses).T, np.array(sigmas), np.array(counts), clouds)
 
 
@@ -237,10 +237,15 @@ def _particles(estimate: Estimate) -> float:
     return round(estimate.n_eff / share) if isinstance(share, float) and share > 0.0 else math.nan
 
 
-def _cloud(message: Message) -> FloatArray:
-    assert isinstance(message, PosesInFrame)
-    poses = ((pose.position.x, pose.position.y, heading(pose.orientation)) for pose in message.poses)
-    return np.array(list(poses)).T
+def _clouds(run: RunMessages, epochs: Sequence[Epoch]) -> Iterator[FloatArray]:
+    """Yield the particles that were shown last at each epoch's scan, (3, M)."""
+    known = run.topic("estimator/particles")
+    stamps = np.array([timed.stamp_ns for timed in known])
+    newest = np.searchsorted(stamps, [epoch.stamp_ns for epoch in epochs], side="right") - 1
+    messages = of_type(known, PosesInFrame)
+    for index in newest.tolist():
+        poses = ((one.position.x, one.position.y, heading(one.orientation)) for one in messages[index].poses)
+        yield np.array(list(poses)).T
 
 
 def measures(epochs: Sequence[Epoch], poses: FloatArray, *, whole: bool = False) -> dict[str, float | bool]:
@@ -288,7 +293,7 @@ class Drive(NamedTuple):
         first = int(generator(seed, "studies", 0, "stretch").integers(last + 1))
         epochs = [self.epochs[first]._replace(controls=()), *self.epochs[first + 1 : first + updates]]
         records = self.log.records[self.starts[first] : self.starts[first + updates - 1] + 1]
-        return Way(msgspec.structs.replace(self.place.scenario, seed=seed), epochs, {}, records)
+        return Way(msgspec.structs.replace(self.place.scenario, seed=seed), epochs, (), records)
 
 
 @lru_cache(maxsize=2)

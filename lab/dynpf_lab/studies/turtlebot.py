@@ -226,7 +226,7 @@ def _figures(settings: TurtlebotSettings, seed: int, rows: list[Row], folder: Pa
         shown = []
         for start, n in starts:
             config = configured(place, Case("drive", start, "careful", n), way.epochs, seed)
-            shown.append(Shown(f"{start} start, N = {n}", follow(way, config)))
+            shown.append(Shown(f"{start} start, N = {n}", follow(way, config, shown=True)))
         own = folder / place.name
         own.mkdir(exist_ok=True)
         here = [row for row in rows if row["dataset"] == place.name]
