@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from dynpf_protocol.codec import encode
+from dynpf_protocol.codec import decode, encode
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import StepError
 from dynpf_protocol.journal import Consumed, JournalEntry, Produced
@@ -17,9 +17,9 @@ from dynpf_protocol.messages import Message
 from dynpf_protocol.topics import Topic
 
 from dynpf_runtime.graph import NodeSpec
-from dynpf_runtime.node import Node, Received, Step, state_digest
+from dynpf_runtime.node import Node, Received, Result, Step, state_digest
 
-__all__ = ["Executed", "Executor", "Sent"]
+__all__ = ["Executed", "Executor", "Sent", "Unsent"]
 
 
 class Sent(NamedTuple):
@@ -28,6 +28,21 @@ class Sent(NamedTuple):
     topic: str
     envelope: Envelope
     payload: bytes
+
+    def message(self, topics: Mapping[str, Topic]) -> Message:
+        """Decode the payload."""
+        return decode(self.topic, self.payload, topics)
+
+
+class Unsent(NamedTuple):
+    """One message that stays in its process and is never encoded."""
+
+    topic: str
+    envelope: Envelope
+    content: Message
+
+    def message(self, _topics: Mapping[str, Topic]) -> Message:
+        return self.content
 
 
 class Executed(NamedTuple):
@@ -60,14 +75,20 @@ class Executor:
         Raises StepError where the node raises, or returns what its topics do not promise.
         """
         with self._blamed(tick):
-            writes = self.spec.writes
-            result = self.node.step(Step(self.steps, tick, stamp_ns, self._as_known(inputs)))
-            if undeclared := {output.topic for output in result.outputs} - writes.keys():
-                raise ValueError(f"returned messages for {', '.join(sorted(undeclared))}, which it does not declare")
-            sent = tuple(
-                self.stamp(writes[own].name, message, tick, stamp_ns, publish_ns) for own, message in result.outputs
-            )
+            result = self._result(tick, stamp_ns, inputs)
+            sent = tuple(self.stamp(topic, message, tick, stamp_ns, publish_ns) for topic, message in result.outputs)
         return Executed(sent, result.finished)
+
+    def step_unsent(self, tick: int, stamp_ns: int, inputs: Sequence[Received]) -> tuple[tuple[Unsent, ...], bool]:
+        """Run the next step for this process alone: nothing is encoded, and no entry of a journal follows.
+
+        Returns the messages, and whether the source says that it was the last step. Raises StepError where the node
+        raises or returns messages that it does not declare.
+        """
+        with self._blamed(tick):
+            result = self._result(tick, stamp_ns, inputs)
+        self.steps += 1
+        return tuple(self.number(*output, tick, stamp_ns) for output in result.outputs), result.finished
 
     def journal(
         self, tick: int, stamp_ns: int, inputs: Sequence[Received], sent: Sequence[Sent], *, last: bool
@@ -100,11 +121,23 @@ class Executor:
         envelope = Envelope(self.spec.name, self.boot, sequence, tick, stamp_ns, publish_ns)
         return Sent(topic, envelope, payload)
 
-    def _as_known(self, inputs: Sequence[Received]) -> tuple[Received, ...]:
-        """Return the inputs with the node's own names for their topics."""
-        if not self._renamed:
-            return tuple(inputs)
-        return tuple(received._replace(topic=self.spec.reads[received.topic]) for received in inputs)
+    def number(self, topic: str, message: Message, tick: int, stamp_ns: int) -> Unsent:
+        """Give a message its place in this boot's sequence of its topic, without encoding it."""
+        sequence = self._sequences[topic]
+        self._sequences[topic] = sequence + 1
+        return Unsent(topic, Envelope(self.spec.name, self.boot, sequence, tick, stamp_ns, 0), message)
+
+    def _result(self, tick: int, stamp_ns: int, inputs: Sequence[Received]) -> Result:
+        """Let the node take its step, which it knows its topics in by its own names."""
+        reads, writes = self.spec.reads, self.spec.writes
+        known = inputs
+        if self._renamed:
+            known = [received._replace(topic=reads[received.topic]) for received in inputs]
+        result = self.node.step(Step(self.steps, tick, stamp_ns, tuple(known)))
+        if undeclared := {output.topic for output in result.outputs} - writes.keys():
+            raise ValueError(f"returned messages for {', '.join(sorted(undeclared))}, which it does not declare")
+        outputs = tuple(output._replace(topic=writes[output.topic].name) for output in result.outputs)
+        return result._replace(outputs=outputs)
 
     @contextmanager
     def _blamed(self, tick: int) -> Iterator[None]:

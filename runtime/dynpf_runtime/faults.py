@@ -31,6 +31,7 @@ class FaultyLink:
         self._faults = {fault.topic: fault for fault in faults if fault.to == node}
         self._node = node
         self._seed = seed
+        self.faulty = bool(self._faults)
 
     def delay_ns(self, topic: str, sequence: int) -> int | None:
         """Return by how many nanoseconds the message is late, or None if it is lost."""

@@ -83,13 +83,18 @@ class LockstepInbox:
         return len(self._messages.get(key, ())) + self._refused[key] >= expected
 
     def _through_link(self, arrived: list[Received], stamp_ns: int) -> list[Received]:
+        on_time = self._delayed(arrived, stamp_ns) if self._link.faulty else arrived
+        return sorted(on_time, key=lambda one: input_order(one.topic, one.node, one.sequence))
+
+    def _delayed(self, arrived: list[Received], stamp_ns: int) -> list[Received]:
+        """Return what has come through the link by now."""
         for one in arrived:
             delay_ns = self._link.delay_ns(one.topic, one.sequence)
             if delay_ns is not None:
                 self._late.append((one.stamp_ns + delay_ns if delay_ns else 0, one))
         on_time = [one for due_ns, one in self._late if due_ns <= stamp_ns]
         self._late = [(due_ns, one) for due_ns, one in self._late if due_ns > stamp_ns]
-        return sorted(on_time, key=lambda one: self._graph.input_order(one.topic, one.node, one.sequence))
+        return on_time
 
 
 class RealtimeInbox:

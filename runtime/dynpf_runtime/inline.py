@@ -1,16 +1,18 @@
-"""The inline runner: all nodes in one process, without a bus, as fast as the processor goes (lockstep only)."""
+"""The inline runner: all nodes in one process, without a bus, as fast as the processor goes (lockstep only).
+
+With a sink the run becomes a recording. Without one nothing is encoded: whoever observes it gets the nodes' messages.
+"""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Protocol
 
 import cv2
-from dynpf_protocol.codec import decode
 from dynpf_protocol.control import TickDone
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.journal import encode_entry
 
-from dynpf_runtime.executor import Executor, Sent
+from dynpf_runtime.executor import Executor, Sent, Unsent
 from dynpf_runtime.faults import FaultyLink
 from dynpf_runtime.gaps import GapWatch, notice_gaps
 from dynpf_runtime.graph import NodeSpec
@@ -18,15 +20,18 @@ from dynpf_runtime.inbox import LockstepInbox, Ready
 from dynpf_runtime.node import Received
 from dynpf_runtime.plan import Plan
 from dynpf_runtime.progress import Progress
-from dynpf_runtime.source import LogRecord, feed_log, feed_ticks
+from dynpf_runtime.source import Feed, LogRecord, feed_log, feed_ticks
 
-__all__ = ["BOOT", "Sink", "run_inline"]
+__all__ = ["BOOT", "Observer", "Sink", "run_inline"]
 
 BOOT = "inline"
 
+Observer = Callable[[Received], None]
+"""Is given each message of a run, in the order in which it was sent."""
+
 
 class Sink(Protocol):
-    """Where a run goes: into a recording, or nowhere."""
+    """Where a run is written."""
 
     @property
     def messages(self) -> int: ...
@@ -38,85 +43,122 @@ class Sink(Protocol):
 
 def run_inline(
     plan: Plan,
-    log: Sequence[LogRecord],
-    sink: Sink,
+    log: Iterable[LogRecord],
+    sink: Sink | None = None,
     *,
+    observe: Observer | None = None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> int:
-    """Run ``plan`` to its end into ``sink`` and return the number of ticks.
+    """Run ``plan`` to its end and return the number of ticks.
 
-    The messages, their order and every state are those of the same plan on the bus. ``stopped`` is asked
-    before each tick whether it shall be the last.
+    The messages, their order and every state are those of the same plan on the bus. ``sink`` is given them encoded, and
+    the journal; without one there is neither. ``stopped`` is asked before each tick whether it shall be the last.
     """
     cv2.setNumThreads(1)
     graph = plan.graph
-    seats = {name: _Seat(spec, plan) for name, spec in graph.specs.items()}
-    source = seats[graph.source]
-    feeds = (
-        feed_log(log, graph, boot=BOOT, publish_ns=0, max_ticks=plan.max_ticks)
-        if plan.plays_log
-        else feed_ticks(plan.tick_ns, plan.max_ticks)
-    )
-
-    def run(seat: _Seat, ready: Ready, stamp_ns: int, fed: Sequence[Sent] = (), *, last: bool) -> bool:
-        done, sent, journal = seat.step(ready, stamp_ns, fed, last=last)
-        for one in sent:
-            sink.message(one.topic, one.envelope, one.payload)
-            for other in seats.values():
-                other.deliver(one)
-        envelope = Envelope(done.node, BOOT, done.step, done.tick, stamp_ns, 0)
-        sink.journal(envelope, journal)
-        for other in seats.values():
-            other.inbox.done(done)
-        return done.last
-
-    ticks = 0
+    run = _Run({name: _Seat(spec, plan) for name, spec in graph.specs.items()}, sink, observe)
+    source = run.seats[graph.source]
     progress = Progress()
-    for feed in feeds:
+    ticks = 0
+    for feed in _feeds(plan, log):
         ready = source.take(feed.stamp_ns)
         inputs = [*feed.inputs, *ready.inputs]
-        last = run(source, ready._replace(inputs=inputs), feed.stamp_ns, feed.sent, last=feed.last or stopped())
+        last = run.step(source, ready._replace(inputs=inputs), feed.stamp_ns, feed.sent, last=feed.last or stopped())
         for name in graph.nodes[1:]:
-            ready = seats[name].take()
-            run(seats[name], ready, ready.stamp_ns, last=ready.last)
+            ready = run.seats[name].take()
+            run.step(run.seats[name], ready, ready.stamp_ns, last=ready.last)
         ticks += 1
-        progress.show(ticks, sink.messages)
+        if sink is not None:
+            progress.show(ticks, sink.messages)
         if last:
             break
     progress.clear()
     return ticks
 
 
+def _feeds(plan: Plan, log: Iterable[LogRecord]) -> Iterator[Feed]:
+    """Return what begins each tick: the clock, or the records of the log."""
+    if not plan.plays_log:
+        return feed_ticks(plan.tick_ns, plan.max_ticks)
+    return feed_log(log, plan.graph, boot=BOOT, publish_ns=0, max_ticks=plan.max_ticks)
+
+
+class _Run:
+    """The seats of a run, and what its messages are handed to."""
+
+    def __init__(self, seats: "dict[str, _Seat]", sink: Sink | None, observe: Observer | None) -> None:
+        self.seats = seats
+        self._sink, self._observe = sink, observe
+        self._topics = next(iter(seats.values())).topics
+        topics = {topic for seat in seats.values() for topic in seat.reads}
+        self._readers = {topic: [seat for seat in seats.values() if topic in seat.reads] for topic in topics}
+
+    def step(self, seat: "_Seat", ready: Ready, stamp_ns: int, fed: Sequence[Sent] = (), *, last: bool) -> bool:
+        """Run a node's step, hand on what it sent, and return whether it was the run's last."""
+        if self._sink is None:
+            done, sent = seat.step_unsent(ready, stamp_ns, fed, last=last)
+        else:
+            done, sent, journal = seat.step(ready, stamp_ns, fed, last=last)
+            for one in sent:
+                self._sink.message(*one)
+            self._sink.journal(Envelope(done.node, BOOT, done.step, done.tick, stamp_ns, 0), journal)
+        for message in sent:
+            self._hand_on(message)
+        for other in self.seats.values():
+            other.inbox.done(done)
+        return done.last
+
+    def _hand_on(self, sent: Sent | Unsent) -> None:
+        topic, envelope = sent.topic, sent.envelope
+        readers = self._readers.get(topic, ())
+        if not readers and self._observe is None:
+            return
+        node = envelope.node
+        received = Received(
+            topic, node, envelope.boot, envelope.sequence, envelope.stamp_ns, sent.message(self._topics)
+        )
+        for seat in readers:
+            if seat.name != node:
+                seat.inbox.deliver(received, envelope.tick)
+        if self._observe is not None:
+            self._observe(received)
+
+
 class _Seat:
     """One node's place: its inbox and its executor."""
 
     def __init__(self, spec: NodeSpec, plan: Plan) -> None:
-        self._spec = spec
-        self._topics = plan.graph.topics
-        self._executor = Executor(spec.build(), spec, self._topics, BOOT, plan.state_digest_ticks)
+        self.name, self.reads = spec.name, spec.reads
+        self.topics = plan.graph.topics
+        self._executor = Executor(spec.build(), spec, self.topics, BOOT, plan.state_digest_ticks)
         self._gaps = GapWatch()
         self.inbox = LockstepInbox(plan.graph, spec.name, FaultyLink(plan.faults, spec.name, plan.seed))
 
-    def deliver(self, one: Sent) -> None:
-        place = one.envelope
-        if one.topic in self._spec.reads and place.node != self._spec.name:
-            message = decode(one.topic, one.payload, self._topics)
-            received = Received(one.topic, place.node, place.boot, place.sequence, place.stamp_ns, message)
-            self.inbox.deliver(received, place.tick)
-
     def take(self, stamp_ns: int = 0) -> Ready:
         ready = self.inbox.take(stamp_ns)
-        assert ready is not None, f"{self._spec.name} lacks an input of tick {self.inbox.tick}"
+        assert ready is not None, f"{self.name} lacks an input of tick {self.inbox.tick}"
         return ready
 
     def step(
         self, ready: Ready, stamp_ns: int, fed: Sequence[Sent], *, last: bool
     ) -> tuple[TickDone, tuple[Sent, ...], bytes]:
+        """Run a step; return its end, what is sent, and the entry of the journal."""
         events = notice_gaps(self._executor, self._gaps, ready, stamp_ns, 0)
         executed = self._executor.step(ready.tick, stamp_ns, ready.inputs, 0)
         last = last or executed.finished
         entry = self._executor.journal(ready.tick, stamp_ns, ready.inputs, executed.sent, last=last)
         sent = (*fed, *events, *executed.sent)
+        return self._done(ready.tick, stamp_ns, sent, last=last), sent, encode_entry(entry)
+
+    def step_unsent(
+        self, ready: Ready, stamp_ns: int, fed: Sequence[Sent], *, last: bool
+    ) -> tuple[TickDone, tuple[Sent | Unsent, ...]]:
+        """Run a step without an entry of the journal; return its end and what is handed on."""
+        events = notice_gaps(self._executor, self._gaps, ready, stamp_ns, 0)
+        results, finished = self._executor.step_unsent(ready.tick, stamp_ns, ready.inputs)
+        sent: tuple[Sent | Unsent, ...] = (*fed, *events, *results)
+        return self._done(ready.tick, stamp_ns, sent, last=last or finished), sent
+
+    def _done(self, tick: int, stamp_ns: int, sent: Sequence[Sent | Unsent], *, last: bool) -> TickDone:
         counts = dict(Counter(one.topic for one in sent))
-        done = TickDone(self._spec.name, BOOT, entry.step, ready.tick, stamp_ns, counts, entry.last)
-        return done, sent, encode_entry(entry)
+        return TickDone(self.name, BOOT, self._executor.steps - 1, tick, stamp_ns, counts, last)

@@ -8,7 +8,6 @@ import hashlib
 from collections.abc import Sequence
 from itertools import islice
 
-from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import RunError
 
 from dynpf.kernels.compiler import cache_folder
@@ -20,18 +19,6 @@ __all__ = ["rehearse_run"]
 
 _TICKS = 5
 _RECORDS = 100
-
-
-class _Forgotten:
-    """A sink that keeps nothing."""
-
-    messages = 0
-
-    def message(self, topic: str, envelope: Envelope, payload: bytes) -> None:
-        """Forget a message."""
-
-    def journal(self, envelope: Envelope, payload: bytes) -> None:
-        """Forget a step."""
 
 
 def rehearse_run(plan: Plan, log: Sequence[LogRecord]) -> None:
@@ -47,5 +34,5 @@ def rehearse_run(plan: Plan, log: Sequence[LogRecord]) -> None:
     if done.exists():
         return
     with contextlib.suppress(RunError):
-        run_inline(plan._replace(max_ticks=_TICKS), list(islice(log, _RECORDS)), _Forgotten())
+        run_inline(plan._replace(max_ticks=_TICKS), list(islice(log, _RECORDS)))
         done.touch()

@@ -6,8 +6,10 @@ from pathlib import Path
 import pytest
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import Recording, read_recording
-from dynpf_protocol.codec import decode
+from dynpf_protocol.codec import decode, encode
 from dynpf_protocol.messages import Message
+from dynpf_runtime import executor
+from dynpf_runtime.inline import run_inline
 from dynpf_runtime.node import Received, Step, decode_state, encode_state, state_digest
 from dynpf_runtime.replay import replay_node
 from dynpf_services.scenario.build import build_nodes, plan_of
@@ -54,6 +56,19 @@ def test_same_seed_gives_the_same_run_and_another_seed_another(recordings, name,
     digest = content_digest(recordings[name])
     assert content_digest(run(name, tmp_path / "again.mcap")) == digest
     assert content_digest(run(name, tmp_path / "other.mcap", seed=2)) != digest
+
+
+@pytest.mark.parametrize("name", TICKS)
+def test_a_run_without_a_sink_has_the_messages_of_the_recording_and_encodes_none(recordings, name, monkeypatch):
+    observed: list[Received] = []
+    with monkeypatch.context() as patched:
+        if not scenario(name).faults:  # a gap is told by its host, as on the bus
+            patched.setattr(executor, "encode", lambda *_: pytest.fail("a message was encoded"))
+        assert run_inline(plan_of(scenario(name)), [], observe=observed.append) == TICKS[name]
+    sent = [(one.node, one.topic, one.sequence, one.stamp_ns, encode(one.topic, one.message)) for one in observed]
+    recorded = [(one.node, one.topic, one.sequence, one.stamp_ns, one.payload) for one in recordings[name].messages()]
+    assert sorted(sent) == sorted(recorded)
+    assert observed
 
 
 @pytest.mark.parametrize(("name", "node"), CASES)

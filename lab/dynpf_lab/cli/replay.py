@@ -151,18 +151,11 @@ def _closed_loop(options: argparse.Namespace, recording: "Recording", scenario: 
         )
 
     def run_anew(path: Path) -> None:
-        from dynpf_formats.recording.writer import RecordingWriter
-        from dynpf_runtime.inline import run_inline
-        from dynpf_runtime.plan import run_header
-        from dynpf_services.scenario.build import plan_of
         from dynpf_services.scenario.played_log import log_records
-        from dynpf_services.scenario.recorded import attachments_of
+        from dynpf_services.scenario.record import LogContent, record_inline
 
-        plan = plan_of(scenario)
-        attachments = attachments_of(scenario, recording.attachments)
-        with RecordingWriter(path, run_header(plan), attachments, topics=plan.graph.topics) as writer:
-            run_inline(plan, log_records(recording), writer)
-            writer.close(complete=True, reason=f"run anew from {recording.path.name}")
+        log = LogContent(log_records(recording), recording.attachments)
+        record_inline(scenario, path, log, reason=f"run anew from {recording.path.name}")
 
     return _compare(options, recording, run_anew)
 

@@ -29,6 +29,9 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for rows.json, rows.csv and figures")
+    parser.add_argument(
+        "--data", type=Path, metavar="DIR", help="folder of the logs that studies know by name (default: $DYNPF_DATA)"
+    )
     parser.set_defaults(run=run)
 
 
@@ -37,10 +40,13 @@ def run(options: argparse.Namespace) -> int:
     from dynpf_protocol.errors import UsageError
 
     from dynpf_lab.studies.catalogue import study_named
+    from dynpf_lab.studies.data import FOLDER_VARIABLE
     from dynpf_lab.studies.rows import as_csv, as_table
     from dynpf_lab.studies.study import run_study, settings_from
 
     study = study_named(options.name)
+    if options.data is not None:
+        os.environ[FOLDER_VARIABLE] = str(options.data.absolute())  # the study's processes inherit it
     settings = settings_from(study.settings, options.overrides)
     trials = study.trials if options.trials is None else options.trials
     jobs = (os.cpu_count() or 1) if options.jobs is None else options.jobs

@@ -21,8 +21,8 @@ _MODULES = {
     "kidnap": "kidnap",
     "parts-3": "parts_studies",
     "parts-6": "parts_studies",
-    "parts-bounds": "parts_studies",
-    "parts-time": "parts_studies",
+    "parts-bounds": "parts_bounds",
+    "parts-time": "parts_time",
     "parts-vision": "parts_vision",
     "parts-layouts": "parts_layouts",
 }

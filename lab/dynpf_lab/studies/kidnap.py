@@ -11,15 +11,15 @@ from typing import Annotated, Literal, NamedTuple
 
 import msgspec
 import numpy as np
-from dynpf_runtime.node import Node
+from dynpf_services.scenario.schema import Scenario
 from msgspec import Meta
 
 from dynpf.metrics.consistency import nees
 from dynpf.rng import generator
 from dynpf.se2 import wrap_angle
 from dynpf_lab.studies.kidnap_figures import Story, draw
-from dynpf_lab.studies.laser_logs import log_named
-from dynpf_lab.studies.laser_runs import LaserLog, Moment, estimator_for, kidnapped, play
+from dynpf_lab.studies.laser_logs import LaserLog, log_named
+from dynpf_lab.studies.laser_runs import Moment, kidnapped, play, scenario_for
 from dynpf_lab.studies.rows import Row, Sample, summarized
 from dynpf_lab.studies.study import Study
 
@@ -125,27 +125,41 @@ def story_of(task: Task) -> Story | None:
     """Return what became of the robot in a trial; None where the log has no place for it."""
     log, scans = log_named(task.log), log_named(task.log).scans
     if task.case == "tracking":
-        return Story(log, (), play(_estimator(log, task, _known(log, scans[0])), log.records[scans[0] :]))
+        return Story(log, (), play(_scenario(log, task, _known(log, scans[0])), log.records[scans[0] :]))
     draws = generator(task.seed, "kidnap", 0, task.case)
     if task.case == "global":
         begin = scans[int(draws.integers(max(len(scans) - REST, 1)))]
-        estimator = _estimator(log, task, STARTS[task.start])
-        return Story(log, (), play(estimator, log.records[begin:], most=task.settings.updates))
+        scenario = _scenario(log, task, STARTS[task.start])
+        most = task.settings.updates
+        return Story(log, (), play(scenario, log.records[begin:], enough=lambda _, updates: updates >= most))
     able = _able(log, task.settings.kidnapped_m)
     if not able:
         return None
     place = able[int(draws.integers(len(able)))]
     at, begin = scans[place], scans[max(place - task.settings.lead, 0)]
-    estimator = _estimator(log, task, _known(log, begin))
-    before = play(estimator, log.records[begin:at])
-    carried = kidnapped(log.records, at, task.settings.kidnapped_m)
-    return Story(log, before, play(estimator, carried[at:], most=before[-1].updates + task.settings.updates))
+    return _carried_off(log, task, begin, at)
 
 
-def _estimator(log: LaserLog, task: Task, start: str) -> Node:
+def _carried_off(log: LaserLog, task: Task, begin: int, at: int) -> Story:
+    """Return what became of a robot whose known start is at record ``begin`` and that is carried off at ``at``."""
+    lead = sum(record.truth is not None for record in log.records[begin:at])
+    updates_before = math.inf
+
+    def enough(scans: int, updates: int) -> bool:
+        nonlocal updates_before
+        if scans == lead:
+            updates_before = updates
+        return updates >= updates_before + task.settings.updates
+
+    records = kidnapped(log.records, at, task.settings.kidnapped_m)[begin:]
+    moments = play(_scenario(log, task, _known(log, begin)), records, enough=enough)
+    return Story(log, moments[:lead], moments[lead:])
+
+
+def _scenario(log: LaserLog, task: Task, start: str) -> Scenario:
     least = min(task.n, 1000)
     sizes = (f"estimator.n={task.n}", f"estimator.adaptation.0.n_min={least}", f"estimator.adaptation.0.n_max={task.n}")
-    return estimator_for(log, "laser-log", task.seed, (*FILTERS[task.filter], *sizes, start))
+    return scenario_for(log, "laser-log", task.seed, (*FILTERS[task.filter], *sizes, start))
 
 
 def _known(log: LaserLog, at: int) -> str:
@@ -210,13 +224,13 @@ def _figures(settings: KidnapSettings, seed: int, rows: list[Row], folder: Path)
 
 STUDIES = {
     "kidnap": Study(
-        "Global localization and recovery from kidnapping on logs of real robots, by laser scans",
-        20,
-        KidnapSettings,
-        tasks,
-        run_task,
-        _rows,
-        (
+        about="Global localization and recovery from kidnapping on logs of real robots, by laser scans",
+        trials=20,
+        settings=KidnapSettings,
+        parts=tasks,
+        run_part=run_task,
+        rows=_rows,
+        columns=(
             ("dataset", "", "dataset"),
             ("case", "", "case"),
             ("filter", "", "filter"),
@@ -234,6 +248,6 @@ STUDIES = {
             ("rad", ".4f", "heading_rmse_rad_mean"),
             ("NEES", ".1f", "nees_mean"),
         ),
-        _figures,
+        figures=_figures,
     ),
 }

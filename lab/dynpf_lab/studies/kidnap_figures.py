@@ -8,7 +8,8 @@ import numpy as np
 from dynpf_protocol.errors import UsageError
 
 from dynpf.maps.map_server import decode
-from dynpf_lab.studies.laser_runs import LaserLog, Moment
+from dynpf_lab.studies.laser_logs import LaserLog
+from dynpf_lab.studies.laser_runs import Moment
 
 __all__ = ["Story", "draw"]
 
@@ -68,13 +69,10 @@ def _story(pyplot: Any, name: str, case: str, story: Story, folder: Path) -> Pat
             chosen = np.array([one.status == status for one in moments])
             axis.semilogy(scans[chosen], values[chosen], ".", color=colour, markersize=4)
         axis.set_ylabel(label, fontsize=8)
-    rows[2].plot(scans, [one.particles for one in moments], color="tab:blue")
-    rows[2].set(
-        ylabel="particles",
-        ylim=(0, None),
-        xlabel="scan, counted from the first" + (" after the kidnapping" if story.before else ""),
-    )
-    rows[2].set_ylabel("particles", fontsize=8)
+    sigmas = [float(np.sqrt(np.linalg.eigvalsh(one.covariance[:2, :2])[-1])) for one in moments]
+    rows[2].semilogy(scans, sigmas, color="tab:blue")
+    rows[2].set(xlabel="scan, counted from the first" + (" after the kidnapping" if story.before else ""))
+    rows[2].set_ylabel("position sigma, m", fontsize=8)
     for axis in rows:
         if story.before:
             axis.axvline(-0.5, color="black", linestyle=":")

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from dynpf.maps.landmarks import LandmarkMap
 from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, RangeBearingReadings
 from dynpf.metrics.trajectory import pose_errors, score
+from dynpf_lab.studies.data import data_path, sources
 from dynpf_lab.studies.landmark_figures import draw
 from dynpf_lab.studies.landmark_logs import (
     Change,
@@ -36,7 +37,8 @@ from dynpf_lab.studies.study import Study
 
 __all__ = ["STUDIES", "LandmarkSettings", "Task", "run_task", "tasks"]
 
-DATA = Path(__file__).parents[3] / "../shared/data/mrclam/ds1_Dataset9_Robot3"
+DEFAULT = "mrclam-9-3"
+"""The log that is studied where no other is named; see ``logs.toml``."""
 
 WITHIN_M, WITHIN_RAD = 0.5, math.radians(15.0)
 """An estimate so near to the truth has found it."""
@@ -81,7 +83,8 @@ Seconds = Annotated[float, Meta(gt=0.0)]
 
 
 class LandmarkSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    data: tuple[str, ...] = ()  # imported logs, or folders of MRCLAM data sets; without, data set 9, robot 3
+    # Imported logs, or folders of MRCLAM data sets; without, data set 9, robot 3 from the folder of data.
+    data: tuple[str, ...] = ()
     robot: int | None = None  # of a folder with several; without, each of them
     experiments: tuple[Experiment, ...] = get_args(Experiment)
     n: tuple[Count, ...] = (10, 100, 1000, 10000)
@@ -118,13 +121,17 @@ class Task(NamedTuple):
 
 
 def tasks(settings: LandmarkSettings, trials: int, seed: int) -> list[Task]:
-    paths = settings.data or (str(DATA),)
     return [
         task._replace(numbers=tuple(range(first, min(first + 5, task.trials))))
-        for path, robot in datasets(paths, settings.robot)
+        for path, robot in datasets(_paths(settings), settings.robot)
         for task in _kinds(settings, trials, seed, path, robot)
         for first in range(0, task.trials, 5)
     ]
+
+
+def _paths(settings: LandmarkSettings) -> tuple[str, ...]:
+    instead = "--set \"data=['IN.mcap']\" takes recordings that dynpf import mrclam has made, and folders of data sets"
+    return settings.data or (str(data_path("landmark", sources().landmark[DEFAULT].folder, instead)),)
 
 
 def _kinds(settings: LandmarkSettings, trials: int, seed: int, path: str, robot: int | None) -> Iterator[Task]:
@@ -273,7 +280,7 @@ def _rows(samples: list[Sample]) -> list[Row]:
 
 
 def _figures(settings: LandmarkSettings, seed: int, rows: list[Row], folder: Path) -> list[Path]:
-    path, robot = datasets(settings.data or (str(DATA),), settings.robot)[0]
+    path, robot = datasets(_paths(settings), settings.robot)[0]
     log = opened(path, robot)
     whole = stretches(log, 1, 0.0)[0]
     whole = whole._replace(last=(log.records[-1].stamp_ns - log.start_ns) * 1e-9)
@@ -298,13 +305,13 @@ _COLUMNS = (
 
 STUDIES = {
     "landmark": Study(
-        "LANDMARK on a real robot's log: filters, particles, models, starts, and readings that are missing",
-        20,
-        LandmarkSettings,
-        tasks,
-        run_task,
-        _rows,
-        _COLUMNS,
-        _figures,
+        about="LANDMARK on a real robot's log: filters, particles, models, starts, and readings that are missing",
+        trials=20,
+        settings=LandmarkSettings,
+        parts=tasks,
+        run_part=run_task,
+        rows=_rows,
+        columns=_COLUMNS,
+        figures=_figures,
     )
 }

@@ -1,8 +1,7 @@
-"""Logs with landmarks for studies: read once a process, cut into stretches, and run through the estimator's node."""
+"""Logs with landmarks for studies: read once a process, cut into stretches, and run."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
-from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,18 +9,21 @@ import msgspec
 import numpy as np
 from dynpf_formats.importers.log import Record
 from dynpf_formats.importers.mrclam import import_mrclam, robots_in
-from dynpf_protocol.codec import decode
+from dynpf_protocol.codec import decode, encode
 from dynpf_protocol.errors import UsageError
 from dynpf_protocol.landmarks import Landmark
-from dynpf_protocol.messages import Estimate, LandmarkReadings, PoseInFrame, RobotState, heading
-from dynpf_runtime.node import Received, Step
-from dynpf_services.scenario.build import build_node
+from dynpf_protocol.messages import Estimate, LandmarkReadings, RobotState
+from dynpf_runtime.source import LogRecord
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.played_log import PlayedLog
+from dynpf_services.scenario.record import LogContent
 from dynpf_services.scenario.schema import LogFacts
 from numpy.typing import NDArray
 
-from dynpf.metrics.trajectory import Trajectory
+from dynpf.metrics.trajectory import Trajectory, thin
+from dynpf_lab.measures.localization import reckoned_path
+from dynpf_lab.measures.messages import RunMessages, of_type, seconds
+from dynpf_lab.studies.drive import drive
 
 __all__ = [
     "LandmarkLog",
@@ -37,7 +39,8 @@ __all__ = [
 ]
 
 SCENARIO = "landmark-mrclam"
-PERIOD_NS = 10**8  # the estimator is asked for its estimate at the end of each tenth of a second
+SCORED_HZ = 10.0
+_TOPICS = ("sensors/landmarks", "estimator/state", "estimator/dead_reckoning")
 GAP_S = 0.5  # no stretch starts where the reference has a gap
 
 Change = Callable[[Sequence[Record]], Sequence[Record]]
@@ -66,7 +69,7 @@ class Stretch(NamedTuple):
 
 
 class Run(NamedTuple):
-    """What an estimator made of a stretch: estimates, how many readings each followed, and odometry alone.
+    """What an estimator made of a stretch: scored estimates, how many readings each followed, and odometry alone.
 
     Odometry alone has no poses where the start was unknown.
     """
@@ -141,40 +144,37 @@ def stretches(log: LandmarkLog, count: int, length: float) -> list[Stretch]:
 def follow(
     log: LandmarkLog, stretch: Stretch, seed: int, overrides: Sequence[str], change: Change | None = None
 ) -> Run:
-    """Return what the estimator of the scenario makes of a stretch, its settings overridden as on the command line.
+    """Run the scenario on a stretch of a log, its settings overridden as on the command line.
 
-    It is the node that runs on the bus, given the same records; only the steps are tenths of a second, so that not
-    every record is answered. ``change`` may leave records out or move them.
+    ``change`` may leave records out or move them.
     """
     marks = [msgspec.to_builtins(mark) for mark in log.landmarks]
-    facts = LogFacts(digest="", landmarks=marks, starts={"": stretch.pose})
+    facts = LogFacts(digest="", landmarks=marks, start=stretch.pose, files={}, range_max=None)
     scenario = load_scenario(SCENARIO, overrides=overrides, seed=seed, log=facts)
-    node = build_node(scenario, "estimator")
     first, last = (log.start_ns + round(second * 1e9) for second in stretch[:2])
     records: Sequence[Record] = [one for one in log.records if first <= one.stamp_ns <= last]
     if change is not None:
         records = change(records)
-    rows: list[tuple[float, ...]] = []
-    reckoned: list[tuple[float, ...]] = []
-    seen = 0
-    for number, (_, group) in enumerate(groupby(records, lambda one: (one.stamp_ns - first) // PERIOD_NS)):
-        batch = list(group)
-        seen += sum(len(one.message.readings) for one in batch if isinstance(one.message, LandmarkReadings))
-        stamp_ns = batch[-1].stamp_ns
-        inputs = tuple(
-            Received(one.topic.replace("log/", "sensors/", 1), "sensors", "study", place, one.stamp_ns, one.message)
-            for place, one in enumerate(batch)
-        )
-        for output in node.step(Step(number, number, stamp_ns, inputs)).outputs:
-            match output.message:
-                case Estimate(x=x, y=y, theta=theta, covariance=covariance):
-                    sigma = float(np.sqrt(np.linalg.eigvalsh(np.reshape(covariance, (3, 3))[:2, :2])[-1]))
-                    rows.append((stamp_ns * 1e-9, x, y, theta, sigma, seen))
-                case PoseInFrame(pose=pose) if output.topic == "estimator/dead_reckoning":
-                    place = pose.position
-                    reckoned.append((stamp_ns * 1e-9, place.x, place.y, heading(pose.orientation)))
-    found, alone = np.array(rows).reshape(-1, 6).T, np.array(reckoned).reshape(-1, 4).T
-    return Run(Trajectory(found[0], found[1:4]), found[4], found[5].astype(np.int64), Trajectory(alone[0], alone[1:]))
+    played = LogContent(LogRecord(one.topic, one.stamp_ns, encode(one.topic, one.message)) for one in records)
+    return _scored(drive(scenario, _TOPICS, played))
+
+
+def _scored(run: RunMessages) -> Run:
+    """Return the estimates that are scored, ten a second at most."""
+    estimated, reckoned = run.topic("estimator/state"), reckoned_path(run)
+    chosen = [estimated[index] for index in thin(seconds(estimated), SCORED_HZ)]
+    estimates = of_type(chosen, Estimate)
+    covariances = np.array([one.covariance for one in estimates]).reshape(-1, 3, 3)[:, :2, :2]
+    read = run.topic("sensors/landmarks")
+    counts = np.cumsum([0, *(len(one.readings) for one in of_type(read, LandmarkReadings))])
+    seen = np.searchsorted([timed.place for timed in read], [timed.place for timed in chosen])
+    at = thin(reckoned.stamps, SCORED_HZ)
+    return Run(
+        Trajectory(seconds(chosen), np.array([(one.x, one.y, one.theta) for one in estimates]).reshape(-1, 3).T),
+        np.sqrt(np.linalg.eigvalsh(covariances)[:, -1]),
+        counts[seen].astype(np.int64),
+        Trajectory(reckoned.stamps[at], reckoned.poses[:, at]),
+    )
 
 
 # Changes of the records.

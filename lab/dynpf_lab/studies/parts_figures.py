@@ -7,7 +7,8 @@ import numpy as np
 from dynpf_protocol.errors import UsageError
 
 from dynpf.metrics.rearrangement import robot_bound
-from dynpf_lab.studies.parts import TICK_S, FloatArray, Record
+from dynpf.se2 import FloatArray
+from dynpf_lab.measures.rearrangement import Course
 from dynpf_lab.studies.rows import Row
 
 __all__ = ["draw_bounds", "draw_measures", "draw_times"]
@@ -15,7 +16,7 @@ __all__ = ["draw_bounds", "draw_measures", "draw_times"]
 _MEASURES = (
     ("npl_normalized", "npl / noise-free"),
     ("nrl_normalized", "nrl / noise-free"),
-    ("final_error_cm", "final error (cm)"),
+    ("final_error_mean_cm", "final error, mean (cm)"),
     ("rpee_cm", "rpee (cm)"),
     ("ppee_cm", "ppee (cm)"),
 )
@@ -25,7 +26,7 @@ _COLOURS = ("#222222", "#b2182b", "#2166ac", "#e08214", "#1b7837", "#762a83", "#
 _MARKS = "osD^vPX"
 
 
-def draw_measures(rows: list[Row], runs: dict[str, list[Record]], folder: Path) -> list[Path]:
+def draw_measures(rows: list[Row], runs: dict[str, list[Course]], folder: Path) -> list[Path]:
     """Draw measures and success against packing density, and the ways of robot and parts; return the files.
 
     ``runs``: by goals, one without a filter and one with. Raises UsageError where matplotlib is not installed.
@@ -38,7 +39,7 @@ def draw_measures(rows: list[Row], runs: dict[str, list[Record]], folder: Path) 
     ]
 
 
-def draw_bounds(rows: list[Row], runs: dict[str, list[Record]], folder: Path) -> list[Path]:
+def draw_bounds(rows: list[Row], runs: dict[str, list[Course]], folder: Path) -> list[Path]:
     """Draw the RMS error over ``runs`` (by noise) and the bound over time, and their ratio in each cell."""
     pyplot = _pyplot()
     return [_bound(pyplot, runs, folder / "bound.png"), _ratios(pyplot, rows, folder / "ratios.png")]
@@ -106,8 +107,8 @@ def _success(pyplot: Any, rows: list[Row], path: Path) -> Path:
     )
     for axis, noise in zip(axes[0], noises, strict=False):
         for place, (title, group) in enumerate(_lines(rows, noise).items()):
-            shares = np.array([row["succeeded_percent"] for row in group])
-            ends = [[row[f"succeeded_percent_ci_{end}"] for row in group] for end in ("low", "high")]
+            shares = np.array([row["succeeded_25mm_percent"] for row in group])
+            ends = [[row[f"succeeded_25mm_percent_ci_{end}"] for row in group] for end in ("low", "high")]
             style = {"color": _COLOURS[place], "marker": _MARKS[place], "markersize": 5, "capsize": 2}
             density = np.array([row["comp"] for row in group]) + 0.08 * (place - 1.5)
             axis.errorbar(density, shares, np.abs(np.array(ends) - shares), label=title, linewidth=1, **style)
@@ -134,15 +135,15 @@ def _lines(rows: list[Row], noise: str) -> dict[str, list[Row]]:
     return {title: sorted(group, key=lambda row: float(row["comp"])) for title, group in found.items()}
 
 
-def _trajectories(pyplot: Any, runs: dict[str, list[Record]], path: Path) -> Path:
+def _trajectories(pyplot: Any, runs: dict[str, list[Course]], path: Path) -> Path:
     """The ways of the robot and of the parts, a column a layout: without filter above, with one below."""
     figure, axes = pyplot.subplots(
         2, len(runs), figsize=(3.6 * len(runs), 7.2), sharex=True, sharey=True, squeeze=False, layout="constrained"
     )
     for column, (goals, pair) in enumerate(runs.items()):
-        for axis, record, title in zip(axes[:, column], pair, ("no filter", "100 particles"), strict=True):
-            _ways(pyplot, axis, record)
-            contacts = f", {record.last.contacts} ticks in contact" if record.last.contacts else ""
+        for axis, course, title in zip(axes[:, column], pair, ("no filter", "100 particles"), strict=True):
+            _ways(pyplot, axis, course)
+            contacts = f", {course.contacts} ticks in contact" if course.contacts else ""
             axis.set_title(f"{goals}, {title}{contacts}", fontsize=10)
     for axis in axes[-1]:
         axis.set_xlabel("x (m)")
@@ -151,39 +152,39 @@ def _trajectories(pyplot: Any, runs: dict[str, list[Record]], path: Path) -> Pat
     return _saved(pyplot, figure, path)
 
 
-def _ways(pyplot: Any, axis: Any, record: Record) -> None:
-    task = record.task
-    axis.plot(*record.robot.T, color="0.55", linewidth=0.6, zorder=1)
-    axis.add_patch(pyplot.Circle(record.robot[0], task.robot_radius, facecolor="0.8", edgecolor="0.4", zorder=0))
+def _ways(pyplot: Any, axis: Any, course: Course) -> None:
+    task = course.task
+    axis.plot(*course.robot.T, color="0.55", linewidth=0.6, zorder=1)
+    axis.add_patch(pyplot.Circle(course.robot[0], task.robot_radius, facecolor="0.8", edgecolor="0.4", zorder=0))
     for part, spec in enumerate(task.parts):
         colour = _COLOURS[1:][part % (len(_COLOURS) - 1)]
-        axis.plot(*record.parts[:, part].T, color=colour, linewidth=1.2, zorder=3)
-        start = record.parts[0, part]
+        axis.plot(*course.parts[:, part].T, color=colour, linewidth=1.2, zorder=3)
+        start = course.parts[0, part]
         axis.add_patch(pyplot.Circle(start, spec.radius, fill=False, linestyle=":", edgecolor=colour, zorder=2))
         axis.add_patch(pyplot.Circle(spec.goal, spec.radius, fill=False, linestyle="--", edgecolor="0.2", zorder=2))
-        end = record.parts[-1, part]
+        end = course.parts[-1, part]
         axis.add_patch(pyplot.Circle(end, spec.radius, facecolor=colour, alpha=0.35, edgecolor=colour, zorder=2))
     half = (task.width / 2.0, task.height / 2.0)
     axis.set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), aspect="equal")
 
 
-def _bound(pyplot: Any, runs: dict[str, list[Record]], path: Path) -> Path:
+def _bound(pyplot: Any, runs: dict[str, list[Course]], path: Path) -> Path:
     """RMS over runs of the error and of the bound at each tick, a panel a noise."""
     figure, axes = pyplot.subplots(
         len(runs), 1, figsize=(8, 2.3 * len(runs) + 0.4), sharex=True, squeeze=False, layout="constrained"
     )
-    for axis, (noise, records) in zip(axes[:, 0], runs.items(), strict=True):
-        ticks = min(len(record.errors) for record in records)
-        bounds = [robot_bound(record.information[:ticks], record.process_variance) for record in records]
-        seconds = TICK_S * np.arange(ticks)
-        errors = np.array([np.linalg.norm(record.errors[:ticks], axis=1) for record in records])
-        raw = 100.0 * np.sqrt(2.0 * records[0].measurement_variance)
+    for axis, (noise, courses) in zip(axes[:, 0], runs.items(), strict=True):
+        ticks = min(len(course.errors) for course in courses)
+        bounds = [robot_bound(course.information[:ticks], course.noise.process) for course in courses]
+        seconds = courses[0].tick_s * np.arange(ticks)
+        errors = np.array([np.linalg.norm(course.errors[:ticks], axis=1) for course in courses])
+        raw = 100.0 * np.sqrt(2.0 * courses[0].noise.measurement)
         axis.axhline(raw, color="0.5", linestyle=":", label="a measurement's RMS error")
-        axis.plot(seconds, _rms(errors), color=_COLOURS[2], linewidth=0.8, label=f"RMS error, {len(records)} runs")
+        axis.plot(seconds, _rms(errors), color=_COLOURS[2], linewidth=0.8, label=f"RMS error, {len(courses)} runs")
         noisy, noiseless = (np.array([getattr(bound, name) for bound in bounds]) for name in ("noisy", "noiseless"))
         axis.plot(seconds, _rms(noisy), color=_COLOURS[1], linewidth=1.6, label="bound (eq. 3.35)")
         axis.plot(seconds, _rms(noiseless), color=_COLOURS[0], linestyle="--", label="no process noise (eq. 3.38)")
-        held = np.mean([record.held[:ticks] >= 0 for record in records], axis=0)
+        held = np.mean([course.held[:ticks] >= 0 for course in courses], axis=0)
         axis.fill_between(
             seconds, 0.0, held * raw, color="#fdb863", alpha=0.35, linewidth=0, label="share in move-part"
         )

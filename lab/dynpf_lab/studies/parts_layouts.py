@@ -8,14 +8,12 @@ from typing import Annotated, Any, Literal, NamedTuple
 import msgspec
 import numpy as np
 from dynpf_protocol.errors import UsageError
-from dynpf_protocol.messages import Estimate
-from dynpf_systems.parts.controller import RearrangementController
 from dynpf_systems.parts.task import PartSpec, RearrangementTask
 from msgspec import Meta
 from numpy.typing import NDArray
 
 from dynpf.rng import Draws, generator
-from dynpf_lab.studies.parts import NOISE, RADII, run_parts
+from dynpf_lab.studies.parts import NOISE, RADII, Conditions, measured, run_parts
 from dynpf_lab.studies.rows import Row, Sample, summarized
 from dynpf_lab.studies.study import Study
 
@@ -113,19 +111,25 @@ def _tasks(settings: LayoutsSettings, trials: int, seed: int) -> list[Task]:
 
 
 def _run_task(task: Task) -> list[Sample]:
-    n = 0 if task.noise == "none" else task.n
-    run = run_parts(case_task(task.case, task.seed), task.seed, variance=NOISE[task.noise], particles=n)
+    conditions = _conditions(task)
+    course = run_parts(case_task(task.case, task.seed), task.seed, conditions)
+    found = measured(course, conditions)
     measures: dict[str, float | bool] = {
-        "completed_percent": run.completed,
-        "collided_percent": run.collided,
-        "npl": run.npl,
-        "npl_above_2_percent": run.npl > MOST_NPL,
-        "nrl": run.nrl,
-        "pi": run.pi,
-        "final_error_cm": 100.0 * run.final_error,
-        "ticks": float(run.ticks),
+        "completed_25mm_percent": found["completed"],
+        "collided_percent": found["collisions"] > 0,
+        "npl": found["npl"],
+        "npl_above_2_percent": found["npl"] > MOST_NPL,
+        "nrl": found["nrl"],
+        "pi": found["pi"],
+        "final_error_mean_cm": 100.0 * found["final_error_mean_m"],
+        "final_error_max_cm": 100.0 * found["final_error_max_m"],
+        "ticks": float(len(course.robot)),
     }
-    return [Sample({"case": task.case, "noise": task.noise, "n": n}, measures)]
+    return [Sample({"case": task.case, "noise": task.noise, "n": conditions.particles}, measures)]
+
+
+def _conditions(task: Task) -> Conditions:
+    return Conditions(NOISE[task.noise], 0 if task.noise == "none" else task.n)
 
 
 def _figures(settings: LayoutsSettings, seed: int, rows: list[Row], folder: Path) -> list[Path]:  # noqa: ARG001
@@ -133,7 +137,7 @@ def _figures(settings: LayoutsSettings, seed: int, rows: list[Row], folder: Path
     try:
         import matplotlib  # noqa: PLC0415
     except ImportError as error:
-        raise UsageError("figures need matplotlib: pip install 'dynpf-lab[figures]'; rows are written") from error
+        raise UsageError("figures need matplotlib: pip install 'dynpf[figures]'; rows are written") from error
     matplotlib.use("Agg")
     from matplotlib import pyplot  # noqa: PLC0415
 
@@ -158,20 +162,21 @@ def _figures(settings: LayoutsSettings, seed: int, rows: list[Row], folder: Path
 
 
 def _draw(axis: Any, task: Task) -> None:
-    given, ways = case_task(task.case, task.seed), []
-
-    def watch(_: RearrangementController, estimate: Estimate) -> None:
-        ways.append([(estimate.x, estimate.y), *((part.x, part.y) for part in estimate.parts)])
-
-    run = run_parts(given, task.seed, watch=watch)
-    robot, *parts = np.moveaxis(np.array(ways), 1, 0)
-    axis.plot(*robot.T, color="0.6", linewidth=0.7)
+    given = case_task(task.case, task.seed)
+    course = run_parts(given, task.seed, _conditions(task))
+    axis.plot(*course.robot.T, color="0.6", linewidth=0.7)
+    parts = np.moveaxis(course.parts, 1, 0)
     for index, (spec, way) in enumerate(zip(given.parts, parts, strict=True)):
         colour = f"C{index}"
         axis.add_patch(_disc(spec.goal, spec.radius, facecolor=colour, alpha=0.35, linewidth=0))
         axis.add_patch(_disc(way[0], spec.radius, facecolor="none", edgecolor=colour, linestyle="--"))
         axis.plot(*way.T, color=colour, linewidth=1.4)
-    axis.set(title=f"{task.case}: npl {run.npl:.2f}", aspect="equal", xlim=(-1, 1), ylim=(-1, 1))
+    axis.set(
+        title=f"{task.case}: npl {measured(course, _conditions(task))['npl']:.2f}",
+        aspect="equal",
+        xlim=(-1, 1),
+        ylim=(-1, 1),
+    )
     axis.set(xlabel="x in m", ylabel="y in m")
 
 
@@ -183,25 +188,25 @@ def _disc(centre: Any, radius: float, **style: Any) -> Any:
 
 STUDIES = {
     "parts-layouts": Study(
-        "Layouts that the thesis does not have: random goals, swaps, cycles, rings; with and without noise",
-        20,
-        LayoutsSettings,
-        _tasks,
-        _run_task,
-        lambda samples: summarized(samples, "case"),
-        (
+        about="Layouts that the thesis does not have: random goals, swaps, cycles, rings; with and without noise",
+        trials=20,
+        settings=LayoutsSettings,
+        parts=_tasks,
+        run_part=_run_task,
+        rows=lambda samples: summarized(samples, "case"),
+        columns=(
             ("case", "", "case"),
             ("noise", "", "noise"),
             ("n", "", "n"),
             ("trials", "", "trials"),
-            ("completed %", ".0f", "completed_percent"),
+            ("completed %", ".0f", "completed_25mm_percent"),
             ("collided %", ".0f", "collided_percent"),
             ("npl", ".3f", "npl_mean"),
             ("95 %", ".2f", "npl_p95"),
             ("above 2 %", ".0f", "npl_above_2_percent"),
             ("nrl", ".2f", "nrl_mean"),
-            ("error cm", ".2f", "final_error_cm_mean"),
+            ("error cm: mean / max", ".2f", "final_error_mean_cm_mean final_error_max_cm_mean"),
         ),
-        _figures,
+        figures=_figures,
     )
 }

@@ -4,7 +4,7 @@ import sys
 import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 from dynpf_protocol.errors import UsageError
@@ -17,7 +17,7 @@ __all__ = ["Study", "run_study", "settings_from"]
 SettingsT = TypeVar("SettingsT", bound=msgspec.Struct)
 
 
-class Study(NamedTuple):
+class Study(msgspec.Struct, frozen=True, kw_only=True):
     """``parts`` divides settings, trials and a seed into tasks; ``run_part`` carries one out, in any process.
 
     ``rows`` summarizes all samples; ``columns`` are those of its table (see ``as_table``); ``figures`` draws into a

@@ -45,7 +45,8 @@ LOCALIZATION = {
     "nees_high",
     "lost_fraction",
 }
-REARRANGEMENT = {"completed", "collisions", "npl", "nrl", "pi", "comp", "rpee_m", "ppee_m"}
+FINAL_ERRORS = {"final_error_mean_m", "final_error_max_m"}
+REARRANGEMENT = {"completed", "collisions", "npl", "nrl", "pi", "comp", "rpee_m", "ppee_m"} | FINAL_ERRORS
 ALWAYS = {"messages", "gaps", "complete", "content_digest"}
 
 ROOM = {"title": "A room", "simulator": {"kind": "room"}}
@@ -164,6 +165,8 @@ def test_rearrangement(tmp_path: Path) -> None:
     # Gaps of the robot at (-1, 0), radius 0.1, to both parts, and the way between the goals.
     assert measures["nrl"] == pytest.approx(0.98 / ((1.0 - 0.2) + (math.sqrt(2.0) - 0.15) + math.sqrt(2.0)))
     assert measures["pi"] == pytest.approx((0.02 / 0.1 + 0.0) / 2)
+    assert measures["final_error_mean_m"] == pytest.approx(0.01)
+    assert measures["final_error_max_m"] == pytest.approx(0.02)
     assert measures["rpee_m"] == pytest.approx(0.05)
     assert measures["ppee_m"] == pytest.approx(0.1)
 
@@ -173,7 +176,7 @@ def test_a_part_that_is_not_quite_home_is_not_home(tmp_path: Path) -> None:
     measures = measure(recording)
     assert not measures["completed"]
     told = summary(recording, measures)
-    assert "NOT all parts home, 3 collisions, final error 3.00 cm" in told
+    assert "NOT all parts home, 3 collisions, farthest part 3.00 cm from its goal" in told
     assert told.startswith("Two parts (seed 1)\n")
 
 
@@ -189,7 +192,9 @@ def test_diff_tells_the_measures_that_differ(tmp_path: Path, capsys: pytest.Capt
     a, b = move(tmp_path / "a.mcap"), move(tmp_path / "b.mcap", end=(0.9, 0.0))
     assert differing(a, a) == {}
     told = differing(a, b)
-    assert set(told) - LOCALIZATION == {"completed", "npl", "nrl", "pi", "ppee_m"}  # ppee_m in its last digits
+    assert (
+        set(told) - LOCALIZATION == {"completed", "npl", "nrl", "pi", "ppee_m"} | FINAL_ERRORS
+    )  # ppee_m in its last digits
     assert told["completed"] == (True, False)
     assert told["npl"] == (pytest.approx(0.98), pytest.approx(0.9))
     assert differing(a, drive(tmp_path / "c.mcap"))["npl"] == (pytest.approx(0.98), None)

@@ -9,7 +9,8 @@ from dynpf_formats.importers.carmen import import_carmen
 from dynpf_formats.importers.mapping import drawn_map
 from dynpf_lab.studies import kidnap, laser_logs
 from dynpf_lab.studies.kidnap import STUDIES, KidnapSettings, Task, run_task, tasks
-from dynpf_lab.studies.laser_runs import LaserLog, Moment, Record, imported_log, kidnapped, split
+from dynpf_lab.studies.laser_logs import LaserLog, Record, imported_log, split
+from dynpf_lab.studies.laser_runs import Moment, kidnapped
 from dynpf_protocol.errors import UsageError
 from dynpf_protocol.messages import LaserScan, OdometryPose
 from dynpf_services.scenario.schema import LogFacts
@@ -21,7 +22,7 @@ CARRIED_M = 2.0
 
 
 def moment(error: float, updates: int, status: str = "tracking") -> Moment:
-    return Moment(np.zeros(3), np.array([error, 0.0, 0.0]), np.eye(3), status, 100, updates)
+    return Moment(np.zeros(3), np.array([error, 0.0, 0.0]), np.eye(3), status, updates)
 
 
 def test_it_is_found_from_the_first_of_five_scans_that_are_near_if_it_is_near_at_the_end() -> None:
@@ -103,7 +104,10 @@ def test_rows_name_what_scripts_read(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_log_that_is_absent_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     laser_logs.log_named.cache_clear()
-    monkeypatch.setattr(laser_logs, "DATA", tmp_path)
+    monkeypatch.delenv("DYNPF_DATA", raising=False)
+    with pytest.raises(UsageError, match=r"logs: intel is read from a folder of data: name it by --data FOLDER"):
+        laser_logs.log_named("intel")
+    monkeypatch.setenv("DYNPF_DATA", str(tmp_path))
     with pytest.raises(UsageError, match=r"logs: intel is read from .*intel-corrected.log.gz, which is not there"):
         laser_logs.log_named("intel")
     with pytest.raises(UsageError, match="neither a file nor one of intel, "):

@@ -7,19 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from dynpf_formats.importers.log import Record
-from dynpf_formats.recording.reader import read_recording
 from dynpf_lab.cli.main import main
 from dynpf_lab.studies.landmark_logs import (
-    Stretch,
     every_second_landmark,
-    follow,
     nearest_past,
     opened,
     stretches,
     withheld,
 )
-from dynpf_protocol.codec import decode
-from dynpf_protocol.messages import Estimate, LandmarkReading, LandmarkReadings, Odometry
+from dynpf_protocol.messages import LandmarkReading, LandmarkReadings, Odometry
 
 DATA = Path(__file__).parents[3] / "../shared/data/mrclam"
 MINUTE = DATA / "ds1_seed_60s"
@@ -53,36 +49,6 @@ def test_what_is_withheld_and_dropped_and_paired() -> None:
     assert told(withheld(0)(RECORDS)) == told(RECORDS)
     assert told(every_second_landmark(RECORDS)) == [1, (2, 6), 4, 5, (6, 8, 10)]
     assert told(nearest_past(RECORDS)) == [1, 4, (4, 9), 5]
-
-
-@real
-def test_a_run_of_the_study_is_the_scenario_s_run(tmp_path: Path) -> None:
-    # A Kalman filter draws nothing, so that it does not matter how records are dealt out to steps.
-    log, run = tmp_path / "log.mcap", tmp_path / "run.mcap"
-    kalman = 'estimator.filter={kind="extended_kalman"}'
-    assert main(["import", "mrclam", str(MINUTE), "-o", str(log)]) == 0
-    words = ["landmark-mrclam", "--log", str(log), "--runner", "inline", "--set", "max_ticks=150"]
-    # Few particles, of which mean and covariance are the start, have other means with other random numbers.
-    start = ["--set", "estimator.start.sigma_position=1e-6", "--set", "estimator.start.sigma_heading=1e-6"]
-    calibration = ["--set", "estimator.calibration={}", "--set", "estimator.calibration.turn_scale_sigma=1e-6"]
-    calibration += ["--set", 'estimator.proposal={kind="prior"}']  # that of the scenario is one of particles
-    assert main(["run", *words, "--set", kalman, *start, *calibration, "-o", str(run)]) == 0
-    recording = read_recording(run)
-    by_stamp = {one.stamp_ns: decode(one.topic, one.payload) for one in recording.messages("estimator/state")}
-    found = opened(str(log), None)
-    overrides = [kalman, *start[1::2], *calibration[1::2]]
-    x, y, theta = found.truth.poses[:, 0].tolist()
-    mine = follow(found, Stretch(0.0, 12.0, (x, y, theta)), 1, overrides)
-    stamps = np.round(mine.estimate.stamps * 1e9).astype(np.int64)
-    compared = 0
-    for stamp, pose in zip(stamps.tolist(), mine.estimate.poses.T, strict=True):
-        theirs = next((by_stamp[one] for one in by_stamp if abs(one - stamp) < 1000), None)
-        if isinstance(theirs, Estimate):
-            compared += 1
-            assert pose == pytest.approx((theirs.x, theirs.y, theirs.theta), abs=1e-4)
-    assert compared > 70
-    assert np.ptp(mine.estimate.poses[0]) > 0.1  # it has moved
-    assert mine.reckoned.stamps.tolist() == mine.estimate.stamps.tolist()
 
 
 @real

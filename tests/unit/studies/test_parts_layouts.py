@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from dynpf_lab.studies.parts import run_parts
+from dynpf_lab.studies.parts import Conditions, measured, run_parts
 from dynpf_lab.studies.parts_layouts import CASES, GAP, STUDIES, LayoutsSettings, case_task
 from dynpf_systems.parts.task import layout_of
 
@@ -29,11 +29,11 @@ def test_a_ring_does_not_let_the_robot_pass():
 
 @pytest.mark.parametrize("case", ["random-6", "swap", "walled-in"])
 def test_is_solved_without_a_contact_and_with_less_than_twice_the_way(case):
-    run = run_parts(case_task(case, 3), 3)
-    assert run.completed
-    assert not run.collided
-    assert run.npl <= 2.0
-    assert run.final_error < 0.005
+    found = measured(run_parts(case_task(case, 3), 3, Conditions()), Conditions())
+    assert found["completed"]
+    assert not found["collisions"]
+    assert found["npl"] <= 2.0
+    assert found["final_error_max_m"] < 0.005
 
 
 def test_rows_have_the_factors_and_measures_that_scripts_read():
@@ -42,6 +42,6 @@ def test_rows_have_the_factors_and_measures_that_scripts_read():
     samples = [sample for part in study.parts(settings, 2, 1) for sample in study.run_part(part)]
     (row, pooled) = study.rows(samples)
     assert (row["case"], pooled["case"], row["noise"], row["n"], row["trials"]) == ("swap", "all", "none", 0, 2)
-    assert row["completed_percent"] == 100.0
+    assert row["completed_25mm_percent"] == 100.0
     assert row["collided_percent"] == row["npl_above_2_percent"] == 0.0
     assert 1.0 < row["npl_mean"] < 2.0

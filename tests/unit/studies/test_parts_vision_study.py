@@ -24,12 +24,12 @@ def test_a_camera_that_was_calibrated_through_another_lens_is_not() -> None:
 def test_rows_keep_runs_and_views_apart() -> None:
     run = {"parts": 3, "goals": "H", "noise": "low", "n": 100}
     samples = [
-        Sample(run, {"completed_percent": True, "npl": 1.1}),
-        Sample(run, {"completed_percent": False, "npl": 1.3}),
+        Sample(run, {"completed_25mm_percent": True, "npl": 1.1}),
+        Sample(run, {"completed_25mm_percent": False, "npl": 1.3}),
         *(Sample({"view": f"frames: {name}"}, {"centre_error_mm": 0.1}) for name in CAMERAS),
     ]
     rows = STUDIES["parts-vision"].rows(samples)
     assert [row["goals"] for row in rows if "goals" in row] == ["H", "all"]
-    assert rows[0]["completed_percent"] == 50.0
+    assert rows[0]["completed_25mm_percent"] == 50.0
     assert rows[0]["npl_mean"] == pytest.approx(1.2)
     assert [row["view"] for row in rows if "view" in row] == [f"frames: {name}" for name in CAMERAS]
