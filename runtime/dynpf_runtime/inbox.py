@@ -84,7 +84,7 @@ class LockstepInbox:
 
     def _through_link(self, arrived: list[Received], stamp_ns: int) -> list[Received]:
         on_time = self._delayed(arrived, stamp_ns) if self._link.faulty else arrived
-        return sorted(on_time, key=lambda one: input_order(one.topic, one.node, one.sequence))
+        return sorted(on_time, key=lambda one: self._graph.input_order(one.topic, one.node, one.sequence))
 
     def _delayed(self, arrived: list[Received], stamp_ns: int) -> list[Received]:
         """Return what has come through the link by now."""

@@ -68,18 +68,13 @@ class Result(NamedTuple):
 class Node(Protocol):
     """A pure, replayable state machine.
 
-    ``reads`` and ``writes`` are topic names. ``freeze`` returns the whole state; a node built from the same scenario
-    and given that state by ``thaw`` continues exactly as the first would have.
+    It names its topics as if it were the only one of its kind; what it reads and writes, its NodeSpec tells. ``freeze``
+    returns the whole state; a node built from the same scenario and given that state by ``thaw`` continues exactly as
+    the first would have.
     """
 
     @property
     def name(self) -> str: ...
-
-    @property
-    def reads(self) -> frozenset[str]: ...
-
-    @property
-    def writes(self) -> frozenset[str]: ...
 
     def step(self, step: Step) -> Result: ...
 

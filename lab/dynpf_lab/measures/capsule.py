@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 from dynpf_protocol.messages import CapsuleEstimate, CapsuleState
-from dynpf_services.scenario.schema import colon_world
+from dynpf_services.scenario.context import Context
+from dynpf_systems.colon.tube import colon_world
 
 from dynpf.maps.raycast import RayCaster
 from dynpf.metrics.colon import capsule_errors, first_visible, map_errors
@@ -48,8 +49,7 @@ def radius_error(radius_px: float, true_map: str) -> float:
 
 
 def _casters(run: RunMessages) -> dict[str, RayCaster]:
-    world = colon_world(run.with_files())
-    assert world is not None
+    world = colon_world(Context(run.with_files(), "metrics"))
     return {name: RayCaster(grid) for name, grid in world.true_grids().items()}
 
 

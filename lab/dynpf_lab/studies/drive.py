@@ -8,11 +8,11 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
-from dynpf_protocol.topics import TOPICS
 from dynpf_runtime.executor import Executor
+from dynpf_runtime.graph import Graph, NodeSpec
 from dynpf_runtime.inline import BOOT, run_inline
 from dynpf_runtime.node import Node, Received, Result, State, Step
-from dynpf_services.scenario.build import build_node, plan_of
+from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.record import Log, record_inline
 from dynpf_services.scenario.schema import Scenario
 
@@ -63,11 +63,14 @@ def drive(
         return observed.run_of(scenario)
     plan = plan_of(scenario)
     if others:
-        plan = plan._replace(
-            build=lambda: {name: others.get(name) or build_node(scenario, name) for name in plan.names}
-        )
+        specs = plan.graph.specs.values()
+        plan = plan._replace(graph=Graph([_with(spec, others.get(spec.name)) for spec in specs]))
     run_inline(plan, log.records if log else (), observe=observe, stopped=lambda: ending)
     return observed.run_of(scenario)
+
+
+def _with(spec: NodeSpec, other: Node | None) -> NodeSpec:
+    return spec if other is None else spec._replace(build=lambda: other)
 
 
 def inputs_of(scenario: Scenario, reader: str, topics: Collection[str]) -> tuple[RunMessages, list[Step]]:
@@ -76,15 +79,17 @@ def inputs_of(scenario: Scenario, reader: str, topics: Collection[str]) -> tuple
     Returns the messages of some topics, and the steps that any such node would be given: however many filters follow a
     robot on its way, the robot has to go it once. Raises ValueError where some node reads what the reader writes.
     """
-    rest = {name: build_node(scenario, name) for name in scenario.nodes if name != reader}
-    for name, node in rest.items():
-        if read := sorted(topic for topic in node.reads if reader in TOPICS[topic].publishers):
+    plan = plan_of(scenario)
+    told = {row.name for row in plan.graph.specs[reader].writes.values()} - {"log"}
+    for name, spec in plan.graph.specs.items():
+        if name != reader and (read := sorted(told & spec.reads.keys())):
             raise ValueError(f"{name} reads {', '.join(read)} of {reader}; expected a run that {reader} has no part in")
     if scenario.faults:
         raise ValueError("the scenario has faults, whose gaps a node's host would tell it of")
-    probe = _Probe(reader, frozenset(topic for node in rest.values() for topic in node.writes))
-    run = drive(scenario, topics, others={**rest, reader: probe})
-    return run, probe.steps
+    probe, observed = _Probe(reader), Observed(topics)
+    specs = [spec if name != reader else probe.spec(spec, plan.graph) for name, spec in plan.graph.specs.items()]
+    run_inline(plan._replace(graph=Graph(specs)), (), observe=observed)
+    return observed.run_of(scenario), probe.steps
 
 
 def follow_inputs(scenario: Scenario, reader: str, steps: Sequence[Step], topics: Collection[str]) -> RunMessages:
@@ -95,10 +100,11 @@ def follow_inputs(scenario: Scenario, reader: str, steps: Sequence[Step], topics
     if _FOLDER.get() is not None:
         return drive(scenario, topics)
     observed = Observed(topics)
-    node = build_node(scenario, reader)
-    executor = Executor(node, BOOT, scenario.state_digest_ticks)
+    graph = plan_of(scenario).graph
+    spec = graph.specs[reader]
+    executor = Executor(spec.build(), spec, graph.topics, BOOT, scenario.state_digest_ticks)
     for step in steps:
-        inputs = [received for received in step.inputs if received.topic in node.reads]
+        inputs = [received for received in step.inputs if received.topic in spec.reads]
         sent, _ = executor.step_unsent(step.tick, step.stamp_ns, inputs)
         for unsent in sent:
             place = unsent.envelope
@@ -107,13 +113,17 @@ def follow_inputs(scenario: Scenario, reader: str, steps: Sequence[Step], topics
 
 
 class _Probe:
-    """Keeps what a node of its name is given."""
+    """Keeps what a node of its name is given, whatever the others write."""
 
-    writes = frozenset[str]()
-
-    def __init__(self, name: str, reads: frozenset[str]) -> None:
-        self.name, self.reads = name, reads
+    def __init__(self, name: str) -> None:
+        self.name = name
         self.steps: list[Step] = []
+
+    def spec(self, replaced: NodeSpec, graph: Graph) -> NodeSpec:
+        """Return the probe in the place of a node of a graph."""
+        others = [spec for name, spec in graph.specs.items() if name != self.name]
+        reads = {row.name: row.name for spec in others for row in spec.writes.values()}
+        return replaced._replace(build=lambda: self, reads=reads, writes={})
 
     def step(self, step: Step) -> Result:
         """Keep the step."""

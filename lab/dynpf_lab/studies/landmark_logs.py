@@ -149,7 +149,7 @@ def follow(
     ``change`` may leave records out or move them.
     """
     marks = [msgspec.to_builtins(mark) for mark in log.landmarks]
-    facts = LogFacts(digest="", landmarks=marks, start=stretch.pose, files={}, range_max=None)
+    facts = LogFacts(digest="", landmarks=marks, starts={"": stretch.pose})
     scenario = load_scenario(SCENARIO, overrides=overrides, seed=seed, log=facts)
     first, last = (log.start_ns + round(second * 1e9) for second in stretch[:2])
     records: Sequence[Record] = [one for one in log.records if first <= one.stamp_ns <= last]

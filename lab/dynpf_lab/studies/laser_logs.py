@@ -95,7 +95,7 @@ def imported_log(name: str, stream: LogStream) -> LaserLog:
     """Return a log as an importer gives it."""
     messages = [(one.topic, one.stamp_ns, one.message) for one in stream.records]
     files = {one.name.removeprefix(FOLDER): one.data for one in stream.attachments}
-    facts = LogFacts("", [], None, files, stream.settings.get("range_max_m"))
+    facts = LogFacts("", [], {}, files, stream.settings.get("range_max_m"))
     return _laser_log(name, messages, facts)
 
 

@@ -72,7 +72,7 @@ class _Clocked:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self.name, self.reads, self.writes = node.name, node.reads, node.writes
+        self.name = node.name
         self.step_times: list[tuple[float, Result]] = []
 
     def step(self, step: Step) -> Result:

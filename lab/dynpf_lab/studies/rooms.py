@@ -210,7 +210,7 @@ def dead_reckoning(epochs: Sequence[Epoch]) -> FloatArray:
 
 def follow(way: Way, config: LocalizationConfig, *, shown: bool = False) -> Track:
     """Return what an estimator, configured so, makes of a way: its estimate at each epoch's scan, and particles."""
-    scenario = msgspec.structs.replace(way.scenario, estimator=config)
+    scenario = way.scenario.with_node("estimator", config)
     topics = ("estimator/state", "estimator/particles") if shown else ("estimator/state",)
     if way.steps:
         run = follow_inputs(scenario, "estimator", way.steps, topics)

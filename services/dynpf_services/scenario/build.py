@@ -108,7 +108,7 @@ def _writes(context: Context) -> dict[str, Topic]:
 def _reads(context: Context, written: Sequence[Topic]) -> dict[str, str]:
     """Return the node's own name for each topic that it reads; of a type, all that its robot's nodes write."""
     scenario, names = context.scenario, _names(context)
-    found = {}
+    found: dict[str, str] = {}
     declared = node_kind(scenario.kinds[context.name]).reads(scenario.nodes[context.name], context)
     for own in sorted(declared, key=str):  # whatever the order of a set, in every process the same
         if isinstance(own, str):

@@ -63,6 +63,10 @@ class Scenario(RunTable, frozen=True, forbid_unknown_fields=True, kw_only=True):
             raise AttributeError(name)
         return self.nodes.get(name, self.facts.get(name))
 
+    def with_node(self, name: str, config: Any) -> "Scenario":
+        """Return the scenario with another configuration, of the same kind, of one of its nodes."""
+        return msgspec.structs.replace(self, nodes={**self.nodes, name: config})
+
     @property
     def user_classes(self) -> tuple[UserClass, ...]:
         """The user's classes that it names, by key."""

@@ -1,5 +1,6 @@
 """Every component that a scenario can name runs in the estimator, in a closed loop with a simulated robot."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from dynpf_runtime.replay import replay_node
 from dynpf_services.scenario.build import build_nodes, plan_of
 from dynpf_services.scenario.load import parse_scenario
 from dynpf_services.scenario.record import record_inline
-from dynpf_services.scenario.schema import Scenario
+from dynpf_services.scenario.schema import Scenario, resolved_json
 from dynpf_services.scenario.user_component import UserComponent
 from dynpf_systems.rooms.localization.config import LocalizationConfig
 
@@ -186,11 +187,11 @@ def test_what_does_not_fit_together_is_told(estimator: dict[str, Any], told: str
         ("map", {"adaptation": "augmented"}, "estimator.restart: a uniform start needs a box"),
         ("landmarks", {}, r"estimator.measurement.0 needs \[\[landmarks\]\]; this run has none"),
         ("sensors", {"measurement": "likelihood_field"}, "estimator.scan_range_max: missing"),
-        ("sensors", {"measurement": "position"}, "reads sensors/position, which the sensors of this run do not write"),
+        ("sensors", {"measurement": "position"}, "reads sensors/position, which no node of this run writes"),
     ],
 )
 def test_what_the_run_lacks_is_told(without: str, estimator: dict[str, Any], told: str) -> None:
-    whole = msgspec.to_builtins(scenario(**estimator))
+    whole = json.loads(resolved_json(scenario(**estimator)))
     empty: dict[str, Any] = {"map": None, "landmarks": [], "sensors": {"kind": "simulated", "odometry": {}}}
     lacking = parse_scenario({**whole, without: empty[without]}, "test")
     if without != "sensors":
