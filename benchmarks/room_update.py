@@ -6,14 +6,19 @@ The best of twelve for each of forty updates of a drive; printed are their media
 
 import sys
 import time
+from collections.abc import Mapping
+from typing import Any
 
 import msgspec
 import numpy as np
-from dynpf_lab.studies.rooms import known_start, readings_of, record, world
+from dynpf_lab.studies.rooms import Epoch, World, known_start, record, world
+from dynpf_protocol.messages import LaserScan
 from dynpf_services.estimator.components import localizer_of, measurements_of, motion_of
 from dynpf_services.estimator.config import LocalizationConfig
+from dynpf_services.estimator.readings import TOPICS, reading_of
 
 from dynpf.filters.start import start_poses
+from dynpf.measurement.model import MeasurementModel
 from dynpf.rng import Stream
 
 REPEATS, UPDATES = 12, 40
@@ -22,7 +27,7 @@ REPEATS, UPDATES = 12, 40
 def main(n: int) -> None:
     for name in ("indoor-tracking", "turtlebot-room", "turtlebot-loops"):
         place = world(name)
-        epochs = record(place, 1, UPDATES)
+        epochs = record(place, 1, UPDATES).epochs
         estimator = place.scenario.estimator
         assert isinstance(estimator, LocalizationConfig)
         config = msgspec.structs.replace(estimator, n=n, start=known_start(epochs, 1, 0.2, 0.1))
@@ -32,7 +37,7 @@ def main(n: int) -> None:
         costs = []
         for number, epoch in enumerate(epochs[1:], start=1):
             taken, stream = [], Stream.of(1, "bench", number)
-            readings = readings_of(place, config, epoch, models)
+            readings = _readings(place, config, epoch, models)
             for _ in range(REPEATS):
                 began, after = time.perf_counter(), belief
                 for part, held in enumerate(epoch.controls[:-1]):
@@ -42,6 +47,19 @@ def main(n: int) -> None:
             belief = after
             costs.append(1e3 * min(taken))
         print(f"{name:<16} N = {n}: median {np.median(costs):.2f} ms, worst {max(costs):.2f} ms")
+
+
+def _readings(
+    place: World, config: LocalizationConfig, epoch: Epoch, models: Mapping[type, MeasurementModel[Any]]
+) -> list[Any]:
+    """Return what was seen at the end of an epoch as the readings that measurement models take."""
+    kinds = {TOPICS[kind]: kind for kind in models}
+    seen = [("sensors/scan" if isinstance(one, LaserScan) else "sensors/landmarks", one) for one in epoch.messages]
+    return [
+        reading_of(message, kinds[topic], range_min=config.scan_range_min, range_max=place.range_max)
+        for topic, message in seen
+        if topic in kinds
+    ]
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from dynpf.metrics import rearrangement as metrics
 from dynpf.metrics.consistency import nees
 from dynpf_lab.measures.messages import RunMessages, of_type
 
-__all__ = ["HOME_TOLERANCE_M", "SETTLED_S", "Course", "course_of", "filter_measures", "rearrangement"]
+__all__ = ["HOME_TOLERANCE_M", "SETTLED_S", "TOPICS", "Course", "course_of", "filter_measures", "rearrangement"]
 
 FloatArray = NDArray[np.float64]
 
@@ -23,7 +23,8 @@ HOME_TOLERANCE_M = 0.025
 SETTLED_S = 1.0
 """The robot's filter is judged from so many seconds after its first estimate on."""
 
-_TOPICS = ("truth/robot", "truth/parts", "estimator/state", "estimator/particles")
+TOPICS = ("truth/robot", "truth/parts", "estimator/state", "estimator/particles")
+"""Of the messages that a course is made of."""
 _KALMAN = frozenset({"extended_kalman", "unscented_kalman"})
 
 

@@ -3,20 +3,22 @@
 ``recorded_in`` turns the sink on: every run then goes into a recording, too.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
-from dynpf_runtime.inline import run_inline
-from dynpf_runtime.node import Node, Received
+from dynpf_protocol.topics import TOPICS
+from dynpf_runtime.executor import Executor
+from dynpf_runtime.inline import BOOT, run_inline
+from dynpf_runtime.node import Node, Received, Result, State, Step
 from dynpf_services.scenario.build import build_node, plan_of
 from dynpf_services.scenario.record import Log, record_inline
 from dynpf_services.scenario.schema import Scenario
 
 from dynpf_lab.measures.messages import Observed, RunMessages
 
-__all__ = ["drive", "recorded_in"]
+__all__ = ["drive", "follow_inputs", "inputs_of", "recorded_in"]
 
 _FOLDER: ContextVar[Path | None] = ContextVar("folder of recordings", default=None)
 
@@ -42,8 +44,8 @@ def drive(
     """Run ``scenario`` to its end and return its messages of some topics.
 
     ``log`` is what the sensors play, if they play one. ``others`` are nodes that take the place of the scenario's of
-    the same names: such a run is never recorded. The tick after one with a
-    message of these topics for which ``stopped`` says so is the last. Raises what the nodes raise.
+    the same names: such a run is never recorded. The tick after one with a message of these topics for which
+    ``stopped`` says so is the last. Raises what the nodes raise.
     """
     observed = Observed(topics)
     ending = False
@@ -62,7 +64,65 @@ def drive(
     plan = plan_of(scenario)
     if others:
         plan = plan._replace(
-            build=lambda: {name: others.get(name) or build_node(scenario, name) for name in scenario.nodes}
+            build=lambda: {name: others.get(name) or build_node(scenario, name) for name in plan.names}
         )
     run_inline(plan, log.records if log else (), observe=observe, stopped=lambda: ending)
     return observed.run_of(scenario)
+
+
+def inputs_of(scenario: Scenario, reader: str, topics: Collection[str]) -> tuple[RunMessages, list[Step]]:
+    """Run ``scenario`` without the node ``reader``, which none of the others reads.
+
+    Returns the messages of some topics, and the steps that any such node would be given: however many filters follow a
+    robot on its way, the robot has to go it once. Raises ValueError where some node reads what the reader writes.
+    """
+    rest = {name: build_node(scenario, name) for name in scenario.nodes if name != reader}
+    for name, node in rest.items():
+        if read := sorted(topic for topic in node.reads if reader in TOPICS[topic].publishers):
+            raise ValueError(f"{name} reads {', '.join(read)} of {reader}; expected a run that {reader} has no part in")
+    if scenario.faults:
+        raise ValueError("the scenario has faults, whose gaps a node's host would tell it of")
+    probe = _Probe(reader, frozenset(topic for node in rest.values() for topic in node.writes))
+    run = drive(scenario, topics, others={**rest, reader: probe})
+    return run, probe.steps
+
+
+def follow_inputs(scenario: Scenario, reader: str, steps: Sequence[Step], topics: Collection[str]) -> RunMessages:
+    """Return messages of the node ``reader`` in a run of ``scenario`` whose other nodes gave it ``steps``.
+
+    They are those of ``drive``, without the time that the others take; a run that is recorded has them all.
+    """
+    if _FOLDER.get() is not None:
+        return drive(scenario, topics)
+    observed = Observed(topics)
+    node = build_node(scenario, reader)
+    executor = Executor(node, BOOT, scenario.state_digest_ticks)
+    for step in steps:
+        inputs = [received for received in step.inputs if received.topic in node.reads]
+        sent, _ = executor.step_unsent(step.tick, step.stamp_ns, inputs)
+        for unsent in sent:
+            place = unsent.envelope
+            observed(Received(unsent.topic, reader, BOOT, place.sequence, place.stamp_ns, unsent.content))
+    return observed.run_of(scenario)
+
+
+class _Probe:
+    """Keeps what a node of its name is given."""
+
+    writes = frozenset[str]()
+
+    def __init__(self, name: str, reads: frozenset[str]) -> None:
+        self.name, self.reads = name, reads
+        self.steps: list[Step] = []
+
+    def step(self, step: Step) -> Result:
+        """Keep the step."""
+        self.steps.append(step)
+        return Result()
+
+    def freeze(self) -> State:
+        """Return nothing: what is kept is no state."""
+        return {}
+
+    def thaw(self, state: State) -> None:
+        """There is no state."""

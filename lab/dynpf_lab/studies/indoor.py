@@ -1,7 +1,7 @@
 """INDOOR's question: how many particles does it take in a furnished flat with people and doors, or on a real log?"""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
@@ -22,6 +22,7 @@ from dynpf_lab.beam_fit import fit_scans
 from dynpf_lab.studies.room_figures import Shown, draw
 from dynpf_lab.studies.rooms import (
     Epoch,
+    Way,
     World,
     dead_reckoning,
     follow,
@@ -43,7 +44,7 @@ Filter = Literal["document", "careful", "kld", "resetting"]
 
 FIT_SEED = 1_000_003
 """Of the drive that the beam model is fitted to; no trial has it."""
-WRONG = np.array([1.5, 0.5])
+WRONG = (1.5, 0.5)
 """How far off the pose told is in the case ``wrong``, m, and rad."""
 SPACING = 0.15
 """m that particles are apart: a wall's error as far as they can tell, besides the sensor's own."""
@@ -100,7 +101,7 @@ def place_of(settings: IndoorSettings) -> World:
     return played(Path(settings.log)).place if settings.log else world("indoor-global")
 
 
-def drive_of(settings: IndoorSettings, seed: int) -> list[Epoch]:
+def way_of(settings: IndoorSettings, seed: int) -> Way:
     if settings.log:
         return played(Path(settings.log)).stretch(seed, settings.updates)
     return record(world("indoor-global"), seed, settings.updates)
@@ -116,7 +117,7 @@ def fitted(settings: IndoorSettings) -> BeamFit:
     grid = place.maps.grid
     if grid is None:
         raise UsageError("the study needs a grid map")
-    epochs = played(Path(settings.log)).epochs[::5] if settings.log else drive_of(settings, FIT_SEED)
+    epochs = played(Path(settings.log)).epochs[::5] if settings.log else way_of(settings, FIT_SEED).epochs
     taken = ((truth, scan.angles, scan.ranges) for truth, scan in scans(place, epochs))
     return fit_scans(grid, taken, place.range_max, _beam(place))
 
@@ -129,7 +130,7 @@ def _beam(place: World) -> BeamParams:
     return next(own, BeamParams(max_beams=30, tempering=0.3))
 
 
-def configured(place: World, fit: BeamFit, case: Case, epochs: list[Epoch], seed: int) -> LocalizationConfig:
+def configured(place: World, fit: BeamFit, case: Case, epochs: Sequence[Epoch], seed: int) -> LocalizationConfig:
     """Return the estimator of a case: the scenario's with the fitted beam model, or, for "document", INDOOR's own.
 
     That one takes the fit as it is, counts every beam in full, and resamples by a low-variance comb at every update.
@@ -156,7 +157,7 @@ def configured(place: World, fit: BeamFit, case: Case, epochs: list[Epoch], seed
     if case.case == "wrong":
         aside = generator(seed, "studies", 0, "wrong").uniform(-math.pi, math.pi)
         x, y = known.x + WRONG[0] * math.cos(aside), known.y + WRONG[0] * math.sin(aside)
-        known = msgspec.structs.replace(known, x=x, y=y, theta=known.theta + float(WRONG[1]))
+        known = msgspec.structs.replace(known, x=x, y=y, theta=known.theta + WRONG[1])
     starts = {"known": known, "uniform": anywhere, "readings": by_readings}
     return msgspec.structs.replace(config, n=case.n, measurement=(beam,), start=starts[case.start])
 
@@ -166,14 +167,14 @@ def _run(part: Part) -> list[Sample]:
     place = place_of(settings)
     fit = fitted(settings)
     samples = []
-    drive = drive_of(settings, part.seed)
+    way = way_of(settings, part.seed)
     for case in part.cases:
-        track = follow(place, configured(place, fit, case, drive, part.seed), drive, part.seed)
-        found = measures(drive, track.poses)
-        samples.append(Sample(_factors(place, case), found | {"particles": float(track.counts.mean())}))
+        track = follow(way, configured(place, fit, case, way.epochs, part.seed))
+        found = measures(way.epochs, track.poses)
+        samples.append(Sample(_factors(place, case), found | {"particles": float(np.nanmean(track.counts))}))
     known = Case("drive", "known", "careful", 0)
     factors = _factors(place, known) | {"filter": "odometry"}
-    samples.append(Sample(factors, measures(drive, dead_reckoning(drive))))
+    samples.append(Sample(factors, measures(way.epochs, dead_reckoning(way.epochs))))
     values = {name: float(getattr(fit.params, name)) for name in _FITTED}
     samples.append(Sample(_factors(place, known) | {"case": "fit", "filter": "em"}, values))
     return samples
@@ -193,14 +194,14 @@ def _factors(place: World, case: Case) -> dict[str, str | int]:
 
 
 def _figures(settings: IndoorSettings, seed: int, rows: list[Row], folder: Path) -> list[Path]:
-    place, epochs, fit = place_of(settings), drive_of(settings, seed), fitted(settings)
+    place, way, fit = place_of(settings), way_of(settings, seed), fitted(settings)
     shown = []
     starts: tuple[tuple[Start, int], ...] = (("readings", 1000), ("known", 1000))
     for start, n in starts:
         case = Case("drive", start, "careful", n)
-        config = configured(place, fit, case, epochs, seed)
-        shown.append(Shown(f"{start} start, N = {n}", follow(place, config, epochs, seed, shown=400)))
-    return draw(place, epochs, shown, rows, folder)
+        config = configured(place, fit, case, way.epochs, seed)
+        shown.append(Shown(f"{start} start, N = {n}", follow(way, config, shown=True)))
+    return draw(place, way.epochs, shown, rows, folder)
 
 
 STUDIES = {

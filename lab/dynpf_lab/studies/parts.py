@@ -17,7 +17,7 @@ from dynpf_services.task import NOISE as LEVELS
 from dynpf_services.task import Noise, PartSpec, RearrangementTask
 
 from dynpf.rng import generator
-from dynpf_lab.measures.rearrangement import Course, course_of, filter_measures, rearrangement
+from dynpf_lab.measures.rearrangement import TOPICS, Course, course_of, filter_measures, rearrangement
 from dynpf_lab.studies.drive import drive
 
 __all__ = [
@@ -40,8 +40,6 @@ NOISE = {level: noise.measurement for level, noise in LEVELS.items()}
 PROCESS = LEVELS["low"].process
 """Variance of the robot's motion, m^2 a tick and coordinate, where there is noise."""
 MAX_TICKS = 6000
-
-_TOPICS = ("truth/robot", "truth/parts", "estimator/state", "estimator/particles")
 
 
 def _ring(radius: float, count: int, first: float) -> tuple[tuple[float, float], ...]:
@@ -131,7 +129,7 @@ def run_parts(
     others = dict(others or {})
     if not conditions.particles:
         others.setdefault("estimator", MeasuredPositions(seed, conditions.variance))
-    run = drive(parts_scenario(task, seed, conditions), _TOPICS, others=others)
+    run = drive(parts_scenario(task, seed, conditions), TOPICS, others=others)
     course = course_of(run, Noise(conditions.motion_variance, conditions.variance))
     assert course is not None
     return course

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from dynpf.rng import generator
 from dynpf.vision import Board, DetectionParams, detect_discs
 from dynpf_lab.measures.messages import RunMessages, of_type
-from dynpf_lab.measures.rearrangement import course_of, rearrangement
+from dynpf_lab.measures.rearrangement import TOPICS, course_of, rearrangement
 from dynpf_lab.studies.disc_scenes import KINDS, draw_scene, score
 from dynpf_lab.studies.drive import drive
 from dynpf_lab.studies.parts import LAYOUTS, RADII, layout_task
@@ -51,7 +51,6 @@ _SAME_M = 0.02  # what is found farther than this from every disc, at its place 
 
 PHOTOGRAPH = DetectionParams(max_radius_px=60.0)
 
-_TOPICS = ("truth/robot", "truth/parts", "vision/detections", "estimator/state")
 Goals = Literal["E", "I", "H"]
 Noise = Literal["none", "low", "medium", "high"]
 
@@ -60,6 +59,7 @@ class VisionSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     goals: tuple[Goals, ...] = ("E", "I", "H")
     noises: tuple[Noise, ...] = ("low", "medium", "high")  # added to what the camera sees; none: nothing is
     n: Annotated[int, Meta(ge=1)] = 100
+    ticks: Annotated[int, Meta(ge=1)] = 6000  # after which a run is given up
     frames: bool = True  # also single frames of four cameras, and drawn scenes
     photographs: tuple[str, ...] = ()  # image files to look for discs in
 
@@ -68,6 +68,7 @@ class _Run(NamedTuple):
     goals: Goals
     noise: Noise
     n: int
+    ticks: int
     seed: int
     trial: int
 
@@ -90,7 +91,7 @@ class _Photograph(NamedTuple):
 
 def _parts(settings: VisionSettings, trials: int, seed: int) -> list[Any]:
     parts: list[Any] = [
-        _Run(goals, noise, settings.n, seed, trial)
+        _Run(goals, noise, settings.n, settings.ticks, seed, trial)
         for trial in range(trials)
         for goals in settings.goals
         for noise in settings.noises
@@ -132,7 +133,7 @@ def _run(part: _Run) -> Sample:
     """Run the scenario to its end and measure it."""
     scenario = _scenario(part)
     factors = {"parts": 3, "goals": part.goals, "noise": part.noise, "n": part.n}
-    return Sample(factors, _measures(drive(scenario, _TOPICS)))
+    return Sample(factors, _measures(drive(scenario, (*TOPICS, "vision/detections"))))
 
 
 def _scenario(part: _Run) -> Scenario:
@@ -140,7 +141,12 @@ def _scenario(part: _Run) -> Scenario:
     parts = ", ".join(
         f"{{ radius = {radius}, goal = [{x}, {y}] }}" for radius, (x, y) in zip(RADII[3], LAYOUTS[layout], strict=True)
     )
-    overrides = (f"task.parts=[{parts}]", f"task.noise={part.noise}", f"estimator.n={part.n}")
+    overrides = (
+        f"task.parts=[{parts}]",
+        f"task.noise={part.noise}",
+        f"estimator.n={part.n}",
+        f"max_ticks={part.ticks}",
+    )
     seed = int(generator(part.seed, f"{layout} vision", part.trial).integers(2**31))
     return load_scenario(SCENARIO, overrides=overrides, seed=seed)
 

@@ -1,49 +1,59 @@
-"""Runs of the room scenarios for studies: what a robot saw and did on its way, and what filters make of it; no bus."""
+"""Runs of the room scenarios for studies: a robot's way, and what estimators make of it."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from dynpf_protocol.codec import decode
+from dynpf_protocol.codec import encode
 from dynpf_protocol.errors import UsageError
-from dynpf_protocol.messages import LandmarkReadings, LaserScan, Odometry, OdometryPose, RobotState
-from dynpf_runtime.node import Received, Step
-from dynpf_services.estimator.components import Moved, localizer_of, measurements_of, motion_of
+from dynpf_protocol.messages import (
+    Estimate,
+    LandmarkReadings,
+    LaserScan,
+    Message,
+    Odometry,
+    OdometryPose,
+    PosesInFrame,
+    RobotState,
+    heading,
+)
+from dynpf_runtime.node import Node, Step
+from dynpf_runtime.source import LogRecord
 from dynpf_services.estimator.config import LocalizationConfig
-from dynpf_services.estimator.readings import TOPICS, reading_of
+from dynpf_services.estimator.localization import LocalizationEstimator
+from dynpf_services.estimator.readings import reading_of
 from dynpf_services.maps import Maps, open_maps
-from dynpf_services.scenario.played_log import PlayedLog
+from dynpf_services.scenario.record import LogContent
 from dynpf_services.scenario.schema import Scenario, load_scenario
 from dynpf_services.sensors.config import SimulatedSensorsConfig
-from dynpf_services.sensors.simulated import SimulatedSensors
 from dynpf_services.simulator.config import Door, RoomConfig
-from dynpf_services.simulator.room import RoomSimulator
 from dynpf_services.steering import Route
 
-from dynpf.filters.models import Models
-from dynpf.filters.start import FromReadingsStart, KnownStart, start_poses
-from dynpf.measurement.model import MeasurementModel
+from dynpf.filters.start import KnownStart
 from dynpf.measurement.scan import Scan
 from dynpf.motion.model import Displacement, Twist
-from dynpf.motion.odometry import OdometryParams
-from dynpf.rng import Stream, generator
-from dynpf.se2 import FloatArray, Floats, arc_displacement, compose, relative, wrap_angle
+from dynpf.rng import generator
+from dynpf.se2 import FloatArray, arc_displacement, compose, relative, wrap_angle
+from dynpf_lab.measures.messages import RunMessages, of_type
+from dynpf_lab.studies.drive import drive, follow_inputs, inputs_of
+from dynpf_lab.studies.laser_logs import LaserLog, Record, log_named
+from dynpf_lab.studies.laser_runs import UpdateCount
 
 __all__ = [
     "Drive",
     "Epoch",
     "Track",
+    "Way",
     "World",
     "dead_reckoning",
     "follow",
     "known_start",
     "measures",
     "played",
-    "readings_of",
     "record",
     "scans",
     "world",
@@ -51,10 +61,10 @@ __all__ = [
 
 NEAR_M, NEAR_RAD = 0.5, math.radians(15.0)
 """A pose estimate within these of the truth is right."""
-REFERENCE_NS = 10_000_000
-"""Between a scan of a log and the reference pose that is taken for its own."""
 LASTING = 10
 """Updates for which it has to stay right."""
+
+_SENSED = ("truth/robot", "sensors/odometry", "sensors/scan", "sensors/landmarks")
 
 
 class World(NamedTuple):
@@ -67,22 +77,37 @@ class World(NamedTuple):
 
 
 class Epoch(NamedTuple):
-    """What odometry said since the last scan, and what was seen at its end; ``truth`` is the pose there (3,)."""
+    """What odometry told since the last scan, and what was seen at its end; ``truth`` is the pose there (3,)."""
 
-    controls: tuple[Twist | Moved, ...]
+    stamp_ns: int
+    controls: tuple[Twist | Displacement, ...]
     messages: tuple[LaserScan | LandmarkReadings, ...]
     truth: FloatArray
 
 
+class Way(NamedTuple):
+    """A robot's way through a world: the run of ``scenario`` with any estimator, by epochs.
+
+    ``steps`` are what an estimator is given on it; of a log there are ``records`` instead. ``maps`` are those of the
+    estimator, where a scenario cannot tell them.
+    """
+
+    scenario: Scenario
+    epochs: Sequence[Epoch]
+    steps: Sequence[Step]
+    records: Sequence[Record] = ()
+    maps: Maps | None = None
+
+
 class Track(NamedTuple):
     """Estimates (3, T), standard deviation of the position (T,) along its worst direction, particles that there were
-    (T,), and, where asked for, some of the particles (3, M) at each update.
+    (T,), and, where asked for, some of the particles (3, M), at each update.
     """
 
     poses: FloatArray
     sigmas: FloatArray
     counts: FloatArray
-    clouds: Sequence[Floats] = ()
+    clouds: Sequence[FloatArray] = ()
 
 
 @lru_cache(maxsize=16)
@@ -95,47 +120,56 @@ def world(name: str, overrides: tuple[str, ...] = ()) -> World:
     return World(name, scenario, open_maps(scenario.map, marks, lambda _: b""), scenario.sensors.scan.range_max)
 
 
-def record(place: World, seed: int, updates: int, panels: Sequence[Door] = ()) -> list[Epoch]:
-    """Return so many epochs of a drive round the scenario's route, which begins somewhere else for each seed.
+def record(place: World, seed: int, updates: int, panels: Sequence[Door] = ()) -> Way:
+    """Return the way of so many scans round the scenario's route, which begins somewhere else for each seed.
 
     ``panels``: doors besides those of the scenario.
     """
-    scenario = place.scenario
-    room, sensors = scenario.simulator, scenario.sensors
+    room, sensors = place.scenario.simulator, place.scenario.sensors
     assert isinstance(room, RoomConfig)
     assert isinstance(sensors, SimulatedSensorsConfig)
     assert room.driver is not None
     assert sensors.scan is not None
     start, points = _route(room.driver, seed)
     driver = msgspec.structs.replace(room.driver, points=points, laps=1000)
-    config = msgspec.structs.replace(room, start=start, driver=driver, doors=(*room.doors, *panels))
-    tick_s, tick_ns = scenario.tick_s, scenario.tick_ns
-    simulator = RoomSimulator(config=config, seed=seed, tick_s=tick_s, landmarks=scenario.landmarks, maps=place.maps)
-    node = SimulatedSensors(config=sensors, seed=seed, tick_s=tick_s, landmarks=scenario.landmarks, maps=place.maps)
+    scenario = msgspec.structs.replace(
+        place.scenario,
+        seed=seed,
+        simulator=msgspec.structs.replace(room, start=start, driver=driver, doors=(*room.doors, *panels)),
+        max_ticks=(updates - 1) * sensors.scan.every + 1,
+    )
+    run, steps = inputs_of(scenario, "estimator", _SENSED)
+    return Way(scenario, _epochs(run), steps)
+
+
+def _epochs(run: RunMessages) -> list[Epoch]:
+    """Return what was sensed from scan to scan; each twist holds until the next is told, a tick later."""
+    tick_s = run.scenario.tick_s
+    truth = {timed.stamp_ns: timed.message for timed in run.topic("truth/robot")}
+    landmarks = {timed.stamp_ns: timed.message for timed in run.topic("sensors/landmarks")}
+    scanned = {timed.stamp_ns: timed.message for timed in run.topic("sensors/scan")}
     epochs: list[Epoch] = []
     twists: list[Twist] = []
     held: Twist | None = None
-    tick = 0
-    while len(epochs) < updates:
-        outputs = simulator.step(Step(tick, tick, tick * tick_ns, ())).outputs
-        truth = next(one.message for one in outputs if isinstance(one.message, RobotState))
-        inputs = ((one.topic, one.message) for one in outputs)
-        received = tuple(
-            Received(topic, "simulator", "", tick, tick * tick_ns, message)
-            for topic, message in inputs
-            if topic in node.reads
-        )
-        sensed = [one.message for one in node.step(Step(tick, tick, tick * tick_ns, received)).outputs]
-        if held is not None:
-            twists.append(held)
-        messages = tuple(one for one in sensed if isinstance(one, LaserScan | LandmarkReadings))
-        if any(isinstance(one, LaserScan) for one in messages):
-            epochs.append(Epoch(tuple(twists), messages, np.array([truth.x, truth.y, truth.theta])))
+    odometry = run.topic("sensors/odometry")
+    for timed, told in zip(odometry, of_type(odometry, Odometry), strict=True):
+        twists += [held] if held is not None else []
+        held = Twist(told.v, told.w, tick_s)
+        at = timed.stamp_ns
+        if at in scanned:
+            seen = tuple(_seen(scanned[at], landmarks.get(at)))
+            epochs.append(Epoch(at, tuple(twists), seen, _pose(truth[at])))
             twists = []
-        said = next(one for one in sensed if isinstance(one, Odometry))
-        held = Twist(said.v, said.w, tick_s)
-        tick += 1
     return epochs
+
+
+def _seen(*messages: Message | None) -> Iterator[LaserScan | LandmarkReadings]:
+    return (message for message in messages if isinstance(message, LaserScan | LandmarkReadings))
+
+
+def _pose(message: Message) -> FloatArray:
+    assert isinstance(message, RobotState)
+    return np.array([message.x, message.y, message.theta])
 
 
 def _route(route: Route, seed: int) -> tuple[tuple[float, float, float], tuple[tuple[float, float], ...]]:
@@ -164,59 +198,54 @@ def dead_reckoning(epochs: Sequence[Epoch]) -> FloatArray:
     for epoch in epochs[1:]:
         pose = poses[-1]
         for control in epoch.controls:
-            if isinstance(control, Moved):
-                pose = compose(pose, np.array(control.displacement))
+            if isinstance(control, Displacement):
+                pose = compose(pose, np.array(control))
             else:
                 pose = compose(pose, arc_displacement(control.v * control.duration, control.w * control.duration))
         poses.append(pose)
     return np.stack(poses, axis=1)
 
 
-def readings_of(
-    place: World, config: LocalizationConfig, epoch: Epoch, models: Mapping[type, MeasurementModel[Any]]
-) -> list[Any]:
-    """Return what was seen at the end of an epoch as the readings that measurement models take."""
-    kinds = {TOPICS[kind]: kind for kind in models}
-    topics = [("sensors/scan" if isinstance(one, LaserScan) else "sensors/landmarks", one) for one in epoch.messages]
-    return [
-        reading_of(one, kinds[topic], range_min=config.scan_range_min, range_max=place.range_max)
-        for topic, one in topics
-        if topic in kinds
-    ]
+def follow(way: Way, config: LocalizationConfig, *, shown: bool = False) -> Track:
+    """Return what an estimator, configured so, makes of a way: its estimate at each epoch's scan, and particles."""
+    scenario = msgspec.structs.replace(way.scenario, estimator=config)
+    topics = ("estimator/state", "estimator/particles") if shown else ("estimator/state",)
+    if way.steps:
+        run = follow_inputs(scenario, "estimator", way.steps, topics)
+    else:
+        log = LogContent(LogRecord(one.topic, one.stamp_ns, encode(one.topic, one.message)) for one in way.records)
+        others: dict[str, Node] = {}
+        if way.maps is not None:
+            others["estimator"] = LocalizationEstimator(config=config, seed=scenario.seed, maps=way.maps, classes={})
+        run = drive(scenario, topics, log, others=others)
+    by_stamp = {timed.stamp_ns: timed.message for timed in run.topic("estimator/state")}
+    estimates = [by_stamp[epoch.stamp_ns] for epoch in way.epochs]
+    poses, sigmas, counts = [], [], []
+    for estimate in estimates:
+        assert isinstance(estimate, Estimate)
+        poses.append((estimate.x, estimate.y, estimate.theta))
+        covariance = np.reshape(estimate.covariance, (3, 3))[:2, :2]
+        sigmas.append(math.sqrt(float(np.linalg.eigvalsh(covariance)[-1])))
+        counts.append(_particles(estimate))
+    clouds = list(_clouds(run, way.epochs)) if shown else []
+    return Track(np.array(poses).T, np.array(sigmas), np.array(counts), clouds)
 
 
-def follow(place: World, config: LocalizationConfig, epochs: Sequence[Epoch], seed: int, *, shown: int = 0) -> Track:
-    """Return what the scenario's estimator, configured so, makes of a drive; ``shown``: particles to keep of each."""
-    motion = motion_of(config, place.maps, {})
-    models = measurements_of(config, place.maps, {})
-    localizer = localizer_of(config, motion.model, models, place.maps, {})
-    poses = start_poses(
-        config.start,
-        config.n,
-        Stream.of(seed, "study", 0, "start"),
-        grid=place.maps.grid,
-        models=Models(motion.model, models),
-        readings=readings_of(place, config, epochs[0], models),
-    )
-    belief = localizer.start(poses, Stream.of(seed, "study", 0, "cloud"))
-    found, sigmas, counts, clouds = [], [], [], []
-    # A start from readings has used the first ones up.
-    used = isinstance(config.start, FromReadingsStart)
-    for number, epoch in enumerate(epochs):
-        stream = Stream.of(seed, "study", number, "update")
-        for part, held in enumerate(epoch.controls[:-1]):
-            belief = localizer.predict(belief, motion.control(held), stream.part("predict").part(part))
-        if number == 0 and used:
-            one = localizer.find(belief)
-        else:
-            control = motion.control(epoch.controls[-1]) if epoch.controls else None
-            belief, one = localizer.update(belief, control, readings_of(place, config, epoch, models), stream)
-        found.append(one.estimate.mean[:3])
-        sigmas.append(math.sqrt(float(np.linalg.eigvalsh(one.estimate.covariance[:2, :2])[-1])))
-        counts.append(belief.weights.size)
-        if shown:
-            clouds.append(np.array(localizer.shown(belief, shown)))
-    return Track(np.stack(found, axis=1), np.array(sigmas), np.array(counts, dtype=np.float64), clouds)
+def _particles(estimate: Estimate) -> float:
+    """Return the number of particles: the effective ones over their share of all."""
+    share = estimate.health.figures.n_eff_share if estimate.health else msgspec.UNSET
+    return round(estimate.n_eff / share) if isinstance(share, float) and share > 0.0 else math.nan
+
+
+def _clouds(run: RunMessages, epochs: Sequence[Epoch]) -> Iterator[FloatArray]:
+    """Yield the particles that were shown last at each epoch's scan, (3, M)."""
+    known = run.topic("estimator/particles")
+    stamps = np.array([timed.stamp_ns for timed in known])
+    newest = np.searchsorted(stamps, [epoch.stamp_ns for epoch in epochs], side="right") - 1
+    messages = of_type(known, PosesInFrame)
+    for index in newest.tolist():
+        poses = ((one.position.x, one.position.y, heading(one.orientation)) for one in messages[index].poses)
+        yield np.array(list(poses)).T
 
 
 def measures(epochs: Sequence[Epoch], poses: FloatArray, *, whole: bool = False) -> dict[str, float | bool]:
@@ -249,18 +278,22 @@ def scans(place: World, epochs: Sequence[Epoch]) -> Iterator[tuple[FloatArray, S
 
 
 class Drive(NamedTuple):
-    """An imported log as a study takes it."""
+    """An imported log as a study takes it; ``starts``: where among its records each epoch's scan is."""
 
     place: World
+    log: LaserLog
     epochs: Sequence[Epoch]
+    starts: Sequence[int]
 
-    def stretch(self, seed: int, updates: int) -> list[Epoch]:
+    def stretch(self, seed: int, updates: int) -> Way:
         """Return so many epochs on end from another place of the log for each seed."""
         last = len(self.epochs) - updates
         if last < 0:
             raise UsageError(f"the log has {len(self.epochs)} scans with a reference; expected {updates} or more")
         first = int(generator(seed, "studies", 0, "stretch").integers(last + 1))
-        return [self.epochs[first]._replace(controls=()), *self.epochs[first + 1 : first + updates]]
+        epochs = [self.epochs[first]._replace(controls=()), *self.epochs[first + 1 : first + updates]]
+        records = self.log.records[self.starts[first] : self.starts[first + updates - 1] + 1]
+        return Way(msgspec.structs.replace(self.place.scenario, seed=seed), epochs, (), records)
 
 
 @lru_cache(maxsize=2)
@@ -269,34 +302,27 @@ def played(path: Path, scenario: str = "laser-log", moved_m: float = 0.25, turne
 
     Raises UsageError where it has no map or no reference.
     """
-    log = PlayedLog(path)
+    log = log_named(str(path))
     facts = log.facts
     if facts.map is None or facts.range_max is None:
         raise UsageError(f"{path}: holds no map or no scans; dynpf import carmen|rosbag --map makes such a recording")
-    resolved = load_scenario(scenario, log=facts)
+    chosen = (f"estimator.min_travel={moved_m}", f"estimator.min_turn={turned_rad}")
+    resolved = load_scenario(scenario, overrides=chosen, log=facts)
     assert isinstance(resolved.estimator, LocalizationConfig)
-    # The scenario's noise is for every record of odometry; here there is one movement from scan to scan.
-    estimator = msgspec.structs.replace(resolved.estimator, motion=OdometryParams())
-    resolved = msgspec.structs.replace(resolved, estimator=estimator)
     maps = open_maps(resolved.map, None, lambda name: facts.files[name.rpartition("/")[2]])
     epochs: list[Epoch] = []
-    odometry: FloatArray | None = None  # the last pose of odometry
-    taken: FloatArray | None = None  # that of the last epoch
-    stamp_ns, truth_ns, truth, scan = 0, -1, None, None
-    for one in log.records:
-        match decode(one.topic, one.payload):
-            case OdometryPose(x=x, y=y, theta=theta):
-                odometry = np.array([x, y, theta])
-            case LaserScan() as message if odometry is not None:
-                scan, stamp_ns = message, one.stamp_ns
-            case RobotState(x=x, y=y, theta=theta):
-                truth, truth_ns = np.array([x, y, theta]), one.stamp_ns
-        if scan is None or odometry is None or truth is None or abs(truth_ns - stamp_ns) > REFERENCE_NS:
-            continue
-        step = None if taken is None else relative(taken, odometry)
-        if step is None or math.hypot(*step[:2]) >= moved_m or abs(step[2]) >= turned_rad:
-            controls = () if step is None else (Moved(Displacement(*step.tolist()), 1.0),)
-            epochs.append(Epoch(controls, (scan,), truth))
+    starts: list[int] = []
+    count = UpdateCount(msgspec.structs.replace(resolved.estimator, start=KnownStart()))
+    odometry = taken = np.zeros(3)  # the last pose of odometry, and that of the last epoch
+    for index, one in enumerate(log.records):
+        before = count.updates
+        count.see(one.message)
+        if isinstance(one.message, OdometryPose):
+            odometry = np.array([one.message.x, one.message.y, one.message.theta])
+        if isinstance(one.message, LaserScan) and count.updates > before and one.truth is not None:
+            step = relative(taken, odometry).tolist()
+            controls = (Displacement(*step),) if epochs else ()
+            epochs.append(Epoch(one.stamp_ns, controls, (one.message,), np.array(one.truth)))
+            starts.append(index)
             taken = odometry
-        scan = None
-    return Drive(World(path.stem, resolved, maps, float(facts.range_max)), epochs)
+    return Drive(World(path.stem, resolved, maps, float(facts.range_max)), log, epochs, starts)

@@ -1,6 +1,6 @@
 """TURTLEBOT's question: how many particles find a robot by the lines that a narrow depth camera sees?"""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -21,6 +21,7 @@ from dynpf.measurement.split_and_merge import SplitAndMergeParams, extract_lines
 from dynpf_lab.studies.room_figures import Shown, draw
 from dynpf_lab.studies.rooms import (
     Epoch,
+    Way,
     World,
     dead_reckoning,
     follow,
@@ -137,7 +138,13 @@ def _walls(log: str) -> World:
     return place._replace(scenario=scenario, maps=place.maps._replace(segments=line_map(seen, LineMapParams())))
 
 
-def configured(place: World, case: Case, epochs: list[Epoch], seed: int) -> LocalizationConfig:
+def _stretch(settings: TurtlebotSettings, seed: int) -> Way:
+    """Return a stretch of the log for an estimator that has the walls in its maps."""
+    way = played(Path(settings.log)).stretch(seed, settings.updates)
+    return way._replace(maps=_walls(settings.log).maps)
+
+
+def configured(place: World, case: Case, epochs: Sequence[Epoch], seed: int) -> LocalizationConfig:
     """Return the estimator of a case: the scenario's by lines alone, by lines and landmarks, or TURTLEBOT's own.
 
     That one matches carrying lines wherever the walls are, has no outliers, counts every line in full, and resamples
@@ -168,27 +175,27 @@ def _run(part: Part) -> list[Sample]:
     settings = part.settings
     if settings.log:
         place = _walls(settings.log)
-        return _samples(part, place, {"drive": played(Path(settings.log)).stretch(part.seed, settings.updates)})
+        return _samples(part, place, {"drive": _stretch(settings, part.seed)})
     place = world(part.world)
     doors = tuple(Door(segment=segment, open_for=0.0) for segment in PANELS[part.world])
-    drives = {
+    ways = {
         "drive": record(place, part.seed, settings.updates),
         "panels": record(place, part.seed, settings.updates, panels=doors),
     }
-    samples = _samples(part, place, drives)
+    samples = _samples(part, place, ways)
     for name, robot in (("wheels", _without_gyro(place)), ("gyro", place)):
-        epochs = record(robot, part.seed, settings.loops)
+        epochs = record(robot, part.seed, settings.loops).epochs
         factors = _factors(place, Case("drive", "known", "careful", 0)) | {"case": "odometry", "filter": name}
         samples.append(Sample(factors, measures(epochs, dead_reckoning(epochs), whole=True)))
     return samples
 
 
-def _samples(part: Part, place: World, drives: dict[str, list[Epoch]]) -> list[Sample]:
+def _samples(part: Part, place: World, ways: dict[str, Way]) -> list[Sample]:
     samples = []
     for case in part.cases:
-        epochs = drives[case.case]
-        track = follow(place, configured(place, case, epochs, part.seed), epochs, part.seed)
-        samples.append(Sample(_factors(place, case), measures(epochs, track.poses)))
+        way = ways[case.case]
+        track = follow(way, configured(place, case, way.epochs, part.seed))
+        samples.append(Sample(_factors(place, case), measures(way.epochs, track.poses)))
     return samples
 
 
@@ -214,17 +221,16 @@ def _figures(settings: TurtlebotSettings, seed: int, rows: list[Row], folder: Pa
     written = []
     for name in (settings.log,) if settings.log else settings.worlds:
         place = _walls(name) if settings.log else world(name)
-        drive = played(Path(name)).stretch(seed, settings.updates) if settings.log else None
-        epochs = record(place, seed, settings.updates) if drive is None else drive
+        way = _stretch(settings, seed) if settings.log else record(place, seed, settings.updates)
         starts: tuple[tuple[Start, int], ...] = (("readings", 2000), ("heading", 2000), ("known", 500))
         shown = []
         for start, n in starts:
-            config = configured(place, Case("drive", start, "careful", n), epochs, seed)
-            shown.append(Shown(f"{start} start, N = {n}", follow(place, config, epochs, seed, shown=400)))
+            config = configured(place, Case("drive", start, "careful", n), way.epochs, seed)
+            shown.append(Shown(f"{start} start, N = {n}", follow(way, config, shown=True)))
         own = folder / place.name
         own.mkdir(exist_ok=True)
         here = [row for row in rows if row["dataset"] == place.name]
-        written += draw(place, epochs, shown, here, own)
+        written += draw(place, way.epochs, shown, here, own)
     return written
 
 
