@@ -23,6 +23,7 @@ from dynpf_protocol.messages import (
 )
 from dynpf_runtime.node import Node, Step
 from dynpf_runtime.source import LogRecord
+from dynpf_services.estimator.components import Moved
 from dynpf_services.estimator.config import LocalizationConfig
 from dynpf_services.estimator.localization import LocalizationEstimator
 from dynpf_services.estimator.readings import reading_of
@@ -80,7 +81,7 @@ class Epoch(NamedTuple):
     """What odometry told since the last scan, and what was seen at its end; ``truth`` is the pose there (3,)."""
 
     stamp_ns: int
-    controls: tuple[Twist | Displacement, ...]
+    controls: tuple[Twist | Moved, ...]
     messages: tuple[LaserScan | LandmarkReadings, ...]
     truth: FloatArray
 
@@ -198,8 +199,8 @@ def dead_reckoning(epochs: Sequence[Epoch]) -> FloatArray:
     for epoch in epochs[1:]:
         pose = poses[-1]
         for control in epoch.controls:
-            if isinstance(control, Displacement):
-                pose = compose(pose, np.array(control))
+            if isinstance(control, Moved):
+                pose = compose(pose, np.array(control.displacement))
             else:
                 pose = compose(pose, arc_displacement(control.v * control.duration, control.w * control.duration))
         poses.append(pose)
@@ -321,7 +322,7 @@ def played(path: Path, scenario: str = "laser-log", moved_m: float = 0.25, turne
             odometry = np.array([one.message.x, one.message.y, one.message.theta])
         if isinstance(one.message, LaserScan) and count.updates > before and one.truth is not None:
             step = relative(taken, odometry).tolist()
-            controls = (Displacement(*step),) if epochs else ()
+            controls = (Moved(Displacement(*step), 1.0),) if epochs else ()
             epochs.append(Epoch(one.stamp_ns, controls, (one.message,), np.array(one.truth)))
             starts.append(index)
             taken = odometry
