@@ -1,13 +1,20 @@
 """Tubes, trials and filters of the COLON studies."""
 
+import hashlib
+import math
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
 from dynpf_protocol.errors import UsageError
+from dynpf_services.colon import ColonConfig, MapHolds, RouteConfig
+from dynpf_services.estimator.config import CapsuleEstimatorConfig, ClassicFilter, EndRadiusFilter, HypothesesFilter
+from dynpf_services.scenario.schema import File, Scenario, load_scenario
+from dynpf_services.sensors.config import CapsuleSensorsConfig
+from dynpf_services.simulator.config import CapsuleConfig
 
 from dynpf.colon import (
     ROUTE,
@@ -18,19 +25,32 @@ from dynpf.colon import (
     Hypotheses,
     HypothesesParams,
     Run,
-    simulate,
 )
 from dynpf.colon.maps import drawn_map, tube_map
 from dynpf.colon.outline import UNIT, Family
-from dynpf.colon.world import Route, timeline
+from dynpf.colon.world import Route, blown, read_ranges, steered, timeline
 from dynpf.filters.start import Uniform, UniformStart
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.maps.raycast import RayCaster
 from dynpf.maps.timeline import MapTimeline
-from dynpf.rng import Stream
+from dynpf.rng import Stream, generator
 from dynpf.se2 import FloatArray, Floats
 
-__all__ = ["NOISES", "RADII", "Change", "Filter", "Noise", "Place", "Track", "Trial", "caster", "follow", "grid", "run"]
+__all__ = [
+    "NOISES",
+    "RADII",
+    "Change",
+    "Filter",
+    "Noise",
+    "Place",
+    "Track",
+    "Trial",
+    "caster",
+    "follow",
+    "grid",
+    "run",
+    "scenario_of",
+]
 
 Filter = Literal["seed", "scheduled", "told", "hypotheses", "end_radius"]
 Noise = Literal["none", "3px_5pct", "10px", "robot", "robot_3px_5pct"]
@@ -129,11 +149,63 @@ class Trial(NamedTuple):
     seed: int
 
 
+def scenario_of(trial: Trial) -> Scenario:
+    """Return the scenario whose run is the trial: its nodes do what ``run`` and ``follow`` do."""
+    place, change, setup = trial.place, trial.change, NOISES[trial.noise]
+    route, capsule = place.route, setup.capsule
+    noise: dict[str, Any] = {"n": trial.n, "sigma_range": setup.sigma_range, "outliers": setup.outliers}
+    schedules: dict[Filter, Literal["ignored", "hint", "obeyed"]] = {"scheduled": "obeyed", "told": "hint"}
+    chosen: ClassicFilter | EndRadiusFilter | HypothesesFilter
+    match trial.filter:
+        case "seed":
+            chosen = ClassicFilter(n=trial.n)
+        case "end_radius":
+            chosen = EndRadiusFilter(**noise, radii_px=_MEMBERS)
+        case name:
+            chosen = HypothesesFilter(**noise, maps=("a", "b"), schedule=schedules.get(name, "ignored"))
+    files = {Path(file).name: Path(file).read_bytes() for file in place.files}
+    return msgspec.structs.replace(
+        load_scenario("colon-case-1"),
+        seed=trial.seed,
+        colon=ColonConfig(
+            family=place.family.value if place.family else "haustra",
+            tube=place.seed,
+            route=RouteConfig(start=route.start, motions=tuple((one.rho, one.turn) for one in route.motions)),
+            true=_holding(change.true_maps(route)),
+            told=_holding(timeline(change.before, change.told, route=route)),
+        ),
+        maps=tuple(files),
+        files={name: File(sha256=hashlib.sha256(data).hexdigest(), data=data) for name, data in files.items()},
+        simulator=CapsuleConfig(sigma_px=capsule.sigma, sigma_theta=capsule.sigma_theta),
+        sensors=CapsuleSensorsConfig(sigma_range_px=capsule.sigma_range, outlier_fraction=capsule.outlier_fraction),
+        estimator=CapsuleEstimatorConfig(filter=chosen, start="known" if trial.known else "anywhere"),
+    )
+
+
+def _holding(maps: MapTimeline[str]) -> tuple[MapHolds, ...]:
+    return tuple(MapHolds(map=name, from_reading=int(first)) for first, name in maps.entries)
+
+
 def run(trial: Trial) -> Run:
-    """Return what happens in a trial."""
-    true = trial.change.true_maps(trial.place.route)
-    casters = {name: caster(trial.place, name) for _, name in true.entries}
-    return simulate(casters, true, NOISES[trial.noise].capsule, trial.seed, trial.place.route)
+    """Return what happens in a trial: the true poses and the readings of its scenario's run.
+
+    Maps and filters are made once a process instead of once a run; they are most of what a run costs.
+    """
+    route, true, capsule = trial.place.route, trial.change.true_maps(trial.place.route), NOISES[trial.noise].capsule
+    goals = route.poses()
+    noisy = capsule.sigma > 0.0 or capsule.sigma_theta > 0.0
+    pose, poses, motions, ranges, maps = goals[:, 0], [], [], [], []
+    for step in range(len(route.motions) + 1):
+        here = caster(trial.place, true.at(step))
+        if step > 0:
+            motion = steered(pose, goals[:, step]) if noisy else route.motions[step - 1]
+            motions.append(motion)
+            pose = blown(pose, motion, capsule, here.grid, generator(trial.seed, "simulator", step, "motion"))
+        poses.append(pose)
+        maps.append(true.at(step))
+        seen_from = np.array([pose[0], pose[1], math.remainder(pose[2], math.tau)])
+        ranges.append(read_ranges(here, seen_from, capsule, generator(trial.seed, "sensors", step, "ranges")))
+    return Run(np.stack(poses, axis=1), tuple(motions), np.stack(ranges, axis=1), tuple(maps))
 
 
 def follow(trial: Trial, happened: Run) -> tuple[Track, ...]:
@@ -143,7 +215,7 @@ def follow(trial: Trial, happened: Run) -> tuple[Track, ...]:
     if trial.filter == "end_radius":
         return (_follow_radius(trial, happened),)
     hypotheses = _hypotheses(trial.place, trial.noise, trial.n, trial.filter == "scheduled")
-    start = _stream(trial.seed, 0, "start")
+    start = _start_stream(trial.seed)
     belief = hypotheses.start(_known(trial)) if trial.known else hypotheses.anywhere(start)
     change = trial.change
     told = change.told if trial.filter in {"scheduled", "told"} and change.told != change.before else None
@@ -151,7 +223,7 @@ def follow(trial: Trial, happened: Run) -> tuple[Track, ...]:
     for step, ranges in enumerate(happened.ranges.T):
         said = told if step == trial.place.route.change + 1 else None
         motion = happened.motions[step - 1] if step else None
-        belief, finding = hypotheses.update(belief, motion, ranges, _stream(trial.seed, step, "update"), said)
+        belief, finding = hypotheses.update(belief, motion, ranges, _stream(trial.seed, step), said)
         found.append(finding)
         clouds.append(belief.cloud.particles)
     poses = np.stack([finding.pose for finding in found], axis=1)
@@ -175,13 +247,13 @@ def _follow_seed(trial: Trial, happened: Run) -> tuple[Track, Track]:
         _classic(trial.place, change.before, change.told),
         timeline(change.before, change.told, route=trial.place.route),
     )
-    anywhere, start = Uniform(UniformStart(), grid(trial.place, change.before)), _stream(trial.seed, 0, "start")
+    anywhere, start = Uniform(UniformStart(), grid(trial.place, change.before)), _start_stream(trial.seed)
     poses = _known(trial) if trial.known else anywhere.draw(trial.n, (), start)
-    cloud = classic.start(poses, _stream(trial.seed, 0, "cloud"))
+    cloud = classic.start(poses, _start_stream(trial.seed).part("cloud"))
     found, clouds = [], []
     for step, ranges in enumerate(happened.ranges.T):
         motion = happened.motions[step - 1] if step else None
-        cloud, finding = classic.update(cloud, motion, ranges, _stream(trial.seed, step, "update"), told.at(step))
+        cloud, finding = classic.update(cloud, motion, ranges, _stream(trial.seed, step), told.at(step))
         found.append(finding)
         clouds.append(cloud.particles)
     mean = np.stack([finding.pose for finding in found], axis=1)
@@ -199,7 +271,7 @@ def _follow_radius(trial: Trial, happened: Run) -> Track:
     cloud, poses = family.start(_known(trial), RADII["M_1"]), []
     for step, ranges in enumerate(happened.ranges.T):
         motion = happened.motions[step - 1] if step else None
-        cloud, finding = family.update(cloud, motion, ranges, _stream(trial.seed, step, "update"))
+        cloud, finding = family.update(cloud, motion, ranges, _stream(trial.seed, step))
         poses.append(finding.pose)
     return Track(np.stack(poses, axis=1), radius=finding.radius)
 
@@ -215,5 +287,10 @@ def _known(trial: Trial) -> FloatArray:
     return np.repeat(np.array(trial.place.route.start)[:, None], trial.n, axis=1)
 
 
-def _stream(seed: int, step: int, purpose: str) -> Stream:
-    return Stream.of(seed, "study", step, purpose)
+def _stream(seed: int, step: int) -> Stream:
+    """Return the estimator's random numbers for a reading, which comes in the step of its number."""
+    return Stream.of(seed, "estimator", step, "update").part(step)
+
+
+def _start_stream(seed: int) -> Stream:
+    return Stream.of(seed, "estimator", 0, "start")

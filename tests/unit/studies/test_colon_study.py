@@ -7,8 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from dynpf_lab.cli.main import main
-from dynpf_lab.studies.colon import PRINTED_CASES, STUDIES
+from dynpf_lab.measures.messages import of_type
+from dynpf_lab.studies.colon import PRINTED_CASES, STUDIES, change_of
+from dynpf_lab.studies.colon_worlds import Change, Filter, Place, Trial, follow, run, scenario_of
+from dynpf_lab.studies.drive import drive
 from dynpf_lab.studies.study import run_study, settings_from
+from dynpf_protocol.messages import CapsuleEstimate, CapsuleReading, CapsuleState
 from PIL import Image
 
 from dynpf.colon.outline import Bulge, Family, tube
@@ -66,6 +70,41 @@ def test_the_same_rows_on_one_process_and_on_two() -> None:
     one, two, other = (run_study(study, settings, 2, seed, jobs) for seed, jobs in ((1, 1), (1, 2), (2, 1)))
     assert one == two
     assert one != other
+
+
+@pytest.mark.parametrize(
+    ("name", "known"),
+    [
+        ("seed", True),
+        ("seed", False),
+        ("scheduled", True),
+        ("told", True),
+        ("hypotheses", True),
+        ("hypotheses", False),
+        ("end_radius", True),
+    ],
+)
+def test_a_trial_is_the_run_of_its_scenario(name: Filter, known: bool) -> None:
+    change = Change("end 105.0", ("end 120.0",), "end 105.0") if name == "end_radius" else change_of(5)
+    trial = Trial(Place(Family.FOLDS, 1), change, "robot_3px_5pct", name, 60, known, 11)
+    happened = run(trial)
+    track = follow(trial, happened)[0]
+    ran = drive(scenario_of(trial), {"truth/capsule", "sensors/capsule", "estimator/capsule"})
+    true = of_type(ran.topic("truth/capsule"), CapsuleState)
+    read = of_type(ran.topic("sensors/capsule"), CapsuleReading)
+    found = of_type(ran.topic("estimator/capsule"), CapsuleEstimate)
+    assert [(one.x_px, one.y_px) for one in true] == [*map(tuple, happened.poses[:2].T.tolist())]
+    assert [one.ranges_px for one in read] == [*map(tuple, happened.ranges.T.tolist())]
+    assert [(one.x_px, one.y_px) for one in found] == [*map(tuple, track.poses[:2].T.tolist())]
+    if track.maps:
+        assert [{one.map: one.probability for one in estimate.maps} for estimate in found] == [
+            {name: min(share, 1.0) for name, share in maps.items()} for maps in track.maps
+        ]
+    if track.radius is not None:
+        assert found[-1].end_radius_px == track.radius
+    assert len(found) == 16
+    other = follow(trial._replace(seed=12), happened)[0]
+    assert other.poses[0].tolist() != track.poses[0].tolist(), "other random numbers find other poses"
 
 
 def drawing(path: Path, *bulges: Bulge, closed: bool = True) -> str:

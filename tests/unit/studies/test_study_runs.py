@@ -38,7 +38,7 @@ SMALL = {
 }
 """Settings of the smallest trial."""
 WITHOUT_NODES = {"colon-particles", "colon-cases", "colon-growth", "colon-hypotheses"}
-"""Studies of COLON, whose filters are stepped without estimator, simulator and sensors."""
+"""Studies of COLON step filters on maps made once a process; test_colon_study holds their trials to runs."""
 
 
 def first_trial(study: Study, settings: Any) -> list[Sample]:
