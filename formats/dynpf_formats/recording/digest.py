@@ -50,14 +50,14 @@ def content_digest(recording: Recording) -> str:
     total = hashlib.sha256()
     numbers = starts(recording)
     digests = _payload_digests(recording)  # made in the order of the file, in which chunks are read once
-    for source in sorted(filter(_is_compared, recording.sources), key=lambda one: _order(one, numbers)):
+    for source in sorted(filter(_is_compared, recording.sources), key=lambda source: _order(source, numbers)):
         start = numbers[source.node, source.boot]
         for record in recording.of(source):
             digest = digests[_DIGEST_BYTES * record.place : _DIGEST_BYTES * (record.place + 1)].hex()
             tick = recording.tick_of(record)
             line = (source.node, source.topic, start, record.sequence, _number(tick), record.stamp_ns, digest)
             total.update(msgspec.json.encode(line) + b"\n")
-    for node, boot in sorted(recording.journals(), key=lambda one: (one[0], numbers[one])):
+    for node, boot in sorted(recording.journals(), key=lambda start: (start[0], numbers[start])):
         for state in _states(recording, node, boot, numbers[node, boot]):
             total.update(msgspec.json.encode(state) + b"\n")
     return total.hexdigest()

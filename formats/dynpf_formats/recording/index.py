@@ -261,7 +261,7 @@ class Records(Sequence[Recorded]):
 
     def __getitem__(self, number: int | slice) -> Recorded | Sequence[Recorded]:
         if isinstance(number, slice):
-            return [self[one] for one in range(len(self))[number]]
+            return [self[item] for item in range(len(self))[number]]
         return Recorded(self._index, self._places[number])
 
 

@@ -1,7 +1,8 @@
 """Reads a recording: one pass over the file checks every byte and builds an index; payloads are fetched on demand.
 
 The index holds the place of every message in arrays, so memory grows by some tens of bytes a message and not with their
-size; a file cannot claim more messages than its own size allows. What one pass can do takes ``stream``.
+size; a file cannot claim more messages than its own size allows. A single pass in the order of the file needs only
+``stream``.
 """
 
 from array import array
