@@ -6,14 +6,18 @@ of file and journal.
 """
 
 import hashlib
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import msgspec
+from dynpf_protocol.journal import JOURNAL_PREFIX
 from dynpf_protocol.topics import is_compared
 
-from dynpf_formats.recording.reader import Recorded, Recording
+from dynpf_formats.recording.reader import Recorded, Recording, Source
 
 __all__ = ["Key", "Leaf", "StateKey", "content_digest", "leaves", "starts", "states"]
+
+_DIGEST_BYTES = 32
 
 
 class Key(NamedTuple):
@@ -45,10 +49,18 @@ class StateKey(NamedTuple):
 def content_digest(recording: Recording) -> str:
     """Return the SHA-256, in hexadecimal, over what is compared of a recording."""
     total = hashlib.sha256()
-    for key, leaf in sorted(leaves(recording).items()):
-        total.update(msgspec.json.encode((*key, leaf.tick, leaf.stamp_ns, leaf.digest.hex())) + b"\n")
-    for state in sorted(states(recording).items()):
-        total.update(msgspec.json.encode(state) + b"\n")
+    numbers = starts(recording)
+    digests = _payload_digests(recording)  # made in the order of the file, in which chunks are read once
+    for source in sorted(filter(_is_compared, recording.sources), key=lambda source: _order(source, numbers)):
+        start = numbers[source.node, source.boot]
+        for record in recording.of(source):
+            digest = digests[_DIGEST_BYTES * record.place : _DIGEST_BYTES * (record.place + 1)].hex()
+            tick = recording.tick_of(record)
+            line = (source.node, source.topic, start, record.sequence, _number(tick), record.stamp_ns, digest)
+            total.update(msgspec.json.encode(line) + b"\n")
+    for node, boot in sorted(recording.journals(), key=lambda start: (start[0], numbers[start])):
+        for state in _states(recording, node, boot, numbers[node, boot]):
+            total.update(msgspec.json.encode(state) + b"\n")
     return total.hexdigest()
 
 
@@ -57,12 +69,11 @@ def leaves(recording: Recording) -> dict[Key, Leaf]:
     numbers = starts(recording)
     found = {}
     for record in recording.messages():
-        if not is_compared(record.topic):
+        if not _is_compared(record.source):
             continue
-        tick = recording.tick_of(record)
         key = Key(record.node, record.topic, numbers[record.node, record.boot], record.sequence)
         found[key] = Leaf(
-            -1 if tick is None else tick, record.stamp_ns, hashlib.sha256(record.payload).digest(), record
+            _number(recording.tick_of(record)), record.stamp_ns, hashlib.sha256(record.payload).digest(), record
         )
     return found
 
@@ -70,10 +81,9 @@ def leaves(recording: Recording) -> dict[Key, Leaf]:
 def states(recording: Recording) -> dict[StateKey, tuple[int, str]]:
     """Return (tick, state digest) of every state that a journal tells."""
     numbers = starts(recording)
-    found = {}
+    found: dict[StateKey, tuple[int, str]] = {}
     for node, boot in recording.journals():
-        told = ((entry.tick, entry.state) for entry in recording.journal(node, boot) if entry.state)
-        found.update({StateKey(node, numbers[node, boot], number): state for number, state in enumerate(told)})
+        found.update(_states(recording, node, boot, numbers[node, boot]))
     return found
 
 
@@ -81,3 +91,34 @@ def starts(recording: Recording) -> dict[tuple[str, str], int]:
     """Return the place of each boot among the starts of its node."""
     nodes = {source.node for source in recording.sources}
     return {(node, boot): start for node in nodes for start, boot in enumerate(recording.boots(node))}
+
+
+def _is_compared(source: Source) -> bool:
+    return not source.topic.startswith(JOURNAL_PREFIX) and is_compared(source.topic)
+
+
+def _order(source: Source, numbers: Mapping[tuple[str, str], int]) -> tuple[str, str, int]:
+    return source.node, source.topic, numbers[source.node, source.boot]
+
+
+def _payload_digests(recording: Recording) -> bytearray:
+    """Return the SHA-256 of every compared payload, at the message's place in the file."""
+    digests = bytearray(_DIGEST_BYTES * len(recording.records))
+    for record in recording.messages():
+        if _is_compared(record.source):
+            begin = _DIGEST_BYTES * record.place
+            digests[begin : begin + _DIGEST_BYTES] = hashlib.sha256(record.payload).digest()
+    return digests
+
+
+def _states(recording: Recording, node: str, boot: str, start: int) -> Iterator[tuple[StateKey, tuple[int, str]]]:
+    """Yield (tick, state digest) of every state in one journal, in order."""
+    number = 0
+    for entry in recording.journal(node, boot):
+        if entry.state:
+            yield StateKey(node, start, number), (entry.tick, entry.state)
+            number += 1
+
+
+def _number(tick: int | None) -> int:
+    return -1 if tick is None else tick

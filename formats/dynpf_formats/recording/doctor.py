@@ -129,10 +129,7 @@ def _gaps(recording: Recording) -> Iterator[Finding]:
 def _repetitions(recording: Recording) -> Iterator[Finding]:
     same: Counter[Source] = Counter()
     other: Counter[Source] = Counter()
-    for record in recording.records:
-        first = recording.find(record.node, record.boot, record.topic, record.sequence)
-        if first is None or first is record:
-            continue
+    for first, record in recording.repetitions():
         equal = first.stamp_ns == record.stamp_ns and first.payload == record.payload
         (same if equal else other)[record.source] += 1
     for source, count in same.items():
@@ -142,26 +139,28 @@ def _repetitions(recording: Recording) -> Iterator[Finding]:
 
 
 def _payloads(recording: Recording) -> Iterator[Finding]:
-    reasons: dict[tuple[str, str], list[str]] = {}
+    counts: Counter[tuple[str, str]] = Counter()
+    firsts: dict[tuple[str, str], str] = {}
     for record in recording.messages():
         if record.topic not in TOPICS:
             continue
         try:
             decode(record.topic, record.payload)
         except BadMessageError as error:
-            reasons.setdefault((record.topic, record.node), []).append(f"sequence {record.sequence}: {error}")
+            counts[record.topic, record.node] += 1
+            firsts.setdefault((record.topic, record.node), f"sequence {record.sequence}: {error}")
         except RecordingError as error:
             yield _error(str(error), record.topic)
             return
-    for (topic, node), texts in reasons.items():
-        yield _error(f"{len(texts)} unreadable messages of {node}, first {texts[0]}", topic)
+    for (topic, node), count in counts.items():
+        yield _error(f"{count} unreadable messages of {node}, first {firsts[topic, node]}", topic)
 
 
 def _journals(recording: Recording) -> Iterator[Finding]:
     for node, boot in recording.journals():
         name = JOURNAL_PREFIX + node
         expected = 0
-        unresolved: list[str] = []
+        unresolved, first = 0, ""
         for record in recording.of(Source(name, node, boot)):
             try:
                 entry = decode_entry(record.payload)
@@ -172,9 +171,11 @@ def _journals(recording: Recording) -> Iterator[Finding]:
                 missing = _range(expected, entry.step - 1) if entry.step > expected else f"{entry.step} again"
                 yield _error(f"missing: step {missing}, boot {boot}", name)
             expected = entry.step + 1
-            unresolved.extend(_unresolved(recording, node, boot, entry))
+            for reference in _unresolved(recording, node, boot, entry):
+                unresolved += 1
+                first = first or reference
         if unresolved:
-            yield _error(f"{len(unresolved)} references to messages that are not recorded, first {unresolved[0]}", name)
+            yield _error(f"{unresolved} references to messages that are not recorded, first {first}", name)
 
 
 def _unresolved(recording: Recording, node: str, boot: str, entry: JournalEntry) -> Iterator[str]:

@@ -170,8 +170,7 @@ def scenario_of(trial: Trial) -> Scenario:
         case name:
             chosen = HypothesesFilter(**noise, maps=("a", "b"), schedule=schedules.get(name, "ignored"))
     files = {Path(file).name: Path(file).read_bytes() for file in place.files}
-    return msgspec.structs.replace(
-        load_scenario("colon-case-1"),
+    return load_scenario("colon-case-1").changed(
         seed=trial.seed,
         colon=ColonConfig(
             family=place.family.value if place.family else "haustra",

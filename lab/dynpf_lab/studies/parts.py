@@ -4,7 +4,6 @@ import math
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-import msgspec
 import numpy as np
 from dynpf_protocol.messages import Estimate, PartEstimate, PartsState, RobotState
 from dynpf_runtime.node import Node, Output, Result, State, Step
@@ -102,8 +101,7 @@ def parts_scenario(task: RearrangementTask, seed: int, conditions: Conditions) -
         part_grey=overhead.part_grey,
     )
     sensors = SimulatedSensorsConfig(gripper=GripperSensor(), overhead=overhead) if conditions.particles else None
-    return msgspec.structs.replace(
-        _base(),
+    return _base().changed(
         seed=seed,
         task=task,
         simulator=WorkspaceConfig(process_variance=motion),

@@ -134,8 +134,7 @@ def record(place: World, seed: int, updates: int, panels: Sequence[Door] = ()) -
     assert sensors.scan is not None
     start, points = _route(room.driver, seed)
     driver = msgspec.structs.replace(room.driver, points=points, laps=1000)
-    scenario = msgspec.structs.replace(
-        place.scenario,
+    scenario = place.scenario.changed(
         seed=seed,
         simulator=msgspec.structs.replace(room, start=start, driver=driver, doors=(*room.doors, *panels)),
         max_ticks=(updates - 1) * sensors.scan.every + 1,
@@ -210,7 +209,7 @@ def dead_reckoning(epochs: Sequence[Epoch]) -> FloatArray:
 
 def follow(way: Way, config: LocalizationConfig, *, shown: bool = False) -> Track:
     """Return what an estimator, configured so, makes of a way: its estimate at each epoch's scan, and particles."""
-    scenario = way.scenario.with_node("estimator", config)
+    scenario = way.scenario.changed(estimator=config)
     topics = ("estimator/state", "estimator/particles") if shown else ("estimator/state",)
     if way.steps:
         run = follow_inputs(scenario, "estimator", way.steps, topics)

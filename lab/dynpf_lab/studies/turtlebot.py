@@ -134,7 +134,7 @@ def _walls(log: str) -> World:
         regularization=GaussianKernel(scale=0.3),
         resampling=Systematic(only_when_moving=True),
     )
-    scenario = msgspec.structs.replace(place.scenario, estimator=by_lines)
+    scenario = place.scenario.changed(estimator=by_lines)
     return place._replace(scenario=scenario, maps=place.maps._replace(segments=line_map(seen, LineMapParams())))
 
 
@@ -204,7 +204,7 @@ def _without_gyro(place: World) -> World:
     assert isinstance(sensors, SimulatedSensorsConfig)
     assert sensors.odometry is not None
     wheels = msgspec.structs.replace(sensors, odometry=msgspec.structs.replace(sensors.odometry, gyro=None))
-    return place._replace(scenario=msgspec.structs.replace(place.scenario, sensors=wheels))
+    return place._replace(scenario=place.scenario.changed(sensors=wheels))
 
 
 def _factors(place: World, case: Case) -> dict[str, str | int]:

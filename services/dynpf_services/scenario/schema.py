@@ -63,9 +63,20 @@ class Scenario(RunTable, frozen=True, forbid_unknown_fields=True, kw_only=True):
             raise AttributeError(name)
         return self.nodes.get(name, self.facts.get(name))
 
-    def with_node(self, name: str, config: Any) -> "Scenario":
-        """Return the scenario with another configuration, of the same kind, of one of its nodes."""
-        return msgspec.structs.replace(self, nodes={**self.nodes, name: config})
+    def changed(self, **tables: Any) -> "Scenario":
+        """Return the scenario with other values of its own keys, of shared tables, and of its nodes.
+
+        A node stays of the kind that it was; None takes it out of the run.
+        """
+        own = {name: value for name, value in tables.items() if name in RunTable.__struct_fields__}
+        nodes = {**self.nodes, **{name: value for name, value in tables.items() if name in self.nodes}}
+        facts = {name: value for name, value in tables.items() if name not in own and name not in nodes}
+        return msgspec.structs.replace(
+            self,
+            nodes={name: config for name, config in nodes.items() if config is not None},
+            facts={**self.facts, **facts},
+            **own,
+        )
 
     @property
     def user_classes(self) -> tuple[UserClass, ...]:

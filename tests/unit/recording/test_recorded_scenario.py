@@ -11,6 +11,7 @@ import pytest
 from dynpf_formats.recording.attachments import FOLDER
 from dynpf_formats.recording.code import recorded_code
 from dynpf_formats.recording.header import Attachment
+from dynpf_formats.recording.index import MessageIndex
 from dynpf_formats.recording.reader import Recording
 from dynpf_protocol.errors import ScenarioError
 from dynpf_services.scenario import user_code
@@ -77,7 +78,7 @@ def recording(scenario: str) -> Recording:
         attachments=(Attachment(name=f"{FOLDER}x.yaml", media_type="", data=YAML),),
         end=None,
         truncated=False,
-        records=[],
+        index=MessageIndex(Path("run.mcap")),
     )
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 import zstandard
-from dynpf_formats.recording import reader
+from dynpf_formats.recording import index
 from dynpf_formats.recording.doctor import Severity, examine
 from dynpf_formats.recording.errors import (
     CorruptRecordingError,
@@ -53,7 +53,7 @@ def test_references_journal_and_ticks(tmp_path: Path) -> None:
 def test_payloads_are_fetched_again_when_the_cache_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sent = lockstep(20)
     path = write(tmp_path / "run.mcap", sent, flush_every=10)
-    monkeypatch.setattr(reader, "_CACHE_BYTES", 1)
+    monkeypatch.setattr(index, "_CACHE_BYTES", 1)
     recording = read_recording(path)
     assert [record.payload for record in reversed(recording.records)] == [one.payload for one in reversed(sent)]
     data = bytearray(path.read_bytes())
@@ -228,7 +228,7 @@ def test_messages_on_a_channel_that_is_not_described(tmp_path: Path) -> None:
     start = MCAP0_MAGIC + record(0x01, struct.pack("<I", 5) + b"dynpf" + struct.pack("<I", 0))
     path = tmp_path / "run.mcap"
     path.write_bytes(start + built(Metadata("run", seal(HEADER))) + chunk(message, compression=""))
-    assert load(path).recording.records == []
+    assert not load(path).recording.records
     assert any("channels that the file does not describe" in finding.what for finding in examine(path))
 
 

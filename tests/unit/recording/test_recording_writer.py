@@ -90,7 +90,7 @@ def test_a_message_is_in_the_file_once_the_flush_is_due(tmp_path: Path) -> None:
         writer.flush_if_due(100)
         writer.message(*sent)
         writer.flush_if_due(100 + FLUSH_NS - 1)
-        assert load(writer.path).recording.records == []
+        assert not load(writer.path).recording.records
         writer.flush_if_due(100 + FLUSH_NS)
         (record,) = load(writer.path).recording.records
         assert record.payload == sent.payload

@@ -16,10 +16,10 @@ from dynpf_lab.studies.drive import drive, inputs_of, recorded_in
 from dynpf_lab.studies.laser_logs import imported_log
 from dynpf_lab.studies.rows import Sample
 from dynpf_lab.studies.study import Study, settings_from
+from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.played_log import log_records
 from dynpf_services.scenario.record import LogContent, record_inline
 from dynpf_services.scenario.recorded import recorded_scenario
-from dynpf_services.scenario.schema import load_scenario
 
 DATA = Path(__file__).parents[3] / "../shared/data"
 MINUTE, SLICE = DATA / "mrclam/ds1_seed_60s", DATA / "carmen/intel_30-150s.log"

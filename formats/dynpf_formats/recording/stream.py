@@ -1,0 +1,243 @@
+"""One pass over a recording: what it holds, in the order of the file, every byte checked.
+
+Memory is bounded by one record and one chunk, and by the senders and topics, whatever the number of messages.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from dynpf_protocol.version import READABLE_VERSIONS
+from mcap.records import Attachment as AttachmentRecord
+from mcap.records import Channel, Header, Metadata
+
+from dynpf_formats.recording.errors import (
+    CorruptRecordingError,
+    ForeignRecordingError,
+    NotMcapError,
+    RecordingError,
+    TruncatedRecordingError,
+    UnknownVersionError,
+    UnreadableHeaderError,
+)
+from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, unseal, unsealed
+from dynpf_formats.recording.mcap_records import MAGIC, Damage, DamageKind, End, Message, Region, Stray, contents, scan
+
+__all__ = ["Described", "Item", "Source", "StreamedMessage", "stream"]
+
+_INDEX_ENTRY = 16  # bytes that a file spends on each message beside the chunk, in its message index
+_UNINDEXED = 20_000  # messages of a last chunk whose index the recorder had no time to write
+_MOST_DAMAGE = 10_000
+_LISTED_TOPICS = 8
+_FOREIGN_CHUNKS = 16  # chunks of somebody else's file that are searched for topics
+
+
+class Source(NamedTuple):
+    """Who sent on what: messages of one source are numbered without gaps from 0."""
+
+    topic: str
+    node: str
+    boot: str
+
+
+class Described(NamedTuple):
+    """Which source the messages of a channel are of; it comes once for a channel, as a rule before its messages."""
+
+    channel: int
+    source: Source
+
+
+class StreamedMessage(NamedTuple):
+    """One message or journal entry, in its uncompressed chunk.
+
+    ``source`` is None where the chunk that described the channel is lost: a description may still come, at the end of
+    the file. The payload is a part of the chunk, which holds it in memory as long as this is held.
+    """
+
+    source: Source | None
+    channel: int
+    sequence: int
+    stamp_ns: int
+    publish_ns: int
+    chunk: Region
+    start: int
+    stop: int
+
+    @property
+    def payload(self) -> bytes:
+        return self.chunk.data[self.start : self.stop]
+
+
+Item = RunHeader | Attachment | Region | Described | StreamedMessage | RunEnd | Damage | End
+"""What a recording holds: a Region comes before the messages in it, the RunHeader before all but attachments and
+damage, and an End where the file has its footer."""
+
+
+def stream(path: Path | str) -> Iterator[Item]:
+    """Yield what can be read of a recording, in the order of the file, together with the damage.
+
+    Raises RecordingError where the file cannot be read or has no header.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            size = path.stat().st_size
+            start = file.read(len(MAGIC))
+            if size == 0:
+                raise NotMcapError(f"{path}: the file is empty; expected a recording")
+            if start != MAGIC:
+                if MAGIC.startswith(start):
+                    raise TruncatedRecordingError(f"{path}: the file ends inside its first bytes; nothing is recorded")
+                raise NotMcapError(f"{path}: not an MCAP file: it begins with {start!r}")
+            yield from _Pass(path, size).items(scan(file, size))
+    except FileNotFoundError:
+        raise RecordingError(f"{path}: no such file") from None
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+class _Pass:
+    """What one pass has to remember of what it has seen."""
+
+    def __init__(self, path: Path, size: int) -> None:
+        self._path = path
+        self._most = size // _INDEX_ENTRY + _UNINDEXED
+        self._messages = 0
+        self._profile: str | None = None
+        self._headed = False
+        self._sources: dict[int, Source] = {}
+        self._nameless: dict[int, int] = {}  # messages on channels not described so far
+        self._damaged = 0
+        self._first_damage: Damage | None = None
+        self._last_damage: Damage | None = None
+
+    def items(self, records: Iterator[object]) -> Iterator[Item]:
+        for record in records:
+            if not self._headed and isinstance(record, Region | Stray | Channel | End):
+                raise self._headless() if self._profile == PROFILE else self._foreign(record, records)
+            if self._damaged >= _MOST_DAMAGE:
+                raise CorruptRecordingError(f"{self._path}: damaged in more than {_MOST_DAMAGE} places")
+            for item in self._read(record):
+                if isinstance(item, Damage):
+                    self._damaged += 1
+                    self._first_damage = self._first_damage or item
+                    self._last_damage = item
+                yield item
+        if not self._headed:
+            raise self._headless()
+        # Where the chunk that described a channel is lost, the summary at the end still describes it.
+        lost = sum(count for channel, count in self._nameless.items() if channel not in self._sources)
+        if lost:
+            yield Damage(DamageKind.MALFORMED, 0, f"{lost} messages are on channels that the file does not describe")
+
+    def _read(self, record: object) -> Iterator[Item]:
+        match record:
+            case Header():
+                self._profile = record.profile
+            case Metadata(name=name, metadata=entries) if name == RUN and not self._headed:
+                header = self._run_header(entries)
+                self._headed = True
+                yield header
+            case Metadata(name=name, metadata=entries) if name == RUN_END:
+                yield _run_end(entries)
+            case AttachmentRecord():
+                yield Attachment(name=record.name, media_type=record.media_type, data=record.data)
+            case Region():
+                yield from self._region(record)
+            case Channel():
+                yield from self._channel(record, 0)
+            case Stray():
+                yield Damage(DamageKind.MALFORMED, record.offset, f"a {record.what} outside a chunk")
+            case Damage() | End():
+                yield record
+
+    def _region(self, region: Region) -> Iterator[Item]:
+        yield region
+        try:
+            for record in contents(region.data):
+                if isinstance(record, Message):
+                    yield self._message(record, region)
+                elif isinstance(record, Channel):
+                    yield from self._channel(record, region.offset)
+        except ValueError as error:
+            yield Damage(DamageKind.MALFORMED, region.offset, f"chunk: {error}")
+
+    def _message(self, message: Message, region: Region) -> StreamedMessage:
+        if self._messages >= self._most:
+            raise CorruptRecordingError(f"{self._path}: claims more messages than a file of its size can hold")
+        self._messages += 1
+        channel, sequence, stamp_ns, publish_ns, start, stop = message
+        source = self._sources.get(channel)
+        if source is None:
+            self._nameless[channel] = self._nameless.get(channel, 0) + 1
+        return StreamedMessage(source, channel, sequence, stamp_ns, publish_ns, region, start, stop)
+
+    def _channel(self, channel: Channel, offset: int) -> Iterator[Described | Damage]:
+        try:
+            source = Source(channel.topic, channel.metadata["node"], channel.metadata["boot"])
+        except KeyError as missing:
+            text = f"channel {channel.id} of topic {channel.topic!r} does not name its {missing.args[0]}"
+            yield Damage(DamageKind.MALFORMED, offset, text)
+            return
+        known = self._sources.get(channel.id)
+        if known is None:
+            self._sources[channel.id] = source
+            yield Described(channel.id, source)
+        elif known != source:
+            text = f"channel {channel.id} is {known.topic!r} of {known.node!r} and {source.topic!r} of {source.node!r}"
+            yield Damage(DamageKind.MALFORMED, offset, text)
+
+    def _run_header(self, entries: dict[str, str]) -> RunHeader:
+        if unsealed(entries):
+            raise UnreadableHeaderError(f"{self._path}: the metadata of the run are unreadable: checksum mismatch")
+        version = entries.get("schema_version", "none")
+        if version not in map(str, READABLE_VERSIONS):
+            readable = ", ".join(map(str, READABLE_VERSIONS))
+            writer = entries.get("dynpf_version", "unknown")
+            raise UnknownVersionError(
+                f"{self._path}: schema version {version}, written by dynpf {writer}; this dynpf reads {readable}"
+            )
+        try:
+            return unseal(entries, RunHeader)
+        except ValueError as error:
+            raise UnreadableHeaderError(f"{self._path}: the metadata of the run are unreadable: {error}") from error
+
+    def _foreign(self, record: object, records: Iterator[object]) -> ForeignRecordingError:
+        topics: dict[str, None] = {}
+        chunks = 0
+        while record is not None and chunks < _FOREIGN_CHUNKS and len(topics) <= _LISTED_TOPICS:
+            if isinstance(record, Stray | Channel) and record.topic:
+                topics[record.topic] = None
+            elif isinstance(record, Region):
+                chunks += 1
+                topics.update(dict.fromkeys(_topics(record.data)))
+            record = next(records, None)
+        names = [*topics][:_LISTED_TOPICS]
+        listed = ", ".join(map(repr, names)) + (", ..." if len(topics) > len(names) else "")
+        return ForeignRecordingError(
+            f"{self._path}: not a dynpf recording: no run metadata; profile {self._profile or ''!r}, "
+            + (f"topics {listed}" if names else "no topics")
+        )
+
+    def _headless(self) -> RecordingError:
+        if self._profile not in (None, PROFILE):
+            return self._foreign(None, iter(()))
+        if self._last_damage is not None and self._last_damage.kind is DamageKind.TRUNCATED:
+            return TruncatedRecordingError(f"{self._path}: the file ends before the metadata of the run")
+        first = self._first_damage
+        found = f": {first.text} (at byte {first.offset})" if first is not None else ""
+        return UnreadableHeaderError(f"{self._path}: the metadata of the run are unreadable{found}")
+
+
+def _run_end(entries: dict[str, str]) -> RunEnd | Damage:
+    try:
+        return unseal(entries, RunEnd)
+    except ValueError as error:
+        return Damage(DamageKind.CHECKSUM, 0, f"the metadata of the run's end: {error}")
+
+
+def _topics(data: bytes) -> Iterator[str]:
+    try:
+        yield from (record.topic for record in contents(data) if isinstance(record, Channel))
+    except ValueError:
+        return
