@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -34,10 +35,18 @@ class RunMessages:
     """
 
     def __init__(
-        self, scenario: Scenario, with_files: Callable[[], Scenario], read: Callable[[str], Iterable[Timed]]
+        self,
+        scenario: Callable[[], Scenario],
+        with_files: Callable[[], Scenario],
+        read: Callable[[str], Iterable[Timed]],
     ) -> None:
-        self.scenario, self.with_files, self._read = scenario, with_files, read
+        self._scenario, self.with_files, self._read = scenario, with_files, read
         self._known: dict[str, list[Timed]] = {}
+
+    @cached_property
+    def scenario(self) -> Scenario:
+        """The run's scenario; raises ScenarioError where a recording's is none."""
+        return self._scenario()
 
     def topic(self, name: str) -> list[Timed]:
         """Return the messages of a topic in order of time."""
@@ -67,12 +76,14 @@ class Observed:
                 raise KeyError(f"{name} was not observed; observed are {', '.join(sorted(self._topics))}")
             return self._kept[name]
 
-        return RunMessages(scenario, lambda: scenario, read)
+        return RunMessages(lambda: scenario, lambda: scenario, read)
 
 
 def recorded(recording: Recording) -> RunMessages:
     """Return the messages of a recording, each decoded when its topic is asked for."""
-    scenario = override_resolved(recording.header.scenario, (), str(recording.path))
+
+    def scenario() -> Scenario:
+        return override_resolved(recording.header.scenario, (), str(recording.path))
 
     def read(name: str) -> Iterable[Timed]:
         for place, record in enumerate(recording.messages()):

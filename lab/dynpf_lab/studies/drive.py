@@ -70,7 +70,11 @@ def drive(
 
 
 def _with(spec: NodeSpec, other: Node | None) -> NodeSpec:
-    return spec if other is None else spec._replace(build=lambda: other)
+    """Return the node with another in its place, which may read other topics: its attribute ``reads`` names them."""
+    if other is None:
+        return spec
+    reads = getattr(other, "reads", None)
+    return spec._replace(build=lambda: other, reads=spec.reads if reads is None else {topic: topic for topic in reads})
 
 
 def inputs_of(scenario: Scenario, reader: str, topics: Collection[str]) -> tuple[RunMessages, list[Step]]:

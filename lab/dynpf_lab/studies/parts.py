@@ -142,8 +142,7 @@ class MeasuredPositions:
     """An estimator without a filter: positions as measured, with the measurement's variance."""
 
     name = "estimator"
-    reads = frozenset({"truth/robot", "truth/parts"})
-    writes = frozenset({"estimator/state"})
+    reads = ("truth/robot", "truth/parts")
 
     def __init__(self, seed: int, variance: float) -> None:
         self._seed, self._variance = seed, variance

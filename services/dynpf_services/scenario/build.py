@@ -31,7 +31,6 @@ def plan_of(scenario: Scenario) -> Plan:
     _check_writers(graph)
     for name, remap in scenario.remaps.items():
         _check_remap(graph, name, remap)
-    _check_readers(scenario, graph)
     for place, fault in enumerate(scenario.faults):
         reads = graph.specs[fault.to].reads
         if fault.topic not in reads:
@@ -61,7 +60,10 @@ def build_nodes(scenario: Scenario) -> dict[str, Node]:
 
 def build_node(scenario: Scenario, name: str) -> Node:
     """Return one node of a run in its first state; raises ScenarioError where its section does not fit the rest."""
-    return _built(Context(scenario, name))
+    for spec in _specs(scenario):
+        if spec.name == name:
+            return spec.build()
+    raise ScenarioError(f"{name}: takes no part in this run; its nodes are {', '.join(scenario.nodes)}")
 
 
 def _specs(scenario: Scenario) -> list[NodeSpec]:
@@ -73,7 +75,7 @@ def _specs(scenario: Scenario) -> list[NodeSpec]:
         NodeSpec(
             name=context.name,
             kind=_identity(context),
-            build=partial(_built, context),
+            build=partial(_built, context, written),
             reads=_reads(context, written),
             writes=writes[context.name],
         )
@@ -153,10 +155,8 @@ _SHARED = frozenset({"log"})
 """Topics that all nodes of a run send on."""
 
 
-def _built(context: Context) -> Node:
+def _built(context: Context, written: Sequence[Topic]) -> Node:
     name, scenario = context.name, context.scenario
-    if name not in scenario.nodes:
-        raise ScenarioError(f"{name}: takes no part in this run; its nodes are {', '.join(scenario.nodes)}")
     build = load(node_kind(scenario.kinds[name]).build)
     try:
         node: Node = build(scenario.nodes[name], context)
@@ -164,6 +164,7 @@ def _built(context: Context) -> Node:
         raise
     except ValueError as error:
         raise ScenarioError(f"{key_of(name)}: {error}") from error
+    _check_read(context, written)
     return node
 
 
@@ -209,14 +210,12 @@ def _check_remap(graph: Graph, name: str, remap: Mapping[str, str]) -> None:
 TOPIC_NAME = re.compile(r"[a-z][a-z0-9_]*(/[a-z0-9_]+)*")
 
 
-def _check_readers(scenario: Scenario, graph: Graph) -> None:
+def _check_read(context: Context, written: Sequence[Topic]) -> None:
     """Raise ScenarioError where nothing writes what a node cannot do without."""
-    for name, config in scenario.nodes.items():
-        needs = node_kind(scenario.kinds[name]).needs(config, Context(scenario, name))
-        names = {own: topic for topic, own in graph.specs[name].reads.items()}  # own name -> topic
-        for own, key in needs.items():
-            if isinstance(own, str) and names[own] not in graph.topics:
-                raise ScenarioError(f"{key_of(name)}.{key}: reads {names[own]}, which no node of this run writes")
-            carried = (graph.topics[topic].type for topic in names.values() if topic in graph.topics)
-            if isinstance(own, type) and own not in carried:
-                raise ScenarioError(f"{key_of(name)}.{key}: reads {own.__name__}, which no node of this run writes")
+    scenario, names = context.scenario, _names(context)
+    needs = node_kind(scenario.kinds[context.name]).needs(scenario.nodes[context.name], context)
+    for own, key in needs.items():
+        what = names.topic(own) if isinstance(own, str) else own.__name__
+        known = (row.name if isinstance(own, str) else row.type for row in written)
+        if (what if isinstance(own, str) else own) not in known:
+            raise ScenarioError(f"{key_of(context.name)}.{key}: reads {what}, which no node of this run writes")

@@ -123,9 +123,7 @@ def maps_of(context: Context) -> Maps:
 
 
 def _opened(context: Context) -> Maps:
-    landmarks = context.fact("landmarks")
-    if landmarks is None and context.scenario.needs_log:
-        landmarks = ()
+    landmarks = context.fact("landmarks") or (() if context.scenario.needs_log else None)
     try:
         return open_maps(context.fact("map"), landmarks, lambda path: context.file(path, "map.file"))
     except ValueError as error:

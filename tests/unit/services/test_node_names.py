@@ -6,7 +6,7 @@ import pytest
 from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.topics import TOPICS
 from dynpf_runtime.graph import Graph
-from dynpf_services.scenario.build import plan_of
+from dynpf_services.scenario.build import build_nodes, plan_of
 from dynpf_services.scenario.load import override_resolved, parse_scenario
 from dynpf_services.scenario.schema import resolved_json
 
@@ -168,6 +168,6 @@ KINDS = (
 )
 def test_names_that_cannot_be_are_refused_in_one_line(tables: dict[str, Any], told: str) -> None:
     with pytest.raises(ScenarioError) as error:
-        plan_of(parse_scenario({**RUN, **ROBOT, **tables}, "run.toml"))
+        build_nodes(parse_scenario({**RUN, **ROBOT, **tables}, "run.toml"))
     assert str(error.value).startswith(told)
     assert "\n" not in str(error.value)
