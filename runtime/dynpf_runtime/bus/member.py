@@ -139,8 +139,9 @@ class Member:
             self._token(arrival)
         elif arrival.key.startswith(BEAT):
             beat = decode_control(arrival.payload, Beat)
-            self._beats[beat.node] = now
-            self._peer_ticks[beat.node] = beat.ticks
+            if self.boots.get(beat.node) == beat.boot:  # a stranger's says nothing of the peer whose name it takes
+                self._beats[beat.node] = now
+                self._peer_ticks[beat.node] = beat.ticks
         else:
             self._control(arrival)
 

@@ -19,6 +19,12 @@ __all__ = ["free_port", "run_on_bus"]
 GRACE_S = 2.5
 """How long the others may take to stop by themselves after one process has failed."""
 
+HANG_S = 5.0
+"""How long nobody may have ended, while all that ended did so for another's sake, before those left are said to hang.
+
+On a busy machine processes notice at very different times that their run has broken off.
+"""
+
 CLOSE_S = 1.0
 """How long the recorder may take to close its file when everybody else has been killed."""
 
@@ -82,11 +88,15 @@ def _watch(processes: dict[str, subprocess.Popen[bytes]], stop: StopSignal) -> N
     failed = ""
     deadline: float | None = None
     asked = False
+    left = len(processes)
     while running := [name for name, process in processes.items() if process.poll() is None]:
         if not stop.requested:
-            failed = failed or _failure(processes)
-            if deadline is None and any(process.poll() for process in processes.values()):
+            before, failed = failed, failed or _failure(processes)
+            if failed and not before:
                 deadline = time.monotonic() + GRACE_S
+            elif not failed and len(running) < left and any(process.poll() for process in processes.values()):
+                deadline = time.monotonic() + HANG_S
+            left = len(running)
         if stop.requested and not asked:
             asked = True
             say("run", f"{stop.reason}: ending the run (again to end it at once)")
@@ -96,8 +106,8 @@ def _watch(processes: dict[str, subprocess.Popen[bytes]], stop: StopSignal) -> N
         if (deadline is not None or stop.requested) and running == ["router"]:
             processes["router"].terminate()  # it waits for a run that will not come
         if stop.at_once or (deadline is not None and time.monotonic() > deadline):
-            left = ", ".join(running)
-            raise RunError(f"{failed or stop.reason or f'{left} hangs'}; killed what was left: {left}")
+            names = ", ".join(running)
+            raise RunError(f"{failed or stop.reason or f'{names} hangs'}; killed what was left: {names}")
         time.sleep(POLL_S)
     if stop.requested:
         if processes["recorder"].returncode != 0:

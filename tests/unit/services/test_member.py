@@ -5,10 +5,10 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
-from dynpf_protocol.control import Recorded, Stop, encode_control
+from dynpf_protocol.control import Beat, Recorded, Stop, encode_control
 from dynpf_protocol.errors import BrokenOffError, DynpfError
 from dynpf_runtime.bus.member import Member, StopSignal, join
-from dynpf_runtime.bus.session import ALIVE, CONTROL, DATA, READY, Arrival
+from dynpf_runtime.bus.session import ALIVE, BEAT, CONTROL, DATA, READY, Arrival
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.schema import resolved_json
@@ -123,6 +123,13 @@ def test_somebody_may_ask_to_stop_and_garbage_is_not_heard(capsys: pytest.Captur
     take_all(one)
     assert one.stop_reason == "enough"
     assert "message refused" in capsys.readouterr().err
+
+
+def test_a_beat_counts_only_with_its_peers_boot() -> None:
+    beats = [Beat("recorder", "boot", 7), Beat("recorder", "another", 10**6)]
+    one = assembled(*(Arrival(f"{BEAT}recorder", encode_control(beat), b"", True) for beat in beats))
+    take_all(one)
+    assert one.behind("recorder") == 7
 
 
 class AnsweringBus(ScriptedBus):
