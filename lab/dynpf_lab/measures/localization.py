@@ -22,8 +22,8 @@ _MAX_GAP_S = 0.5
 _TRUTHS = ("truth/robot", "log/truth")
 
 
-def localization(run: RunMessages) -> dict[str, Any]:
-    """Return the measures of a run with a truth and with estimates of the robot, else none.
+def localization(run: RunMessages, estimator: str = "estimator") -> dict[str, Any]:
+    """Return the measures of one estimator of a run with a truth of its robot, none where either is missing.
 
     They are taken over the scored estimates: at most ten a second, where the truth has no gap of more than half a
     second; of a truth that is sparser throughout, one at each of its poses.
@@ -39,8 +39,9 @@ def localization(run: RunMessages) -> dict[str, Any]:
       measured, position; its mean and the 95 % band of that for an honest filter
     - ``dead_reckoning_rmse_m``: position_rmse_m of odometry alone
     """
-    truth = next((name for name in _TRUTHS if run.topic(name)), None)
-    estimated = run.topic("estimator/state") if truth is not None else []
+    robot, slash, _ = estimator.rpartition("/")
+    truth = next((robot + slash + name for name in _TRUTHS if run.topic(robot + slash + name)), None)
+    estimated = run.topic(f"{estimator}/state") if truth is not None else []
     if truth is None or len(run.topic(truth)) < 2 or not estimated:
         return {}
     reference, valid = reference_path(run, truth)
@@ -61,7 +62,7 @@ def localization(run: RunMessages) -> dict[str, Any]:
     if verdicts := [one.health.status for one in estimates if one.health]:
         measures["lost_by_verdict"] = verdicts.count("lost") / len(verdicts)
     measures |= _consistency(errors.errors, errors.heading_valid, [estimates[index] for index in chosen])
-    measures |= _dead_reckoning(run, reference, truth)
+    measures |= _dead_reckoning(run, estimator, reference, truth)
     return {name: value for name, value in measures.items() if np.isfinite(value)}
 
 
@@ -72,9 +73,9 @@ def reference_path(run: RunMessages, topic: str) -> tuple[Trajectory, NDArray[np
     return Trajectory(seconds(run.topic(topic)), poses), np.array([one.heading_valid for one in states], dtype=bool)
 
 
-def reckoned_path(run: RunMessages) -> Trajectory:
+def reckoned_path(run: RunMessages, estimator: str = "estimator") -> Trajectory:
     """Return the path by odometry alone; it has no poses in a run from an unknown start."""
-    known = run.topic("estimator/dead_reckoning")
+    known = run.topic(f"{estimator}/dead_reckoning")
     poses = [one.pose for one in of_type(known, PoseInFrame)]
     path = np.array([(one.position.x, one.position.y, heading(one.orientation)) for one in poses]).reshape(-1, 3).T
     return Trajectory(seconds(known), path)
@@ -112,11 +113,11 @@ def _consistency(errors: FloatArray, valid: NDArray[np.bool_], estimates: list[E
     return {"nees_mean": judged.figure, "nees_low": judged.low, "nees_high": judged.high}
 
 
-def _dead_reckoning(run: RunMessages, reference: Trajectory, truth: str) -> dict[str, float]:
-    known = run.topic("estimator/dead_reckoning")
+def _dead_reckoning(run: RunMessages, estimator: str, reference: Trajectory, truth: str) -> dict[str, float]:
+    known = run.topic(f"{estimator}/dead_reckoning")
     if not known:
         return {}
     chosen, max_gap = _scored(known, run.topic(truth))
-    path = reckoned_path(run)
+    path = reckoned_path(run, estimator)
     chosen_path = Trajectory(path.stamps[chosen], path.poses[:, chosen])
     return {"dead_reckoning_rmse_m": score(chosen_path, reference, max_gap=max_gap).position_rmse_m}

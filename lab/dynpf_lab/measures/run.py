@@ -2,7 +2,7 @@
 
 What each figure is stands in the module of its subject: ``localization``, ``rearrangement``, ``capsule``. Of every run
 there are ``messages``, how many it recorded; ``gaps``, how many are missing; ``complete``, whether it was recorded to
-its end; and ``content_digest``.
+its end; ``content_digest``; and, where it has several estimators, ``estimators``: the localization of each by its name.
 """
 
 from collections.abc import Mapping
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import Recording
+from dynpf_protocol.errors import ScenarioError
 from dynpf_services.scenario.load import override_resolved
 from dynpf_systems.parts.config import RearrangementConfig
 
@@ -46,10 +47,20 @@ def differing(a: Recording, b: Recording) -> dict[str, tuple[Any, Any]]:
     return {name: (left.get(name), right.get(name)) for name in names if left.get(name) != right.get(name)}
 
 
+def _beside_one_another(run: RunMessages) -> dict[str, Any]:
+    """Return the localization of each estimator of a run that has several, by its name."""
+    try:
+        names = run.estimators
+    except ScenarioError:
+        return {}
+    return {"estimators": {name: localization(run, name) for name in names}} if len(names) > 1 else {}
+
+
 def _figures(recording: Recording) -> dict[str, Any]:
-    end = recording.end
+    end, run = recording.end, recorded(recording)
     return {
-        **measure_run(recorded(recording)),
+        **measure_run(run),
+        **_beside_one_another(run),
         "messages": sum(1 for _ in recording.messages()),
         "gaps": end.missing if end is not None else None,
         "complete": end is not None and end.complete and not recording.truncated,
@@ -84,5 +95,23 @@ def summary(recording: Recording, measures: Mapping[str, Any]) -> str:
         lines.append(f"heading     RMSE {np.degrees(measures['heading_rmse_rad']):.2f} deg")
     if "error_position_px" in measures:
         lines += capsule_summary(measures)
+    if "estimators" in measures:
+        lines += _table(measures["estimators"])
     lines.append(f"digest      {measures['content_digest']}")
     return "\n".join(lines)
+
+
+def _table(estimators: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """Return a line for each estimator of a run: position and heading errors, and how consistent it is."""
+    width = max(len(name) for name in (*estimators, "estimator"))
+    rows = [f"{'estimator':<{width}}  RMSE m  median m  heading deg   NEES  lost"]
+    for name, figures in estimators.items():
+        cells = (
+            f"{figures.get('position_rmse_m', np.nan):6.4f}",
+            f"{figures.get('position_median_m', np.nan):8.4f}",
+            f"{np.degrees(figures.get('heading_rmse_rad', np.nan)):11.2f}",
+            f"{figures.get('nees_mean', np.nan):5.2f}",
+            f"{100.0 * figures.get('lost_fraction', np.nan):3.0f}%",
+        )
+        rows.append("  ".join((f"{name:<{width}}", *cells)))
+    return rows
