@@ -142,10 +142,10 @@ def _payloads(recording: Recording) -> Iterator[Finding]:
     counts: Counter[tuple[str, str]] = Counter()
     firsts: dict[tuple[str, str], str] = {}
     for record in recording.messages():
-        if record.topic not in TOPICS:
+        if record.topic not in recording.topics:
             continue
         try:
-            decode(record.topic, record.payload)
+            decode(record.topic, record.payload, recording.topics)
         except BadMessageError as error:
             counts[record.topic, record.node] += 1
             firsts.setdefault((record.topic, record.node), f"sequence {record.sequence}: {error}")

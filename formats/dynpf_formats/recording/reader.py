@@ -6,13 +6,16 @@ size; a file cannot claim more messages than its own size allows. A single pass 
 """
 
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
+from dynpf_protocol.errors import UnknownTopicError
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
+from dynpf_protocol.topics import TOPICS, Topic, topic
+from msgspec.structs import replace
 
 from dynpf_formats.recording.errors import CorruptRecordingError, TruncatedRecordingError
 from dynpf_formats.recording.header import Attachment, RunEnd, RunHeader
@@ -47,6 +50,18 @@ class Recording:
         self.records = index.all()
         """Everything, journal and repetitions too, in the order of the file."""
         self._index = index
+
+    @cached_property
+    def topics(self) -> Mapping[str, Topic]:
+        """The topics whose messages are of types that dynpf has: its own, and those that the header tells of."""
+        known = {row.type.schema_name: row for row in TOPICS.values()}
+        told = {topic: schema for topics in self.header.writes.values() for topic, schema in topics.items()}
+        logs = [source.topic for source in self.sources if source.topic not in TOPICS and "/log/" in source.topic]
+        return {
+            **TOPICS,
+            **{name: replace(known[schema], name=name) for name, schema in told.items() if schema in known},
+            **{name: row for name in logs if (row := _log_row(name)) is not None},
+        }
 
     @property
     def sources(self) -> tuple[Source, ...]:
@@ -137,6 +152,13 @@ class Examined(NamedTuple):
 
     recording: Recording
     damage: tuple[Damage, ...]
+
+
+def _log_row(name: str) -> Topic | None:
+    try:
+        return topic(name)
+    except UnknownTopicError:
+        return None
 
 
 def read_recording(path: Path | str, allow_truncated: bool = False) -> Recording:

@@ -1,17 +1,15 @@
 """The messages of a run as measures take them, whether it was recorded or observed as it ran."""
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cache, cached_property
+from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 from dynpf_formats.recording.reader import Recording
 from dynpf_protocol.codec import decode
-from dynpf_protocol.messages import Estimate, Message
-from dynpf_protocol.topics import TOPICS, Topic
+from dynpf_protocol.messages import Message
 from dynpf_runtime.node import Received
-from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import override_resolved
 from dynpf_services.scenario.recorded import recorded_scenario
 from dynpf_services.scenario.schema import Scenario
@@ -44,12 +42,6 @@ class RunMessages:
     ) -> None:
         self._scenario, self.with_files, self._read = scenario, with_files, read
         self._known: dict[str, list[Timed]] = {}
-
-    @cached_property
-    def estimators(self) -> tuple[str, ...]:
-        """The nodes of the run that estimate a robot's pose, in tick order."""
-        specs = plan_of(self.scenario).graph.specs
-        return tuple(name for name, spec in specs.items() if any(row.type is Estimate for row in spec.writes.values()))
 
     @cached_property
     def scenario(self) -> Scenario:
@@ -96,13 +88,7 @@ def recorded(recording: Recording) -> RunMessages:
     def read(name: str) -> Iterable[Timed]:
         for place, record in enumerate(recording.messages()):
             if record.topic == name:
-                yield Timed(
-                    record.stamp_ns, place, decode(name, record.payload, TOPICS if name in TOPICS else others())
-                )
-
-    @cache
-    def others() -> Mapping[str, Topic]:
-        return plan_of(scenario()).graph.topics
+                yield Timed(record.stamp_ns, place, decode(name, record.payload, recording.topics))
 
     return RunMessages(scenario, lambda: recorded_scenario(recording), read)
 

@@ -79,9 +79,11 @@ class Course(NamedTuple):
 
 def course_of(run: RunMessages, noise: Noise | None = None) -> Course | None:
     """Return the course of a run of the task, None of another run; ``noise`` if not that of the run's estimator."""
-    task, config = run.scenario.task, run.scenario.estimator
     truth, placed = run.topic("truth/robot"), run.topic("truth/parts")
-    if task is None or not placed or len(placed) != len(truth):
+    if not placed or len(placed) != len(truth):
+        return None
+    task, config = run.scenario.task, run.scenario.estimator
+    if task is None:
         return None
     if noise is None:
         noise = config.noise(task) if isinstance(config, RearrangementConfig) else Noise(math.nan, math.nan)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import Recording
-from dynpf_protocol.errors import ScenarioError
+from dynpf_protocol.messages import Estimate
 from dynpf_services.scenario.load import override_resolved
 from dynpf_systems.parts.config import RearrangementConfig
 
@@ -47,12 +47,10 @@ def differing(a: Recording, b: Recording) -> dict[str, tuple[Any, Any]]:
     return {name: (left.get(name), right.get(name)) for name in names if left.get(name) != right.get(name)}
 
 
-def _beside_one_another(run: RunMessages) -> dict[str, Any]:
+def _beside_one_another(recording: Recording, run: RunMessages) -> dict[str, Any]:
     """Return the localization of each estimator of a run that has several, by its name."""
-    try:
-        names = run.estimators
-    except ScenarioError:
-        return {}
+    estimate = Estimate.schema_name
+    names = [name for name, topics in recording.header.writes.items() if topics.get(f"{name}/state") == estimate]
     return {"estimators": {name: localization(run, name) for name in names}} if len(names) > 1 else {}
 
 
@@ -60,7 +58,7 @@ def _figures(recording: Recording) -> dict[str, Any]:
     end, run = recording.end, recorded(recording)
     return {
         **measure_run(run),
-        **_beside_one_another(run),
+        **_beside_one_another(recording, run),
         "messages": sum(1 for _ in recording.messages()),
         "gaps": end.missing if end is not None else None,
         "complete": end is not None and end.complete and not recording.truncated,

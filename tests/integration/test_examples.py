@@ -1,0 +1,69 @@
+"""The examples run on the bus, inline and in a replay with the same bytes; what is beside them breaks nothing."""
+
+import importlib.util
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.reader import read_recording
+
+from tests.integration.processes import DYNPF
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SYSTEMS = {"uwb": "uwb", "controller": "pursuit", "estimator": "pull"}
+"""The folders of systems, and the module that each brings."""
+
+
+def dynpf(*words: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [str(DYNPF), *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=240, cwd=cwd, check=False)
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_an_example_is_the_same_on_the_bus_inline_and_replayed(name: str, tmp_path: Path) -> None:
+    folder = shutil.copytree(EXAMPLES / name, tmp_path / "own")
+    for shadow in ("services", "protocol", "numpy_utils"):  # names that are ours, or nearly
+        (folder / shadow).mkdir()
+        (folder / shadow / "__init__.py").write_text("raise RuntimeError('taken for ours')\n")
+    run = ("run", folder / f"{name}.toml", "--set", "max_ticks=80")
+    for runner, path in (("bus", "bus.mcap"), ("inline", "inline.mcap")):
+        done = dynpf(*run, "--runner", runner, "-o", path, cwd=folder)
+        assert done.returncode == 0, done.stderr
+    found = [read_recording(folder / path) for path in ("bus.mcap", "inline.mcap")]
+    assert content_digest(found[0]) == content_digest(found[1])
+    replay = ("replay", "bus.mcap", "--json", "--code", ".")
+    refused = dynpf(*replay, cwd=folder)
+    assert refused.returncode == 2
+    assert f"--allow-code {SYSTEMS[name]}" in refused.stderr
+    done = dynpf(*replay, "--allow-code", SYSTEMS[name], cwd=folder)
+    assert json.loads(done.stdout)["same"] is True, done.stderr
+
+
+@pytest.mark.parametrize(("name", "second"), [("uwb", "ekf"), ("estimator", "pull")])
+def test_estimators_beside_one_another_are_scored_in_one_table(name: str, second: str, tmp_path: Path) -> None:
+    scenario = EXAMPLES / name / f"{name}.toml"
+    done = dynpf("run", scenario, "--runner", "inline", "--json", "-o", "run.mcap", cwd=tmp_path)
+    figures = json.loads(done.stdout)["estimators"]
+    assert {*figures} == {"estimator", second}
+    assert all(one["position_rmse_m"] < 0.3 for one in figures.values())
+    assert figures["estimator"] != figures[second]
+
+
+def test_a_study_of_ones_own_is_short_and_finds_that_more_particles_err_less() -> None:
+    path = EXAMPLES / "study" / "particles.py"
+    assert len(path.read_text().splitlines()) < 40
+    spec = importlib.util.spec_from_file_location("particles", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.rmse_m(200, seed=1, ticks=100) < module.rmse_m(5, seed=1, ticks=100)
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_an_example_is_complete_in_under_150_lines(name: str) -> None:
+    files = [path for path in (EXAMPLES / name).iterdir() if path.suffix in (".py", ".toml")]
+    assert sum(len(path.read_text().splitlines()) for path in files) < 150
