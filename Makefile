@@ -15,9 +15,10 @@ SCENARIO ?= parts-3-easy
 run: .venv/.project
 	$(BIN)/dynpf run $(SCENARIO)
 
-# Two tests at a time, for a run in processes of its own uses two cores at most.
+# Two tests at a time, but those that start processes, which need the cores themselves.
 test: .venv/.dev
-	$(BIN)/pytest --numprocesses 2
+	$(BIN)/pytest --numprocesses 2 --ignore tests/integration
+	$(BIN)/pytest tests/integration
 
 test-container: .venv/.dev
 	$(BIN)/pytest -m container

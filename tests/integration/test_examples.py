@@ -4,14 +4,14 @@ import importlib.util
 import json
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import read_recording
 
-from tests.integration.processes import DYNPF
-
+DYNPF = Path(sys.executable).with_name("dynpf")
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SYSTEMS = {"uwb": "uwb", "controller": "pursuit", "estimator": "pull"}
 """The folders of systems, and the module that each brings."""
