@@ -97,4 +97,6 @@ def recorded_digests(path):
 def assert_told(words: str) -> None:
     (line,) = words.splitlines()
     assert "'lab_of_mine:" in line
-    assert "there is no module 'lab_of_mine' on the Python path; name the folder that it is in in PYTHONPATH" in line
+    assert (
+        "no module 'lab_of_mine' is beside the scenario or on the Python path; --code FOLDER names its folder" in line
+    )
