@@ -36,8 +36,5 @@ def run_header(plan: Plan) -> RunHeader:
         scenario=plan.text,
         seed=plan.seed,
         provenance=collect(),
-        writes={
-            name: {row.name: row.type.schema_name for row in spec.writes.values()}
-            for name, spec in plan.graph.specs.items()
-        },
+        writes={name: tuple(row.name for row in spec.writes.values()) for name, spec in plan.graph.specs.items()},
     )

@@ -136,6 +136,7 @@ OTHERS = (
     ("recover", "{}", "-o", "{out}"),
     ("play", "{}", "--topics", "none"),
     ("replay", "{}", "--node", "simulator"),
+    ("replay", "{}", "--node", "simulator", "-o", "{out}"),
     ("replay", "{}", "-o", "{out}"),
     ("run", "laser-log", "--log", "{}", "-o", "{out}"),
     ("service", "sensors", "laser-log", "--log", "{}"),
@@ -295,6 +296,24 @@ def promised(raw: Raw) -> None:
     raw["estimator"]["motion"] = {"kind": "evil:Model"}
 
 
+def promised_reading(raw: Raw) -> None:
+    """Name a model whose readings the graph of the run depends on, and say that it has been looked up already."""
+    raw["user_code"] = {"evil": "0" * 64}
+    raw["estimator"]["measurement"] = [{"kind": "evil:Model"}]
+
+
+def promised_node(raw: Raw) -> None:
+    """Name a node beside the others, and say that it has been looked up already."""
+    raw["user_code"] = {"evil": "0" * 64}
+    raw["nodes"] = [{"name": "spy", "kind": "evil:Model"}]
+
+
+def replaced_node(raw: Raw) -> None:
+    """Name a node in the place of one that the run had."""
+    raw["user_code"] = {"evil": "0" * 64}
+    raw["sensors"] = {"kind": "evil:Model"}
+
+
 def posed(raw: Raw) -> None:
     """Pretend to be what such a table becomes inside."""
     parameters = {"kind": "evil:Model"}
@@ -303,6 +322,7 @@ def posed(raw: Raw) -> None:
 
 def test_no_command_imports_or_starts_what_a_recording_names(lab: Lab) -> None:
     changes = [*map(motion, KINDS), motion(["evil:Model"]), motion({"kind": "evil:Model"}), promised, posed]
+    changes += [promised_reading, promised_node, replaced_node]
     changes += [section(name, bare=bare) for name in SECTIONS for bare in (False, True)]
     places = [("estimator",), ("simulator", "kind"), ("controller", "kind"), ("sensors",), ("map",), ("task",)]
     places += [("estimator", "kind"), ("estimator", "start", "kind"), ("estimator", "health", "kind"), ("colon",)]
@@ -313,7 +333,10 @@ def test_no_command_imports_or_starts_what_a_recording_names(lab: Lab) -> None:
     for one in replays:
         assert one.code in {1, 2}, one
         assert not one.out, one
-    others = [lab.craft("marks", change) for change in (motion("evil:Model"), motion("subprocess:Popen"), posed)]
+    hidden = (promised_reading, promised_node, replaced_node)
+    others = [
+        lab.craft("marks", change) for change in (motion("evil:Model"), motion("subprocess:Popen"), posed, *hidden)
+    ]
     lab.harmless(lab.run([words for path in others for words in lab.words(OTHERS, path, "marks")]))
 
 

@@ -21,8 +21,13 @@ def write_parquet(recording: Recording, topic: str, path: Path) -> int:
 
     Raises FileExistsError where ``path`` exists, OSError where it cannot be written.
     """
-    kinds = [pyarrow.int64(), pyarrow.float64(), pyarrow.int64(), *(_kind(info) for info, _ in columns(topic).values())]
-    schema = pyarrow.schema(list(zip(header(topic), kinds, strict=True)))
+    kinds = [
+        pyarrow.int64(),
+        pyarrow.float64(),
+        pyarrow.int64(),
+        *(_kind(info) for info, _ in columns(recording, topic).values()),
+    ]
+    schema = pyarrow.schema(list(zip(header(recording, topic), kinds, strict=True)))
     count = 0
     with path.open("xb") as file, ParquetWriter(file, schema) as writer:
         table = rows(recording, topic)

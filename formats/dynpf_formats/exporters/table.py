@@ -6,14 +6,15 @@ field that a message leaves out is empty.
 
 import csv
 from collections.abc import Callable, Iterator, Mapping
+from operator import itemgetter
 from typing import Any, TextIO
 
 import msgspec
 from dynpf_protocol.codec import decode
-from dynpf_protocol.topics import topic as row_of
 from msgspec import inspect as types
 
 from dynpf_formats.recording.reader import Recording
+from dynpf_formats.recording.stream import RecordedSchema
 
 __all__ = ["columns", "header", "in_json", "rows", "write_csv"]
 
@@ -21,9 +22,31 @@ Getter = Callable[[Any], Any]
 Columns = Mapping[str, tuple[types.Type, Getter]]
 
 
-def columns(topic: str) -> Columns:
-    """Return the columns of a topic's table by name: the type of their values, and what takes one from a message."""
-    return dict(_leaves(types.type_info(row_of(topic).type), "", lambda message: message))
+def columns(recording: Recording, topic: str) -> Columns:
+    """Return the columns of a topic's table by name: the type of their values, and what takes one from a message.
+
+    Of a type that dynpf does not have, these are the fields that the recording's own schema names.
+    """
+    row = recording.topics.get(topic)
+    if row is not None:
+        return dict(_leaves(types.type_info(row.type), "", lambda message: message))
+    return {name: (types.AnyType(), itemgetter(name)) for name in _fields(recording.schemas[topic])}
+
+
+class _Described(msgspec.Struct):
+    properties: dict[str, Any] = {}
+
+
+def _fields(schema: RecordedSchema) -> list[str]:
+    """Return the fields that a schema names, none where it is not readable."""
+    try:
+        return [*msgspec.json.decode(schema.data, type=_Described).properties]
+    except (msgspec.DecodeError, RecursionError):
+        return []
+
+
+def _message(recording: Recording, topic: str, payload: bytes) -> Any:
+    return decode(topic, payload, recording.topics) if topic in recording.topics else msgspec.json.decode(payload)
 
 
 def _leaves(info: types.Type, name: str, get: Getter) -> Iterator[tuple[str, tuple[types.Type, Getter]]]:
@@ -58,21 +81,21 @@ def _of_place(get: Getter, place: int) -> Getter:
 
 def rows(recording: Recording, topic: str) -> Iterator[list[Any]]:
     """Yield the messages in the order of the file: stamp in ns, stamp in s, sequence, and the columns."""
-    getters = [get for _, get in columns(topic).values()]
+    getters = [get for _, get in columns(recording, topic).values()]
     for record in recording.messages(topic):
-        message = decode(topic, record.payload)
+        message = _message(recording, topic, record.payload)
         yield [record.stamp_ns, record.stamp_ns / 1e9, record.sequence, *(get(message) for get in getters)]
 
 
-def header(topic: str) -> list[str]:
+def header(recording: Recording, topic: str) -> list[str]:
     """Return the names of what ``rows`` yields."""
-    return ["stamp_ns", "stamp_s", "sequence", *columns(topic)]
+    return ["stamp_ns", "stamp_s", "sequence", *columns(recording, topic)]
 
 
 def write_csv(recording: Recording, topic: str, stream: TextIO) -> int:
     """Write the table, numbers with all their digits, lists as JSON; return how many rows it has."""
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(header(topic))
+    writer.writerow(header(recording, topic))
     count = 0
     for row in rows(recording, topic):
         writer.writerow(

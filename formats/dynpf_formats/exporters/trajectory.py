@@ -5,17 +5,18 @@ from collections.abc import Iterator
 
 from dynpf_protocol.codec import decode
 from dynpf_protocol.messages import Estimate, Message, OdometryPose, Pose, PoseInFrame, RobotState, planar_pose
-from dynpf_protocol.topics import TOPICS
 
 from dynpf_formats.recording.reader import Recorded, Recording
 
-__all__ = ["POSE_TOPICS", "tum_lines"]
+__all__ = ["pose_topics", "tum_lines"]
 
 REFERENCE = "log/truth"
 _KINDS = (Estimate, OdometryPose, PoseInFrame, RobotState)
 
-POSE_TOPICS = tuple(name for name, row in TOPICS.items() if row.type in _KINDS)
-"""The topics whose messages are poses."""
+
+def pose_topics(recording: Recording) -> list[str]:
+    """Return the topics of a recording whose messages are poses."""
+    return sorted(name for name, row in recording.topics.items() if row.type in _KINDS and name in recording.schemas)
 
 
 def tum_lines(recording: Recording, topic: str) -> Iterator[str]:
@@ -23,11 +24,11 @@ def tum_lines(recording: Recording, topic: str) -> Iterator[str]:
 
     A log whose clock jumps back has records of one stamp at different moments. So where the reference has a pose of
     that stamp, the first that follows it in the file is meant: poses and reference then pair up by their stamps. Times
-    have all their nanoseconds, numbers all their digits. ``topic`` is one of POSE_TOPICS.
+    have all their nanoseconds, numbers all their digits. ``topic`` is one of ``pose_topics``.
     """
     chosen = _one_of_each_stamp(recording, topic)
     for stamp_ns in sorted(chosen):
-        pose = _pose(decode(topic, chosen[stamp_ns].payload))
+        pose = _pose(decode(topic, chosen[stamp_ns].payload, recording.topics))
         at, q = pose.position, pose.orientation
         numbers = " ".join(map(repr, (at.x, at.y, at.z, q.x, q.y, q.z, q.w)))
         yield f"{stamp_ns // 10**9}.{stamp_ns % 10**9:09d} {numbers}"
@@ -37,8 +38,10 @@ def _one_of_each_stamp(recording: Recording, topic: str) -> dict[int, Recorded]:
     chosen: dict[int, Recorded] = {}
     answered: set[int] = set()
     due_ns: int | None = None
+    robot = topic.split("/")[:-2]  # its namespace; the topics of a robot without one have two words
+    reference = "/".join([*robot, REFERENCE])
     for record in recording.messages():
-        if record.topic == REFERENCE != topic:
+        if record.topic == reference != topic:
             due_ns = record.stamp_ns
         elif record.topic == topic and record.stamp_ns not in answered:
             chosen[record.stamp_ns] = record

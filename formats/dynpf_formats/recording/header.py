@@ -38,7 +38,7 @@ class RunHeader(msgspec.Struct, frozen=True, kw_only=True):
     scenario: str
     seed: int
     provenance: Provenance
-    writes: dict[str, dict[str, str]] = {}  # node, in tick order -> its topics -> the schema of their messages
+    writes: dict[str, tuple[str, ...]] = {}  # node, in tick order -> its topics
     schema_version: int = SCHEMA_VERSION
 
 

@@ -96,7 +96,7 @@ class End(NamedTuple):
     """The file has its footer and nothing behind it."""
 
 
-Item = Header | Metadata | Attachment | Channel | Region | Stray | End | Damage
+Item = Header | Metadata | Attachment | Schema | Channel | Region | Stray | End | Damage
 
 _R = TypeVar("_R", bound=McapRecord)
 
@@ -143,6 +143,8 @@ def scan(stream: BinaryIO, size: int) -> Iterator[Item]:
                 summary_crc = zlib.crc32(body, zlib.crc32(header, summary_crc))
                 if opcode == Opcode.CHANNEL:
                     yield _parse(Channel, body)
+                elif opcode == Opcode.SCHEMA:
+                    yield _parse(Schema, body)
             offset += _FRAME.size + len(body)
         except _BadError as bad:
             resumed = _resume(stream, offset, size)

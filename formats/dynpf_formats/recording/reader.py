@@ -12,16 +12,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
-from dynpf_protocol.errors import UnknownTopicError
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
-from dynpf_protocol.topics import TOPICS, Topic, topic
+from dynpf_protocol.topics import TOPICS, Topic
 from msgspec.structs import replace
 
 from dynpf_formats.recording.errors import CorruptRecordingError, TruncatedRecordingError
 from dynpf_formats.recording.header import Attachment, RunEnd, RunHeader
 from dynpf_formats.recording.index import MessageIndex, Recorded, Records
 from dynpf_formats.recording.mcap_records import Damage, DamageKind, End, Region
-from dynpf_formats.recording.stream import Described, Source, StreamedMessage, stream
+from dynpf_formats.recording.stream import Described, RecordedSchema, Source, StreamedMessage, stream
 
 __all__ = ["Examined", "Recorded", "Recording", "Records", "Source", "load", "read_recording"]
 
@@ -41,27 +40,25 @@ class Recording:
         end: RunEnd | None,
         truncated: bool,
         index: MessageIndex,
+        schemas: Mapping[str, RecordedSchema],
     ) -> None:
         self.path = path
         self.header = header
         self.attachments = attachments
         self.end = end
         self.truncated = truncated
+        self.schemas = schemas
+        """The type of each topic's messages, as the recording has it."""
         self.records = index.all()
         """Everything, journal and repetitions too, in the order of the file."""
         self._index = index
 
     @cached_property
     def topics(self) -> Mapping[str, Topic]:
-        """The topics whose messages are of types that dynpf has: its own, and those that the header tells of."""
+        """The topics whose messages are of types that dynpf has: those of the table, and others by their schemas."""
         known = {row.type.schema_name: row for row in TOPICS.values()}
-        told = {topic: schema for topics in self.header.writes.values() for topic, schema in topics.items()}
-        logs = [source.topic for source in self.sources if source.topic not in TOPICS and "/log/" in source.topic]
-        return {
-            **TOPICS,
-            **{name: replace(known[schema], name=name) for name, schema in told.items() if schema in known},
-            **{name: row for name in logs if (row := _log_row(name)) is not None},
-        }
+        others = {name: known[schema.name] for name, schema in self.schemas.items() if schema.name in known}
+        return {**{name: replace(row, name=name) for name, row in others.items()}, **TOPICS}
 
     @property
     def sources(self) -> tuple[Source, ...]:
@@ -154,13 +151,6 @@ class Examined(NamedTuple):
     damage: tuple[Damage, ...]
 
 
-def _log_row(name: str) -> Topic | None:
-    try:
-        return topic(name)
-    except UnknownTopicError:
-        return None
-
-
 def read_recording(path: Path | str, allow_truncated: bool = False) -> Recording:
     """Return the recording in a file, all of whose checksums are right.
 
@@ -187,6 +177,7 @@ def load(path: Path | str) -> Examined:
     truncated = True
     index = MessageIndex(path)
     described: dict[int, Source] = {}
+    schemas: dict[str, RecordedSchema] = {}
     damage: list[Damage] = []
     for item in stream(path):
         match item:
@@ -196,6 +187,8 @@ def load(path: Path | str) -> Examined:
                 index.chunk(item)
             case Described():
                 described[item.channel] = item.source
+                if item.schema is not None:
+                    schemas.setdefault(item.source.topic, item.schema)
             case RunHeader():
                 header = item
             case Attachment():
@@ -209,6 +202,12 @@ def load(path: Path | str) -> Examined:
     assert header is not None, "the stream of a file without a header raises"
     index.close(described)
     recording = Recording(
-        path=path, header=header, attachments=tuple(attachments), end=end, truncated=truncated, index=index
+        path=path,
+        header=header,
+        attachments=tuple(attachments),
+        end=end,
+        truncated=truncated,
+        index=index,
+        schemas=schemas,
     )
     return Examined(recording, tuple(damage))

@@ -39,7 +39,9 @@ def recover(source: Path | str, target: Path | str) -> Recovery:
     recording, damage = load(source)
     complete, reason = _verdict(recording, damage)
     refused = 0
-    with RecordingWriter(target, recording.header, recording.attachments, boot="recovered") as writer:
+    with RecordingWriter(
+        target, recording.header, recording.attachments, boot="recovered", schemas=recording.schemas
+    ) as writer:
         for record in recording.records:
             if record.topic == _GAP_TOPIC:
                 continue  # the writer finds them again, together with those that the damage made

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from dynpf_protocol.version import READABLE_VERSIONS
 from mcap.records import Attachment as AttachmentRecord
-from mcap.records import Channel, Header, Metadata
+from mcap.records import Channel, Header, Metadata, Schema
 
 from dynpf_formats.recording.errors import (
     CorruptRecordingError,
@@ -23,7 +23,7 @@ from dynpf_formats.recording.errors import (
 from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, unseal, unsealed
 from dynpf_formats.recording.mcap_records import MAGIC, Damage, DamageKind, End, Message, Region, Stray, contents, scan
 
-__all__ = ["Described", "Item", "Source", "StreamedMessage", "stream"]
+__all__ = ["Described", "Item", "RecordedSchema", "Source", "StreamedMessage", "stream"]
 
 _INDEX_ENTRY = 16  # bytes that a file spends on each message beside the chunk, in its message index
 _UNINDEXED = 20_000  # messages of a last chunk whose index the recorder had no time to write
@@ -40,11 +40,22 @@ class Source(NamedTuple):
     boot: str
 
 
+class RecordedSchema(NamedTuple):
+    """The type of a topic's messages as the recording has it: its name, and its JSON schema."""
+
+    name: str
+    data: bytes
+
+
 class Described(NamedTuple):
-    """Which source the messages of a channel are of; it comes once for a channel, as a rule before its messages."""
+    """Which source the messages of a channel are of; it comes once for a channel, as a rule before its messages.
+
+    ``schema`` is None where the file has lost it.
+    """
 
     channel: int
     source: Source
+    schema: RecordedSchema | None
 
 
 class StreamedMessage(NamedTuple):
@@ -106,6 +117,7 @@ class _Pass:
         self._profile: str | None = None
         self._headed = False
         self._sources: dict[int, Source] = {}
+        self._schemas: dict[int, RecordedSchema] = {}
         self._nameless: dict[int, int] = {}  # messages on channels not described so far
         self._damaged = 0
         self._first_damage: Damage | None = None
@@ -144,6 +156,8 @@ class _Pass:
                 yield Attachment(name=record.name, media_type=record.media_type, data=record.data)
             case Region():
                 yield from self._region(record)
+            case Schema():
+                self._schema(record)
             case Channel():
                 yield from self._channel(record, 0)
             case Stray():
@@ -159,6 +173,8 @@ class _Pass:
                     yield self._message(record, region)
                 elif isinstance(record, Channel):
                     yield from self._channel(record, region.offset)
+                else:
+                    self._schema(record)
         except ValueError as error:
             yield Damage(DamageKind.MALFORMED, region.offset, f"chunk: {error}")
 
@@ -172,6 +188,9 @@ class _Pass:
             self._nameless[channel] = self._nameless.get(channel, 0) + 1
         return StreamedMessage(source, channel, sequence, stamp_ns, publish_ns, region, start, stop)
 
+    def _schema(self, schema: Schema) -> None:
+        self._schemas.setdefault(schema.id, RecordedSchema(schema.name, schema.data))
+
     def _channel(self, channel: Channel, offset: int) -> Iterator[Described | Damage]:
         try:
             source = Source(channel.topic, channel.metadata["node"], channel.metadata["boot"])
@@ -182,7 +201,7 @@ class _Pass:
         known = self._sources.get(channel.id)
         if known is None:
             self._sources[channel.id] = source
-            yield Described(channel.id, source)
+            yield Described(channel.id, source, self._schemas.get(channel.schema_id))
         elif known != source:
             text = f"channel {channel.id} is {known.topic!r} of {known.node!r} and {source.topic!r} of {source.node!r}"
             yield Damage(DamageKind.MALFORMED, offset, text)

@@ -20,6 +20,7 @@ from mcap.writer import Writer
 
 from dynpf_formats.recording.errors import RecordingError, RecordingExistsError
 from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, seal
+from dynpf_formats.recording.stream import RecordedSchema
 
 __all__ = ["CHUNK_BYTES", "FLUSH_NS", "MAX_PAYLOAD", "RecordingWriter"]
 
@@ -109,12 +110,15 @@ class RecordingWriter:
         overwrite: bool = False,
         boot: str = "recorder",
         topics: Mapping[str, Topic] = TOPICS,
+        schemas: Mapping[str, RecordedSchema] = {},
     ) -> None:
+        """Take the run's topics; of those whose types are not at hand, the ``schemas`` of another recording of it."""
         self.path = Path(path)
         self._topics = topics
         self._boot = boot
         self._tracks: dict[_Source, _Track] = {}
-        self._schemas: dict[str, int] = {}
+        self._schemas = schemas
+        self._registered: dict[RecordedSchema, int] = {}
         self._unresolved: set[tuple[_Source, int]] = set()
         self._gaps = 0
         self._duplicates = 0
@@ -251,15 +255,23 @@ class RecordingWriter:
         name, node, boot = source
         if len(self._tracks) >= _MAX_CHANNELS:
             raise RecordingError(f"{self.path}: more than {_MAX_CHANNELS} senders and topics in one recording")
-        kind: type[Message] | type[JournalEntry]
-        kind = JournalEntry if name.startswith(JOURNAL_PREFIX) else topic(name, self._topics).type
-        schema = self._schemas.get(kind.schema_name)
+        described = self._described(name)
+        schema = self._registered.get(described)
         if schema is None:
-            schema = self._mcap.register_schema(kind.schema_name, "jsonschema", _schema(kind))
-            self._schemas[kind.schema_name] = schema
+            schema = self._mcap.register_schema(described.name, "jsonschema", described.data)
+            self._registered[described] = schema
         channel = self._mcap.register_channel(name, "json", schema, {"node": node, "boot": boot})
         track = self._tracks[source] = _Track(channel)
         return track
+
+    def _described(self, name: str) -> RecordedSchema:
+        """Return the schema of a topic: that of its type, else the one that was handed on; raises UnknownTopicError."""
+        if name.startswith(JOURNAL_PREFIX):
+            return RecordedSchema(JournalEntry.schema_name, _schema(JournalEntry))
+        if name not in self._topics and name in self._schemas:
+            return self._schemas[name]
+        kind = topic(name, self._topics).type
+        return RecordedSchema(kind.schema_name, _schema(kind))
 
     def _irregular(self, track: _Track, source: _Source, envelope: Envelope) -> None:
         if envelope.sequence < track.expected:

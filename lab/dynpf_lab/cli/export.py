@@ -44,9 +44,8 @@ def _export(args: argparse.Namespace) -> int:
 
 def _topic(recording: "Recording", wanted: str | None) -> str:
     from dynpf_protocol.journal import JOURNAL_PREFIX
-    from dynpf_protocol.topics import TOPICS
 
-    there = {source.topic for source in recording.sources if not source.topic.startswith(JOURNAL_PREFIX)} & set(TOPICS)
+    there = {topic for topic in recording.schemas if not topic.startswith(JOURNAL_PREFIX)}
     found = next((one for one in ((wanted,) if wanted else PREFERRED) if one in there), None)
     if found is None:
         listed = ", ".join(sorted(there)) or "no messages"
@@ -55,10 +54,10 @@ def _topic(recording: "Recording", wanted: str | None) -> str:
 
 
 def _tum(recording: "Recording", topic: str, args: argparse.Namespace) -> int:
-    from dynpf_formats.exporters.trajectory import POSE_TOPICS, tum_lines
+    from dynpf_formats.exporters.trajectory import pose_topics, tum_lines
 
-    if topic not in POSE_TOPICS:
-        raise UsageError(f"{topic} holds no poses; --format tum takes {', '.join(POSE_TOPICS)}")
+    if topic not in (known := pose_topics(recording)):
+        raise UsageError(f"{topic} holds no poses; those of this recording with poses: {', '.join(known) or 'none'}")
     count = 0
     with _text(args.output) as stream:
         for line in tum_lines(recording, topic):

@@ -104,14 +104,17 @@ def _write(recording: "Recording", scenario: "Scenario", outcomes: Sequence["Rep
     from dynpf_runtime.replay import write_replayed
     from dynpf_services.scenario.build import plan_of
     from dynpf_services.scenario.recorded import attachments_of
+    from dynpf_services.scenario.schema import resolved_json
 
     recorded = _recorded_digests(recording)
-    # Of code that was not run now, the digest says with which the rest of the recording was made.
+    # Of code that was not run now, the digest says with which the rest of the recording was made. It is told only: a
+    # scenario that held it would have it imported.
     known = {one.module: digest for one in scenario.user_classes if (digest := recorded.get(one.module))}
-    scenario = msgspec.structs.replace(scenario, user_code={**known, **scenario.user_code})
-    plan = plan_of(scenario)
+    told = msgspec.structs.replace(scenario, user_code={**known, **scenario.user_code})
+    plan = plan_of(scenario)._replace(text=resolved_json(told))
     attachments = attachments_of(scenario, recording.attachments)
-    with RecordingWriter(path, run_header(plan), attachments, topics=plan.graph.topics) as writer:
+    topics, schemas = plan.graph.topics, recording.schemas
+    with RecordingWriter(path, run_header(plan), attachments, topics=topics, schemas=schemas) as writer:
         write_replayed(recording, outcomes, writer)
         whole = recording.end is not None and recording.end.complete
         writer.close(complete=whole, reason=f"replayed from {recording.path.name}")

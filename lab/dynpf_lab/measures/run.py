@@ -49,9 +49,13 @@ def differing(a: Recording, b: Recording) -> dict[str, tuple[Any, Any]]:
 
 def _beside_one_another(recording: Recording, run: RunMessages) -> dict[str, Any]:
     """Return the localization of each estimator of a run that has several, by its name."""
-    estimate = Estimate.schema_name
-    names = [name for name, topics in recording.header.writes.items() if topics.get(f"{name}/state") == estimate]
+    names = [name for name in recording.header.writes if _is_estimate(recording, f"{name}/state")]
     return {"estimators": {name: localization(run, name) for name in names}} if len(names) > 1 else {}
+
+
+def _is_estimate(recording: Recording, topic: str) -> bool:
+    row = recording.topics.get(topic)
+    return topic in recording.schemas and row is not None and row.type is Estimate
 
 
 def _figures(recording: Recording) -> dict[str, Any]:

@@ -82,9 +82,9 @@ def test_parquet_holds_the_same_table(log: Path, tmp_path: Path) -> None:
     assert table[0]["pose.orientation.w"] == 1.0
 
 
-def test_lists_of_a_fixed_length_have_a_column_for_each_place() -> None:
+def test_lists_of_a_fixed_length_have_a_column_for_each_place(log: Path) -> None:
     estimate = Estimate(x=1.0, y=2.0, theta=0.5, covariance=tuple(map(float, range(9))), n_eff=7.0)
-    found = {name: get(estimate) for name, (_, get) in columns("estimator/state").items()}
+    found = {name: get(estimate) for name, (_, get) in columns(read_recording(log), "estimator/state").items()}
     assert {name: value for name, value in found.items() if not name.startswith("health")} == {
         "x": 1.0,
         "y": 2.0,
@@ -100,7 +100,7 @@ def test_lists_of_a_fixed_length_have_a_column_for_each_place() -> None:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--format", "tum", "--topic", "log/scan"], "log/scan holds no poses; --format tum takes "),
+        (["--format", "tum", "--topic", "log/scan"], "log/scan holds no poses; those of this recording with poses: "),
         (["--format", "csv", "--topic", "estimator/state"], "nothing on estimator/state; it has log/odometry_pose, "),
         (["--format", "parquet"], "--format parquet needs -o FILE"),
         (["--format", "csv", "-o", "{log}"], "the file exists; choose another name"),
