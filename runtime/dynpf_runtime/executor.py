@@ -64,7 +64,8 @@ class Executor:
         self.spec = spec
         self.boot = boot
         self._topics = topics
-        self._renamed = any(topic != own for topic, own in spec.reads.items())
+        names = [*spec.reads.items(), *((row.name, own) for own, row in spec.writes.items())]
+        self._renamed = any(topic != own for topic, own in names)
         self._digest_every = digest_every
         self._sequences: defaultdict[str, int] = defaultdict(int)
         self.steps = 0
@@ -128,16 +129,18 @@ class Executor:
         return Unsent(topic, Envelope(self.spec.name, self.boot, sequence, tick, stamp_ns, 0), message)
 
     def _result(self, tick: int, stamp_ns: int, inputs: Sequence[Received]) -> Result:
-        """Let the node take its step, which it knows its topics in by its own names."""
+        """Let the node take its step, in which the topics go by its own names for them."""
         reads, writes = self.spec.reads, self.spec.writes
-        known = inputs
         if self._renamed:
-            known = [received._replace(topic=reads[received.topic]) for received in inputs]
-        result = self.node.step(Step(self.steps, tick, stamp_ns, tuple(known)))
+            inputs = [received._replace(topic=reads[received.topic]) for received in inputs]
+        result = self.node.step(Step(self.steps, tick, stamp_ns, tuple(inputs)))
         if undeclared := {output.topic for output in result.outputs} - writes.keys():
             raise ValueError(f"returned messages for {', '.join(sorted(undeclared))}, which it does not declare")
-        outputs = tuple(output._replace(topic=writes[output.topic].name) for output in result.outputs)
-        return result._replace(outputs=outputs)
+        if not self._renamed:
+            return result
+        return result._replace(
+            outputs=tuple(output._replace(topic=writes[output.topic].name) for output in result.outputs)
+        )
 
     @contextmanager
     def _blamed(self, tick: int) -> Iterator[None]:

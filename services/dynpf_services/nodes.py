@@ -4,6 +4,7 @@ A node is a frozen struct: its fields are its parameters, typed and checked as a
 step to step is its State, which steps are given and return; so it can be taken out, put back and digested as it is.
 """
 
+from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
@@ -69,13 +70,13 @@ class Node(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     writes: ClassVar[Mapping[str, type[Message] | Topic]] = {}
     State: ClassVar[type] = NoState
 
+    @abstractmethod
     def step(self, state: Any, moment: Moment) -> tuple[Any, Iterable[Output]] | tuple[Any, Iterable[Output], bool]:
         """Return the state after the step and what the node says: messages, with their topics where types do not tell.
 
         A pure function of its arguments: no clock, no file, no random numbers but ``moment.draws()``. The source of a
         run may return, as a third, whether this tick is the last.
         """
-        raise NotImplementedError(f"{type(self).__name__} has no step")
 
 
 class Sensor(Node, frozen=True, kw_only=True):
@@ -98,9 +99,9 @@ class Sensor(Node, frozen=True, kw_only=True):
         if "topic" in vars(cls):
             cls.writes = {cls.topic: cls.message}
 
+    @abstractmethod
     def sense(self, truth: RobotState, draws: Draws) -> Message | None:
         """Return the reading at a true state, None for no reading; its random numbers come from ``draws``."""
-        raise NotImplementedError(f"{type(self).__name__} has no sense")
 
     def step(self, state: Any, moment: Moment) -> tuple[Any, Iterable[Output]]:
         """Read the newest true state, if there is a new one."""

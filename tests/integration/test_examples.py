@@ -33,6 +33,8 @@ def test_an_example_is_the_same_on_the_bus_inline_and_replayed(name: str, tmp_pa
         assert done.returncode == 0, done.stderr
     found = [read_recording(folder / path) for path in ("bus.mcap", "inline.mcap")]
     assert content_digest(found[0]) == content_digest(found[1])
+    done = dynpf(*run, "--runner", "inline", "--seed", 2, "-o", "other.mcap", cwd=folder)  # the control
+    assert content_digest(read_recording(folder / "other.mcap")) != content_digest(found[0])
     replay = ("replay", "bus.mcap", "--json", "--code", ".")
     refused = dynpf(*replay, cwd=folder)
     assert refused.returncode == 2
@@ -65,3 +67,37 @@ def test_a_study_of_ones_own_is_short_and_finds_that_more_particles_err_less() -
 def test_an_example_is_complete_in_under_150_lines(name: str) -> None:
     files = [path for path in (EXAMPLES / name).iterdir() if path.suffix in (".py", ".toml")]
     assert sum(len(path.read_text().splitlines()) for path in files) < 150
+
+
+def test_messages_of_ones_own_are_kept_by_commands_that_have_no_code_for_them(tmp_path: Path) -> None:
+    scenario = EXAMPLES / "uwb" / "uwb.toml"
+    dynpf("run", scenario, "--set", "max_ticks=20", "--runner", "inline", "-o", "run.mcap", cwd=tmp_path)
+    run = read_recording(tmp_path / "run.mcap")
+    assert dynpf("recover", "run.mcap", "-o", "mended.mcap", cwd=tmp_path).returncode == 0
+    assert dynpf("doctor", "mended.mcap", cwd=tmp_path).returncode == 0
+    replayed = dynpf("replay", "run.mcap", "--node", "sensors", "-o", "again.mcap", cwd=tmp_path)
+    assert replayed.returncode == 0, replayed.stderr
+    for name in ("mended.mcap", "again.mcap"):
+        found = read_recording(tmp_path / name)
+        assert content_digest(found) == content_digest(run)
+        assert found.schemas == run.schemas
+    table = dynpf("export", "run.mcap", "--format", "csv", "--topic", "ranging/ranges", cwd=tmp_path).stdout
+    assert table.startswith("stamp_ns,stamp_s,sequence,anchors,ranges\n0,0.0,0,")
+    assert len(table.splitlines()) == 1 + sum(1 for _ in run.messages("ranging/ranges"))
+    poses = dynpf("export", "run.mcap", "--format", "tum", "--topic", "ekf/state", cwd=tmp_path).stdout
+    assert len(poses.splitlines()) == 20
+
+
+def test_the_node_of_the_reference_runs(tmp_path: Path) -> None:
+    page = (EXAMPLES.parent / "docs" / "scenarios.md").read_text()
+    blocks = page.split("## Your own nodes")[1].split("```")
+    (tmp_path / "watchdog.py").write_text(next(block for block in blocks if block.startswith("python\n"))[7:])
+    table = next(block for block in blocks if block.startswith("toml\n"))[5:].replace("limit = 0.5", "limit = 0.01")
+    room = (EXAMPLES.parent / "scenarios" / "dynpf_scenarios" / "landmark-room.toml").read_text()
+    (tmp_path / "guarded.toml").write_text(f"{room}\n{table}")
+    words = ("run", "guarded.toml", "--set", "max_ticks=40", "--runner", "inline", "-o", "run.mcap")
+    done = dynpf(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    alarms = [json.loads(one.payload) for one in read_recording(tmp_path / "run.mcap").messages("guard/alarm")]
+    assert alarms[0] == {"since_s": 0.0}
+    assert alarms[-1]["since_s"] > 0.0

@@ -7,6 +7,8 @@ import pytest
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import read_recording
 
+from tests.integration.processes import DATA
+
 CASES = {"parts-3-easy": 25, "landmark-room": 60, "room-scan": 30, "landmark-mrclam": 150}
 WORLDS = {"indoor-global": 10, "turtlebot-loops": 20}
 SEEDS = (1, 2, 3)
@@ -43,6 +45,35 @@ METRICS = {
 
 def digest(path: Path) -> str:
     return content_digest(read_recording(path))
+
+
+@pytest.mark.parametrize(("scenario", "nodes"), [("landmark-filters", 6), ("landmark-team", 10)])
+def test_several_filters_and_several_robots_are_the_same_on_the_bus_inline_and_replayed(
+    scenario, nodes, tmp_path, dynpf, here
+):
+    words = [scenario, "--set", "max_ticks=60"]
+    if scenario == "landmark-team":
+        log = tmp_path / "team.mcap"
+        source = DATA / "mrclam" / "ds7_5robots_30s"
+        if not source.is_dir():
+            pytest.skip(f"the log {source} is not here")
+        assert here("import", "mrclam", source, "--robot", "all", "-o", log).code == 0
+        assert here("doctor", log).code == 0
+        words += ["--log", log]
+    on_bus, inline = tmp_path / "bus.mcap", tmp_path / "inline.mcap"
+    run = dynpf("run", *words, "-o", on_bus)
+    assert here("run", *words, "--runner", "inline", "-o", inline).code == 0
+    assert run.wait() == 0, run.stderr
+    assert digest(on_bus) == digest(inline)
+    assert here("doctor", on_bus).code == 0
+    replayed = json.loads(here("replay", on_bus, "--json").out)
+    assert replayed["same"]
+    assert len(replayed["counts"]) == nodes
+    figures = json.loads(here("metrics", on_bus, "--json").out)["estimators"]
+    assert len(figures) == (5 if scenario == "landmark-team" else 3)
+    other = tmp_path / "other.mcap"  # the control
+    assert here("run", *words, "--seed", 2, "--runner", "inline", "-o", other).code == 0
+    assert digest(other) != digest(inline)
 
 
 @pytest.mark.parametrize("scenario", CASES)

@@ -23,11 +23,20 @@ def recorded_code(recording: Recording) -> tuple[UserClass, ...]:
 
 
 def _node_tables(scenario: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the tables of nodes, each with its key: those with usual names, and the list of others."""
-    listed = scenario.get("nodes")
-    others = [(f"nodes.{table.get('name')}", table) for table in listed or () if isinstance(table, dict)]
-    usual = [(name, scenario[name]) for name in NODES if isinstance(scenario.get(name), dict)]
-    yield from (*usual, *(others if isinstance(listed, list) else ()))
+    """Yield the tables of nodes, each with its key: those with usual names, and the others, listed or by name.
+
+    A kind may stand there alone.
+    """
+    others = scenario.get("nodes")
+    named = [*others.items()] if isinstance(others, dict) else []
+    if isinstance(others, list):
+        named = [(table.get("name"), table) for table in others if isinstance(table, dict)]
+    tables = [(name, scenario.get(name)) for name in NODES] + [(f"nodes.{name}", table) for name, table in named]
+    for key, table in tables:
+        if isinstance(table, str):
+            yield key, {"kind": table}
+        elif isinstance(table, dict):
+            yield key, table
 
 
 def _of_node(key: str, table: dict[str, Any]) -> Iterator[UserClass]:

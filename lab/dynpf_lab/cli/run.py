@@ -16,6 +16,7 @@ from dynpf_lab.cli.options import add_scenario_options, code_folders, load_log, 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from dynpf_runtime.plan import Plan
     from dynpf_services.scenario.played_log import PlayedLog
 
 __all__ = ["add_parser", "default_output"]
@@ -44,7 +45,7 @@ def default_output(scenario: str, seed: int) -> Path:
 
 
 def run(options: argparse.Namespace) -> int:
-    from dynpf_services.scenario.build import build_nodes
+    from dynpf_services.scenario.build import plan_of
 
     log = load_log(options)
     scenario = scenario_from(options, log)
@@ -56,12 +57,14 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError("--runner inline goes in lockstep only; a realtime run needs --runner bus")
     path = options.output or default_output(Path(options.scenario).stem, scenario.seed)
     _check_output(path)
-    build_nodes(scenario)  # whatever does not fit is told here, before any process is started
+    plan = plan_of(scenario)
+    for spec in plan.graph.specs.values():
+        spec.build()  # whatever does not fit is told here, before any process is started
     try:
         if options.runner == "inline":
             _run_inline(scenario, path, log)
         else:
-            _run_on_bus(scenario, path, log, code_folders(options))
+            _run_on_bus(scenario, plan, path, log, code_folders(options))
     except DynpfError:
         if path.exists():
             print(f"dynpf run: what was recorded is in {path} (dynpf doctor tells what is missing)", file=sys.stderr)
@@ -87,15 +90,13 @@ def _run_inline(scenario: Scenario, path: Path, log: "PlayedLog | None") -> None
         record_inline(scenario, path, log, stopped=lambda: stop.reason if stop.requested else "")
 
 
-def _run_on_bus(scenario: Scenario, path: Path, log: "PlayedLog | None", code: "Sequence[Path]") -> None:
+def _run_on_bus(scenario: Scenario, plan: "Plan", path: Path, log: "PlayedLog | None", code: "Sequence[Path]") -> None:
     from dynpf_runtime.bus.member import StopSignal
     from dynpf_runtime.bus.processes import run_on_bus
     from dynpf_runtime.rehearsal import rehearse_run
-    from dynpf_services.scenario.build import plan_of
     from dynpf_services.scenario.schema import whole_json
 
     # Once here, where nobody waits for it, instead of in every process at the same time.
-    plan = plan_of(scenario)
     rehearse_run(plan, log.records if log else [])
     with StopSignal.installed() as stop:
         run_on_bus(plan.graph.nodes, whole_json(scenario), path, log.path if log else None, stop, code=code)

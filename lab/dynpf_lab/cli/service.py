@@ -53,6 +53,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     from dynpf_runtime.bus.member import StopSignal, say
+    from dynpf_services.scenario.build import plan_of
 
     log = load_log(options) if options.name != "router" or options.log else None
     scenario = scenario_from(options, log)
@@ -60,7 +61,7 @@ def _run(options: argparse.Namespace) -> int:
         raise UsageError(
             f"{options.name} takes no part in this scenario; its processes are {', '.join(scenario.nodes)}"
         )
-    if options.name in scenario.nodes and scenario.needs_log and log is None:
+    if scenario.needs_log and log is None and options.name == plan_of(scenario).graph.source:
         raise UsageError("this scenario plays an imported log: give it with --log IN.mcap (dynpf import makes one)")
     with StopSignal.installed(options.parent) as stop:
         if options.name == "router":
@@ -70,7 +71,6 @@ def _run(options: argparse.Namespace) -> int:
             run_router(resolved_json(scenario), options.listen, stop, quiet=options.quiet)
         elif options.name == "recorder":
             from dynpf_services.recorder.host import run_recorder
-            from dynpf_services.scenario.build import plan_of
             from dynpf_services.scenario.recorded import attachments_of
 
             from dynpf_lab.cli.run import default_output
@@ -82,7 +82,6 @@ def _run(options: argparse.Namespace) -> int:
                 say("recorder", f"{path} is complete: {end.reason}")
         else:
             from dynpf_runtime.bus.host import run_node
-            from dynpf_services.scenario.build import plan_of
 
             run_node(options.name, plan_of(scenario), options.connect, log.records if log else [], stop)
     return 0

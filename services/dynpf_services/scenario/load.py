@@ -9,6 +9,7 @@ import json
 import re
 import tomllib
 from collections.abc import Container, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import deepcopy
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
@@ -77,14 +78,17 @@ def load_scenario(
     Raises ScenarioError that lists every problem found.
     """
     path = find_scenario(name)
-    raw = _with_tables(_raw(path))
+    raw = _raw(path)
+    with _told_of(str(path)):
+        raw = _with_tables(raw)
     brought = log.map if log is not None and "map" not in raw else None
     if log is not None:
         _take_from_log(raw, log)
     for override in overrides:
         apply_override(raw, override)
         seen_from_here(raw, override)
-    raw = _with_robots(raw)
+    with _told_of(str(path)):
+        raw = _with_robots(raw)
     if log is not None:
         for node, table in (*raw.items(), *raw.get("nodes", {}).items()):
             _tell_filter(table, node.rpartition("/")[0], log)
@@ -125,7 +129,8 @@ def override_resolved(resolved: str, overrides: Sequence[str], where: str) -> Sc
         raw = json.loads(resolved)
         if not isinstance(raw, dict):
             raise ScenarioError(f"{where}: its scenario is a {type(raw).__name__}, expected a table of keys")
-        raw = _with_tables(raw)
+        with _told_of(where):
+            raw = _with_tables(raw)
         for override in overrides:
             apply_override(raw, override)
         return parse_scenario(raw, where)
@@ -153,10 +158,8 @@ def parse_scenario(raw: Mapping[str, Any], where: str) -> Scenario:
 
     No file that it names is read, and no class of the user's looked for: ``user_code`` stays empty.
     """
-    try:
+    with _told_of(where):
         layout = _layout({key: value for key, value in raw.items() if value is not None})
-    except ScenarioError as error:
-        raise ScenarioError("\n".join(f"{where}: {line}" for line in str(error).splitlines())) from error
     info = msgspec.inspect.type_info(layout.type)
     table = folded(info, layout.raw)
     _raise(where, unknown_keys(info, table, ""))
@@ -174,6 +177,15 @@ def parse_scenario(raw: Mapping[str, Any], where: str) -> Scenario:
     )
     _raise(where, _contradictions(scenario))
     return scenario
+
+
+@contextmanager
+def _told_of(where: str) -> Iterator[None]:
+    """Say of what is wrong with a scenario where it stands."""
+    try:
+        yield
+    except ScenarioError as error:
+        raise ScenarioError("\n".join(f"{where}: {line}" for line in str(error).splitlines())) from error
 
 
 def _raise(where: str, problems: Iterator[str] | Sequence[str]) -> None:
@@ -194,7 +206,7 @@ class _Layout(NamedTuple):
 
 def _layout(raw: dict[str, Any]) -> _Layout:
     """Return the type that ``raw`` is to be converted to; raises ScenarioError for a kind or name that is none."""
-    raw, remaps = _without_remaps(_with_robots(raw))
+    raw, remaps = _without_remaps(_with_robots(_with_tables(raw)))
     facts = tuple(name for name in fact_names() if name in raw)
     kinds: dict[str, str] = {}
     sections: list[Any] = []
@@ -251,19 +263,15 @@ def _kind(name: str, table: Any, section: str | None) -> tuple[str, Any]:
     return text, given if tag is None else {"kind": tag, **given}
 
 
-def _tables(nodes: Any) -> dict[str, Any]:
-    """Return the tables of further nodes by name; a resolved scenario has a list, which keeps their order."""
-    if isinstance(nodes, dict):
-        return nodes
-    listed = nodes if isinstance(nodes, list) else []
-    if not all(isinstance(table, dict) and isinstance(table.get("name"), str) for table in listed) or not listed:
-        raise ScenarioError("nodes: expected a table for each node, such as [nodes.other]")
-    return {table["name"]: {key: value for key, value in table.items() if key != "name"} for table in listed}
-
-
 def _with_tables(raw: dict[str, Any]) -> dict[str, Any]:
-    """Return ``raw`` with the tables of further nodes by name."""
-    return {**raw, "nodes": _tables(raw["nodes"])} if "nodes" in raw else raw
+    """Return ``raw`` with the tables of further nodes by name; a resolved scenario lists them, to keep their order."""
+    nodes = raw.get("nodes", {})
+    if isinstance(nodes, dict):
+        return raw
+    if not isinstance(nodes, list) or not all(isinstance(table, dict) for table in nodes):
+        raise ScenarioError("nodes: expected a table for each node, such as [nodes.other]")
+    named = {str(table.get("name", "")): {key: table[key] for key in table if key != "name"} for table in nodes}
+    return {**raw, "nodes": named}
 
 
 def _with_robots(raw: dict[str, Any]) -> dict[str, Any]:
@@ -278,11 +286,11 @@ def _with_robots(raw: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(tables, dict) or not tables:
         raise ScenarioError("robot: missing; expected the tables of the nodes that each robot has")
     nodes = {f"{robot}/{name}": deepcopy(table) for robot in names for name, table in tables.items()}
-    return {**raw, "nodes": {**(_tables(raw["nodes"]) if "nodes" in raw else {}), **nodes}}
+    return {**raw, "nodes": {**raw.get("nodes", {}), **nodes}}
 
 
 def _without_remaps(raw: dict[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str, str]]]:
-    """Return ``raw`` with a list of further nodes' tables by name, and what each node's table says of its topics."""
+    """Return ``raw`` without what the nodes' tables say of other names for their topics, and that by node."""
     remaps: dict[str, dict[str, str]] = {}
 
     def rest(name: str, table: Any) -> Any:
@@ -296,7 +304,7 @@ def _without_remaps(raw: dict[str, Any]) -> tuple[dict[str, Any], dict[str, dict
 
     changed = {name: rest(name, raw[name]) for name in NODES if name in raw}
     if "nodes" in raw:
-        changed["nodes"] = {name: rest(name, table) for name, table in _tables(raw["nodes"]).items()}
+        changed["nodes"] = {name: rest(name, table) for name, table in raw["nodes"].items()}
     return {**raw, **changed}, remaps
 
 

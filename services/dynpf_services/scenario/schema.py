@@ -14,7 +14,7 @@ from dynpf_protocol.topics import NODES
 from dynpf_runtime.faults import Fault
 from msgspec import Meta
 
-from dynpf_services.scenario.kinds import fact_kind, node_kinds
+from dynpf_services.scenario.kinds import fact_kind, fact_names, node_kinds
 from dynpf_services.scenario.problems import unfolded
 from dynpf_services.scenario.user_component import UserComponent
 
@@ -59,18 +59,22 @@ class Scenario(RunTable, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     def __getattr__(self, name: str) -> Any:
         """Return the configuration of a node, or a shared table, by its name; None where the run has none of it."""
-        if name.startswith("_"):
-            raise AttributeError(name)
-        return self.nodes.get(name, self.facts.get(name))
+        if name in NODES or name in self.nodes:
+            return self.nodes.get(name)
+        if name in fact_names():
+            return self.facts.get(name)
+        raise AttributeError(f"a scenario has no {name!r}")
 
     def changed(self, **tables: Any) -> "Scenario":
         """Return the scenario with other values of its own keys, of shared tables, and of its nodes.
 
-        A node stays of the kind that it was; None takes it out of the run.
+        A node stays of the kind that it was; None takes it out of the run. Raises TypeError for what is no key of it.
         """
         own = {name: value for name, value in tables.items() if name in RunTable.__struct_fields__}
         nodes = {**self.nodes, **{name: value for name, value in tables.items() if name in self.nodes}}
-        facts = {name: value for name, value in tables.items() if name not in own and name not in nodes}
+        facts = {name: value for name, value in tables.items() if name in fact_names()}
+        if unknown := tables.keys() - own.keys() - nodes.keys() - facts.keys():
+            raise TypeError(f"a scenario has no {', '.join(sorted(unknown))}")
         return msgspec.structs.replace(
             self,
             nodes={name: config for name, config in nodes.items() if config is not None},

@@ -85,7 +85,13 @@ def _node_class(config: UserComponent, context: Context, found: type) -> type[No
         raise ScenarioError(
             f"{key_of(context.name)}.kind: {config.name!r} is no node; expected a subclass of dynpf_lab.Node"
         )
+    if lacking := [name for name in ("step", "sense") if _is_abstract(found, name)]:
+        raise ScenarioError(f"{key_of(context.name)}.kind: {config.name!r} has no method {' and no '.join(lacking)}")
     return found
+
+
+def _is_abstract(kind: type, name: str) -> bool:
+    return getattr(getattr(kind, name, None), "__isabstractmethod__", False)
 
 
 def _first_state(node: Node) -> Any:
@@ -126,8 +132,6 @@ def _plain(value: Any) -> Any:
         return value
     if isinstance(value, msgspec.Struct):
         return msgspec.to_builtins(value)
-    if hasattr(value, "_asdict"):
-        return {name: _plain(inner) for name, inner in value._asdict().items()}
     if isinstance(value, Mapping):
         return {key: _plain(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):

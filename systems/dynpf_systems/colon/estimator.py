@@ -23,6 +23,7 @@ from dynpf_protocol.messages import (
 from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.estimates import gap_warning, robot_transform
 from dynpf_services.scenario.context import Context
+from dynpf_services.scenario.schema import key_of
 
 from dynpf.colon.hypotheses import UNLISTED
 from dynpf.colon.world import BEAMS
@@ -61,7 +62,7 @@ class CapsuleEstimator:
         self.name = name
         self._seed = seed
         self._known = config.start == "known"
-        self._filter = capsule_filter(config, world)
+        self._filter = capsule_filter(config, world, key_of(name))
         self._belief: Any = self._filter.start(self._known, Stream.of(seed, self.name, 0, "start"))
         self._reading = -1
         self._map: str | None = None
@@ -75,7 +76,7 @@ class CapsuleEstimator:
         for received in step.inputs:
             match received.message:
                 case HostEvent() as gap:
-                    logs.append(gap_warning(gap, step.stamp_ns))
+                    logs.append(gap_warning(gap, step.stamp_ns, self.name))
                 case CapsuleReading() as reading if reading.reading > self._reading:
                     readings.append(reading)
         located: Located | None = None

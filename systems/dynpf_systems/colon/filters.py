@@ -78,15 +78,15 @@ class CapsuleFilter(Protocol):
         """Return the belief that freeze was given."""
 
 
-def capsule_filter(config: CapsuleEstimatorConfig, world: ColonWorld) -> CapsuleFilter:
-    """Return the filter that a scenario names; raises ScenarioError where it does not fit the run."""
+def capsule_filter(config: CapsuleEstimatorConfig, world: ColonWorld, key: str) -> CapsuleFilter:
+    """Return the filter that a scenario names below ``key``; raises ScenarioError where it does not fit the run."""
     match config.filter:
         case ClassicFilter() as table:
             return _Classic(table, world)
         case EndRadiusFilter() as table:
-            return _EndRadius(table, world)
+            return _EndRadius(table, world, f"{key}.filter")
         case HypothesesFilter() as table:
-            return _Hypotheses(table, world)
+            return _Hypotheses(table, world, f"{key}.filter")
 
 
 class _Classic:
@@ -121,14 +121,14 @@ class _Classic:
 class _Hypotheses:
     """The map is estimated; the schedule that the filter is told of counts for nothing, as a hint, or is obeyed."""
 
-    def __init__(self, table: HypothesesFilter, world: ColonWorld) -> None:
-        self.grids = {name: world.grid(name, "estimator.filter.maps") for name in table.maps}
+    def __init__(self, table: HypothesesFilter, world: ColonWorld, key: str) -> None:
+        self.grids = {name: world.grid(name, f"{key}.maps") for name in table.maps}
         self._schedule, self._world = table.schedule, world
         obeyed = msgspec.structs.replace(table, change=0.0, told=1.0)
         self._filter = Hypotheses(obeyed if table.schedule == "obeyed" else table, self.grids)
         for _, name in world.told.entries if table.schedule != "ignored" else ():
             if name not in table.maps:
-                raise ScenarioError(f"colon.told: map {name!r} is none of estimator.filter.maps")
+                raise ScenarioError(f"colon.told: map {name!r} is none of {key}.maps")
         self._nodes = {
             name: _nodes(grid, wall.places, wall.following)
             for name, grid, wall in zip(table.maps, self.grids.values(), self._filter.walls, strict=True)
@@ -181,13 +181,13 @@ class _RadiusBelief(NamedTuple):
 class _EndRadius:
     """The radius of the tube's round end is estimated."""
 
-    def __init__(self, table: EndRadiusFilter, world: ColonWorld) -> None:
+    def __init__(self, table: EndRadiusFilter, world: ColonWorld, key: str) -> None:
         first = world.told.at(0)
         if not first.startswith("end "):
             raise ScenarioError(f"colon.told: {first!r} at the start; the filter 'end_radius' expects an 'end RADIUS'")
         self._world, self._first = world, world.grid(first, "colon.told")
         self._radius = float(first.removeprefix("end "))
-        members = {radius: world.grid(f"end {radius:g}", "estimator.filter.radii_px") for radius in table.radii_px}
+        members = {radius: world.grid(f"end {radius:g}", f"{key}.radii_px") for radius in table.radii_px}
         self._filter = EndRadius(table, members)
         self.grids = {f"end {radius:g}": grid for radius, grid in members.items()}
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Annotated
 
-from dynpf_protocol.topics import EVENT_PREFIX
+from dynpf_services.estimates import GAPS
 from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.kinds import FactKind, NodeKind, Take
 from dynpf_services.scenario.schema import Scenario
@@ -62,7 +62,7 @@ RANGES = NodeKind(
 ESTIMATOR = NodeKind(
     config=CapsuleEstimatorConfig,
     build="dynpf_systems.colon.estimator:build",
-    reads=lambda *_: {"sensors/capsule", f"{EVENT_PREFIX}estimator"},
+    reads=lambda *_: {"sensors/capsule", GAPS},
     writes=lambda *_: (
         *(f"estimator/{name}" for name in ("capsule", "pose", "particles", "transforms", "scene")),
         "log",

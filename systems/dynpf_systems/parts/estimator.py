@@ -94,7 +94,7 @@ class RearrangementEstimator:
                 case Detections():
                     detections = item.message
                 case HostEvent():
-                    logs.append(gap_warning(item.message, step.stamp_ns))
+                    logs.append(gap_warning(item.message, step.stamp_ns, self.name))
         self._held = self._command.target if self._contact and self._command.grip else -1
         elapsed_s = 0.0 if self._stamp_ns < 0 else max(step.stamp_ns - self._stamp_ns, 0) / 1e9
         self._stamp_ns = step.stamp_ns

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from dynpf_protocol.topics import EVENT_PREFIX
+from dynpf_services.estimates import GAPS
 from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.kinds import FactKind, NodeKind
 
@@ -41,7 +41,7 @@ ESTIMATOR = NodeKind(
     build="dynpf_systems.parts.estimator:build",
     reads=lambda *_: {
         *("vision/detections", "sensors/overhead", "sensors/gripper", "controller/command"),
-        f"{EVENT_PREFIX}estimator",
+        GAPS,
     },
     writes=lambda *_: (*(f"estimator/{name}" for name in ("state", "pose", "particles", "transforms")), "log"),
 )

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import msgspec
 from dynpf_protocol.landmarks import Landmark
 from dynpf_protocol.messages import Message
-from dynpf_protocol.topics import EVENT_PREFIX
+from dynpf_services.estimates import GAPS
 from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.kinds import FactKind, NodeKind, Take
 
@@ -93,7 +93,7 @@ LOG = NodeKind(
 
 def _readings(config: LocalizationConfig, context: Context) -> set[str | type[Message]]:
     topics = reading_topics(config.measurement, context.user_class)
-    return {"sensors/odometry", "sensors/odometry_pose", f"{EVENT_PREFIX}estimator", *topics}
+    return {"sensors/odometry", "sensors/odometry_pose", GAPS, *topics}
 
 
 def _needs(config: LocalizationConfig, context: Context) -> dict[str | type[Message], str]:

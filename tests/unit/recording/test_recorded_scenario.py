@@ -24,7 +24,10 @@ from hypothesis import strategies as st
 
 from tests.unit.recording.recorded_runs import HEADER
 
-BASES = [json.loads(resolved_json(load_scenario(name))) for name in ("room-scan", "landmark-room", "colon-own-maps")]
+BASES = [
+    json.loads(resolved_json(load_scenario(name)))
+    for name in ("room-scan", "landmark-room", "colon-own-maps", "landmark-filters")
+]
 KINDS = ("subprocess:Popen", "os:system", "this:X", "builtins:exec", "evil:Model", "a.b:C", "package.module:Name")
 PATHS = ("/etc/passwd", "/dev/zero", "../x.png", "x.png", "sub/x.yaml", "x.yaml", "", "/", "\0")
 NASTY = st.one_of(
@@ -73,6 +76,7 @@ YAML = b"image: /etc/passwd\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccu
 
 def recording(scenario: str) -> Recording:
     return Recording(
+        schemas={},
         path=Path("run.mcap"),
         header=msgspec.structs.replace(HEADER, scenario=scenario),
         attachments=(Attachment(name=f"{FOLDER}x.yaml", media_type="", data=YAML),),

@@ -61,6 +61,9 @@ __all__ = ["Motion", "Moved", "localizer_of", "measurements_of", "motion_of"]
 
 Measurements = dict[type, MeasurementModel[Any]]
 
+ESTIMATOR = "estimator"
+"""The key of a scenario at which the estimator stands that has its usual name."""
+
 
 class Moved(NamedTuple):
     """A displacement that odometry has measured, and how long it took, in seconds."""
@@ -76,11 +79,11 @@ class Motion(NamedTuple):
     control: Callable[[Twist | Moved], Any]
 
 
-def motion_of(config: LocalizationConfig, maps: Maps, classes: Classes) -> Motion:
-    """Return the motion model; raises ScenarioError where a table does not fit the rest."""
+def motion_of(config: LocalizationConfig, maps: Maps, classes: Classes, key: str = ESTIMATOR) -> Motion:
+    """Return the motion model; raises ScenarioError, below the node's ``key``, where a table does not fit the rest."""
     table = config.motion
     if config.calibration is not None and not isinstance(table, ArcsParams):
-        raise ScenarioError("estimator.calibration goes with the motion of kind 'arcs' alone")
+        raise ScenarioError(f"{key}.calibration goes with the motion of kind 'arcs' alone")
     match table:
         case ArcsParams():
             arcs = Arcs(table) if config.calibration is None else CalibratedArcs(table, config.calibration)
@@ -92,30 +95,30 @@ def motion_of(config: LocalizationConfig, maps: Maps, classes: Classes) -> Motio
         case CapsuleStepParams():
             return Motion(CapsuleStep(table), _turn_and_way)
         case LinearGaussianParams():
-            return _linear(table)
+            return _linear(table, key)
         case GradientFlowTable():
             return Motion(GradientFlow(table, DescentFlow(table.field)), lambda moved: moved.duration)
         case UserComponent():
-            model = made(table, "estimator.motion", (MotionModel,), classes, maps._asdict())
+            model = made(table, f"{key}.motion", (MotionModel,), classes, maps._asdict())
             control = getattr(type(model), "control", Twist)
             if control not in _CONTROLS:
                 raise ScenarioError(
-                    f"estimator.motion.kind: {table.name!r} has the class attribute control = {control!r};"
+                    f"{key}.motion.kind: {table.name!r} has the class attribute control = {control!r};"
                     f" expected one of {_names(_CONTROLS)}"
                 )
             return Motion(model, _CONTROLS[control])
 
 
-def measurements_of(config: LocalizationConfig, maps: Maps, classes: Classes) -> Measurements:
+def measurements_of(config: LocalizationConfig, maps: Maps, classes: Classes, key: str = ESTIMATOR) -> Measurements:
     """Return the measurement models by the type of reading that each takes; raises ScenarioError."""
     models: Measurements = {}
     rows = None if config.calibration is None else SensorRows(BEARING_BIAS, RANGE_SCALE)
     for place, table in enumerate(config.measurement):
-        key = f"estimator.measurement.{place}"
-        reading, model = _measurement(table, key, maps, classes, rows)
+        where = f"{key}.measurement.{place}"
+        reading, model = _measurement(table, where, maps, classes, rows)
         if TOPICS.get(reading, reading) in {TOPICS.get(other, other) for other in models}:
             what = TOPICS.get(reading, reading.__name__)
-            raise ScenarioError(f"{key}: another measurement model takes what {what} says already")
+            raise ScenarioError(f"{where}: another measurement model takes what {what} says already")
         models[reading] = model
     return models
 
@@ -126,21 +129,28 @@ def localizer_of(
     measurements: Measurements,
     maps: Maps,
     classes: Classes,
+    *,
+    key: str = ESTIMATOR,
 ) -> Localizer:
     """Return the filter; raises ScenarioError where it asks more of the models than they have."""
     table = config.filter
-    proposal: Proposal = _own_or_given(config.proposal, "estimator.proposal", Proposal, classes)
-    resampling: Resampling = _own_or_given(config.resampling, "estimator.resampling", Resampling, classes)
+    proposal: Proposal = _own_or_given(config.proposal, f"{key}.proposal", Proposal, classes)
+    resampling: Resampling = _own_or_given(config.resampling, f"{key}.resampling", Resampling, classes)
     match table:
         case SirParams():
             _ask(
-                config, motion, measurements, f"the proposal {_kind(config.proposal)}", *_ASKED.get(type(proposal), ())
+                config,
+                key,
+                motion,
+                measurements,
+                f"the proposal {_kind(config.proposal)}",
+                *_ASKED.get(type(proposal), ()),
             )
             regularization: Regularization | None = _own_or_given(
-                config.regularization, "estimator.regularization", Regularization, classes
+                config.regularization, f"{key}.regularization", Regularization, classes
             )
-            sizing, recovery = _adaptation(config, classes)
-            rescue = None if recovery is None else _rescue(config, recovery, Models(motion, measurements), maps)
+            sizing, recovery = _adaptation(config, classes, key)
+            rescue = None if recovery is None else _rescue(config, recovery, Models(motion, measurements), maps, key)
             return ParticleLocalizer(
                 ParticleFilter(
                     motion,
@@ -154,10 +164,10 @@ def localizer_of(
                 )
             )
         case ExtendedKalmanParams() | UnscentedKalmanParams():
-            _ask(config, motion, measurements, f"the filter {_kind(table)}", GaussianMotion, GaussianMeasurement)
+            _ask(config, key, motion, measurements, f"the filter {_kind(table)}", GaussianMotion, GaussianMeasurement)
             for name in _OF_PARTICLES:
                 if getattr(config, name) != _DEFAULTS[name]:
-                    raise ScenarioError(f"estimator.{name} has no place in the filter {_kind(table)}")
+                    raise ScenarioError(f"{key}.{name} has no place in the filter {_kind(table)}")
             gaussian_models: Any = measurements
             gaussian_motion: Any = motion
             if isinstance(table, ExtendedKalmanParams):
@@ -165,7 +175,7 @@ def localizer_of(
             return GaussianLocalizer(UnscentedKalman(gaussian_motion, gaussian_models, table))
         case UserComponent():
             parts = {"motion": motion, "measurements": measurements, "proposal": proposal, "resampling": resampling}
-            own: CloudFilter = made(table, "estimator.filter", (CloudFilter,), classes, parts)
+            own: CloudFilter = made(table, f"{key}.filter", (CloudFilter,), classes, parts)
             return ParticleLocalizer(own)
 
 
@@ -180,15 +190,17 @@ _OF_PARTICLES = ("proposal", "resampling", "regularization", "adaptation")
 _DEFAULTS = {field.name: field.default for field in msgspec.structs.fields(LocalizationConfig)}
 
 
-def _ask(config: LocalizationConfig, motion: Any, measurements: Measurements, who: str, *roles: type) -> None:
+def _ask(config: LocalizationConfig, key: str, motion: Any, measurements: Measurements, who: str, *roles: type) -> None:
     """Raise ScenarioError where a model lacks what is asked of it."""
-    asked: list[tuple[str, Any, Any, type]] = [("estimator.motion", config.motion, motion, GaussianMotion)]
+    asked: list[tuple[str, Any, Any, type]] = [(f"{key}.motion", config.motion, motion, GaussianMotion)]
     for place, (table, model) in enumerate(zip(config.measurement, measurements.values(), strict=True)):
-        asked.append((f"estimator.measurement.{place}", table, model, GaussianMeasurement))
-    for key, table, model, role in asked:
+        asked.append((f"{key}.measurement.{place}", table, model, GaussianMeasurement))
+    for where, table, model, role in asked:
         missing = [name for name in required_methods(role) if not hasattr(model, name)]
         if role in roles and missing:
-            raise ScenarioError(f"{key}: {who} needs a {role.__name__}; {_kind(table)} has no {', no '.join(missing)}")
+            raise ScenarioError(
+                f"{where}: {who} needs a {role.__name__}; {_kind(table)} has no {', no '.join(missing)}"
+            )
 
 
 def _kind(table: Any) -> str:
@@ -242,7 +254,9 @@ def _own_measurement(
     return reading, own
 
 
-def _adaptation(config: LocalizationConfig, classes: Classes) -> tuple[Sizing | None, Recovery | JumpParams | None]:
+def _adaptation(
+    config: LocalizationConfig, classes: Classes, key: str
+) -> tuple[Sizing | None, Recovery | JumpParams | None]:
     sizing: list[Sizing] = []
     recovery: list[Recovery | JumpParams] = []
     for place, table in enumerate(config.adaptation):
@@ -256,25 +270,25 @@ def _adaptation(config: LocalizationConfig, classes: Classes) -> tuple[Sizing | 
             case JumpParams():
                 recovery.append(table)
             case UserComponent():
-                own = made(table, f"estimator.adaptation.{place}", (Sizing, Recovery), classes, {})
+                own = made(table, f"{key}.adaptation.{place}", (Sizing, Recovery), classes, {})
                 (sizing if hasattr(own, "size") else recovery).append(own)
     if len(sizing) > 1 or len(recovery) > 1:
-        raise ScenarioError(
-            "estimator.adaptation: expected at most one rule for the number of particles and one recovery"
-        )
+        raise ScenarioError(f"{key}.adaptation: expected at most one rule for the number of particles and one recovery")
     return next(iter(sizing), None), next(iter(recovery), None)
 
 
-def _rescue(config: LocalizationConfig, recovery: Recovery | JumpParams, models: Models, maps: Maps) -> Rescuer:
+def _rescue(
+    config: LocalizationConfig, recovery: Recovery | JumpParams, models: Models, maps: Maps, key: str
+) -> Rescuer:
     restart = config.restart or (SearchStart() if isinstance(recovery, JumpParams) else UniformStart())
     try:
         source = pose_source(restart, grid=maps.grid, models=models)
     except ValueError as error:
-        raise ScenarioError(f"estimator.restart: {error}") from error
+        raise ScenarioError(f"{key}.restart: {error}") from error
     if not isinstance(recovery, JumpParams):
         return Rescue(recovery, source)
     if not isinstance(source, Search):
-        raise ScenarioError("estimator.restart: expected the kind 'search', which the adaptation 'jump' needs")
+        raise ScenarioError(f"{key}.restart: expected the kind 'search', which the adaptation 'jump' needs")
     return Jump(recovery, source)
 
 
@@ -310,13 +324,13 @@ def _turn_and_way(moved: Twist | Moved) -> CapsuleMotion:
 _CONTROLS: Mapping[type, Callable[[Twist | Moved], Any]] = {Twist: _twist, Displacement: _displacement}
 
 
-def _linear(table: LinearGaussianParams) -> Motion:
+def _linear(table: LinearGaussianParams, key: str) -> Motion:
     """The control is what odometry says of the step: way and turn; none, for a model without an input matrix."""
     model = LinearGaussian(table)
     columns = len(table.input[0]) if table.input else 0
     if len(table.transition) != 3 or columns not in {0, 2}:
         raise ScenarioError(
-            "estimator.motion: expected a linear_gaussian motion of x, y and theta, and two columns in its input if it"
+            f"{key}.motion: expected a linear_gaussian motion of x, y and theta, and two columns in its input if it"
             " has one: the step's way in m and its turn in rad"
         )
 

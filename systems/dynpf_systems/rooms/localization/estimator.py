@@ -24,6 +24,7 @@ from dynpf_protocol.messages import (
 from dynpf_runtime.node import Output, Received, Result, State, Step
 from dynpf_services.estimates import gap_warning, robot_transform
 from dynpf_services.scenario.context import Context
+from dynpf_services.scenario.schema import key_of
 from msgspec import UNSET
 
 from dynpf.filters.adaptation import PoseSource
@@ -98,21 +99,20 @@ class LocalizationEstimator:
         self._delay_ns = round(config.odometry_delay * NANOSECONDS)
         self._marks = tuple(landmarks)
         self._config, self._maps = config, maps
-        motion = motion_of(config, maps, classes)
-        measurements = measurements_of(config, maps, classes)
+        key = key_of(name)
+        motion = motion_of(config, maps, classes, key)
+        measurements = measurements_of(config, maps, classes, key)
         self._control = motion.control
-        self._localizer = localizer_of(config, motion.model, measurements, maps, classes)
+        self._localizer = localizer_of(config, motion.model, measurements, maps, classes, key=key)
         self._start, self._count = config.start, config.n
         self._grid, self._models = maps.grid, Models(motion.model, measurements)
-        self._source = _source(config.start, maps, self._models)
+        self._source = _source(config.start, maps, self._models, key)
         self._kinds = {TOPICS[kind]: kind for kind in measurements if kind in TOPICS}
         self._own_kinds = frozenset(kind for kind in measurements if is_message(kind))
         self._known = maps.landmarks if RangeBearingReadings in measurements else None
         range_max = config.scan_range_max or scan_range_max
         if range_max is None and Scan in measurements:
-            raise ScenarioError(
-                "estimator.scan_range_max: missing; a scan does not tell what a beam without return reads"
-            )
+            raise ScenarioError(f"{key}.scan_range_max: missing; a scan does not tell what a beam without return reads")
         self._scanner = {"range_min": config.scan_range_min, "range_max": range_max or np.inf}
         # Of the step that is being taken; empty between steps.
         self._number = 0
@@ -152,7 +152,7 @@ class LocalizationEstimator:
                 case OdometryPose(x=x, y=y, theta=theta):
                     self._take_pose(received.stamp_ns, np.array([x, y, theta]))
                 case HostEvent() as gap:
-                    self._logs.append(gap_warning(gap, step.stamp_ns))
+                    self._logs.append(gap_warning(gap, step.stamp_ns, self.name))
                 case LandmarkReadings(readings=readings):
                     self._logs += self._unknown_landmarks(
                         received, [one.landmark for one in readings if one.x is UNSET]
@@ -419,13 +419,13 @@ class LocalizationEstimator:
         ]
 
 
-def _source(start: Start, maps: Maps, models: Models) -> PoseSource | None:
+def _source(start: Start, maps: Maps, models: Models, key: str) -> PoseSource | None:
     if isinstance(start, KnownStart):
         return None
     try:
         return pose_source(start, grid=maps.grid, models=models)
     except ValueError as error:
-        raise ScenarioError(f"estimator.start: {error}") from error
+        raise ScenarioError(f"{key}.start: {error}") from error
 
 
 def build(config: LocalizationConfig, context: Context) -> LocalizationEstimator:
