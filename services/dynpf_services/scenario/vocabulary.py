@@ -13,6 +13,8 @@ from dynpf_services.scenario.user_component import UserComponent
 
 __all__ = ["json_schema", "whole_type"]
 
+Schema = dict[str, Any]
+
 
 def whole_type() -> type[msgspec.Struct]:
     """Return a struct of all keys: those of the run, the tables that nodes share, and a section for each usual node."""
@@ -27,36 +29,79 @@ def _any_of(kinds: list[str]) -> Any:
     return reduce(or_, (node_kind(text).config for text in kinds))
 
 
-def json_schema() -> dict[str, Any]:
+def json_schema() -> Schema:
     """Return the JSON schema of a scenario file; editors that know TOML complete and check keys by it."""
-    schema = msgspec.json.schema(whole_type())
-    definitions, whole = schema["$defs"], schema["$defs"]["Scenario"]
-    every = sorted({*node_kinds(None).values()})
-    node = {"anyOf": [_reference(node_kind(text).config) for text in every] + [_own_node()]}
-    for config in (node_kind(text).config for text in every):
-        definitions[config.__name__]["properties"]["remap"] = _REMAP
+    made = msgspec.json.schema(whole_type())
+    definitions: dict[str, Schema] = made["$defs"]
+    definitions[UserComponent.__name__] = _OWN
+    definitions = {name: _with_short_forms(schema, definitions) for name, schema in definitions.items()}
+    whole = definitions["Scenario"]["properties"]
     for name in NODES:
-        whole["properties"][name]["anyOf"].append(_own_node())
-    tables = {"type": "object", "additionalProperties": node}
-    whole["properties"] |= {
+        whole[name]["anyOf"].append(_OWN)
+        for text in {*node_kinds(name).values()}:
+            definitions[node_kind(text).config.__name__]["properties"]["remap"] = _REMAP
+    nodes = [_further(name, definitions[node_kind(text).config.__name__]) for name, text in node_kinds(None).items()]
+    tables = {"type": "object", "additionalProperties": {"anyOf": [*nodes, _OWN, {"type": "string"}]}}
+    whole |= {
         "nodes": {**tables, "description": "Further nodes, by name: a table for each"},
         "robots": {"type": "array", "items": {"type": "string"}, "description": "Names; each has the nodes of [robot]"},
         "robot": {**tables, "description": "The nodes that each of the robots has, by name"},
     }
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "A scenario of dynpf", **schema}
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "A scenario of dynpf"}
+    return {**head, **made, "$defs": definitions}
 
 
-_REMAP = {
+_OWN: Schema = {
+    "type": "object",
+    "properties": {"kind": {"type": "string", "pattern": ":", "description": "A class of your own: module:Name"}},
+    "required": ["kind"],
+}
+
+_REMAP: Schema = {
     "type": "object",
     "additionalProperties": {"type": "string"},
     "description": "Topics by the node's own names for them, where they are not the usual ones",
 }
 
 
-def _reference(kind: type) -> dict[str, str]:
-    return {"$ref": f"#/$defs/{kind.__name__}"}
+def _further(name: str, table: Schema) -> Schema:
+    """Return the table of a node of any section, whose kind is called ``name`` there."""
+    kind = {"kind": {"enum": [name]}}
+    required = sorted({"kind", *table.get("required", ())})
+    return {**table, "properties": {**table["properties"], **kind}, "required": required}
 
 
-def _own_node() -> dict[str, Any]:
-    kind = {"type": "string", "pattern": ":", "description": UserComponent.__doc__ or ""}
-    return {"type": "object", "properties": {"kind": kind}, "required": ["kind"]}
+def _with_short_forms(schema: Any, definitions: dict[str, Schema]) -> Any:
+    """Return a schema that takes what stands for a table, too.
+
+    That is its kind alone where there are several, a table without its kind where there is one, and one table in the
+    place of a list of one.
+    """
+    if isinstance(schema, list):
+        return [_with_short_forms(inner, definitions) for inner in schema]
+    if not isinstance(schema, dict):
+        return schema
+    whole = {
+        key: inner if key in ("anyOf", "discriminator") else _with_short_forms(inner, definitions)
+        for key, inner in schema.items()
+    }
+    tables = _tables(schema, definitions)
+    if len(tables) == 1:
+        (table,) = tables
+        bare = {**table, "required": [key for key in table.get("required", ()) if key != "kind"]}
+        return {"anyOf": [whole, _with_short_forms(bare, definitions)]}
+    if tables:
+        alone = {"enum": [kind for table in tables for kind in table["properties"]["kind"].get("enum", ())]}
+        whole["anyOf"] = [*whole["anyOf"], alone, {"type": "string", "pattern": ":"}]
+    if schema.get("type") == "array" and _tables(schema.get("items"), definitions):
+        return {"anyOf": [whole, whole["items"]]}
+    return whole
+
+
+def _tables(schema: Any, definitions: dict[str, Schema]) -> list[Schema]:
+    """Return the tables with kinds that a schema chooses between, or the one that it asks for."""
+    if not isinstance(schema, dict):
+        return []
+    choices = schema.get("anyOf", [schema])
+    tables = [definitions.get(choice.get("$ref", "").rpartition("/")[2], {}) for choice in choices]
+    return [table for table in tables if "kind" in table.get("properties", {})]
