@@ -107,7 +107,8 @@ def processes_of(folder: Path) -> list[Running]:
     found = []
     for entry in Path("/proc").glob("[0-9]*/cmdline"):
         try:
-            words = tuple(entry.read_bytes().decode(errors="replace").split("\0"))
+            # Processes of a run have written theirs themselves, with spaces.
+            words = tuple(entry.read_bytes().decode(errors="replace").replace("\0", " ").split(" "))
         except OSError:
             continue  # it has just ended
         if any(str(folder) in word for word in words):

@@ -100,3 +100,28 @@ def assert_told(words: str) -> None:
     assert (
         "no module 'lab_of_mine' is beside the scenario or on the Python path; --code FOLDER names its folder" in line
     )
+
+
+THREADED = """
+    import threading
+
+    from dynpf_lab import Node
+
+    worker = threading.Thread(target=threading.Event().wait, daemon=True)
+    worker.start()
+
+    class Threaded(Node, frozen=True, kw_only=True):
+        reads = ("truth/robot",)
+
+        def step(self, state, moment):
+            assert worker.is_alive()
+            return state, ()
+"""
+
+
+def test_where_a_module_has_begun_threads_each_process_has_them(tmp_path, dynpf):
+    """A copy of the starting process would lack them, and wait for what they hold."""
+    (tmp_path / "threaded.py").write_text(dedent(THREADED), encoding="utf-8")
+    own = ("--code", tmp_path, "--set", "nodes.watcher={kind='threaded:Threaded'}", "--set", "max_ticks=3")
+    run = dynpf("run", "landmark-room", *own, "-o", tmp_path / "run.mcap")
+    assert run.wait() == 0, run.stderr

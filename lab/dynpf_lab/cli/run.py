@@ -96,10 +96,14 @@ def _run_on_bus(scenario: Scenario, plan: "Plan", path: Path, log: "PlayedLog | 
     from dynpf_runtime.rehearsal import rehearse_run
     from dynpf_services.scenario.schema import whole_json
 
+    from dynpf_lab.cli.main import main
+
     # Once here, where nobody waits for it, instead of in every process at the same time.
     rehearse_run(plan, log.records if log else [])
     with StopSignal.installed() as stop:
-        run_on_bus(plan.graph.nodes, whole_json(scenario), path, log.path if log else None, stop, code=code)
+        run_on_bus(
+            main, plan.graph.nodes, whole_json(scenario), path, stop=stop, log=log.path if log else None, code=code
+        )
 
 
 def _summary(path: Path, *, as_json: bool) -> int:

@@ -5,7 +5,6 @@ from pathlib import Path
 
 from dynpf_formats.importers.mrclam import import_mrclam
 from dynpf_formats.importers.recording import write_recording
-from dynpf_formats.recording.provenance import code_digest
 from dynpf_formats.recording.reader import Recording, read_recording
 from dynpf_protocol.errors import RunError, UsageError
 from dynpf_runtime.bus.member import StopSignal
@@ -16,6 +15,7 @@ from dynpf_services.scenario.played_log import PlayedLog
 from dynpf_services.scenario.record import record_inline
 from dynpf_services.scenario.schema import Scenario, whole_json
 
+from dynpf_lab.cli.main import main
 from dynpf_lab.references.table import Entry
 
 __all__ = ["has_data", "resolve", "run_anew"]
@@ -36,7 +36,7 @@ def has_data(checkout: Path, entry: Entry) -> bool:
 def run_anew(checkout: Path, entry: Entry, path: Path) -> Recording:
     """Make the run of a row into ``path``: inline, or over the bus where its clock is the wall's.
 
-    Raises RunError if it does not come to its end, or if the processes on the bus are of another dynpf than this one.
+    Raises RunError if it does not come to its end.
     """
     log = _import(checkout / entry.log) if entry.log else None
     scenario = resolve(entry, log)
@@ -44,16 +44,12 @@ def run_anew(checkout: Path, entry: Entry, path: Path) -> Recording:
         if log is not None:
             raise UsageError(f"{entry.name}: a realtime run that plays a log cannot be a reference")
         with StopSignal.installed() as stop:
-            run_on_bus(plan_of(scenario).graph.nodes, whole_json(scenario), path, None, stop)
+            run_on_bus(main, plan_of(scenario).graph.nodes, whole_json(scenario), path, stop=stop)
     else:
         record_inline(scenario, path, log)
     recording = read_recording(path)
     if recording.end is None or not recording.end.complete:
         raise RunError(f"{entry.name}: the run is incomplete: {recording.end.reason if recording.end else 'no end'}")
-    if recording.header.provenance.code_digest != code_digest():
-        raise RunError(
-            f"{entry.name}: the processes on the bus ran another dynpf than this one; install this checkout first"
-        )
     return recording
 
 

@@ -1,20 +1,28 @@
 """The bus runner: one process a node, over Zenoh; starts them, watches them, and leaves none behind."""
 
 import contextlib
+import multiprocessing
 import os
+import signal
 import socket
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from dynpf_protocol.errors import BROKEN_OFF, RunError
+from setproctitle import setproctitle
 
 from dynpf_runtime.bus.member import StopSignal, say
 
-__all__ = ["free_port", "run_on_bus"]
+__all__ = ["Command", "free_port", "run_on_bus"]
+
+Command = Callable[[Sequence[str]], int]
+"""The command line: called with the words after ``dynpf``, returns the exit code."""
+
+STOPS = (signal.SIGINT, signal.SIGTERM)
 
 GRACE_S = 2.5
 """How long the others may take to stop by themselves after one process has failed."""
@@ -32,69 +40,107 @@ POLL_S = 0.02
 
 
 def run_on_bus(
-    names: Sequence[str], scenario: str, path: Path, log: Path | None, stop: StopSignal, *, code: Sequence[Path] = ()
+    command: Command,
+    names: Sequence[str],
+    scenario: str,
+    path: Path,
+    *,
+    stop: StopSignal,
+    log: Path | None = None,
+    code: Sequence[Path] = (),
 ) -> None:
     """Run the nodes ``names`` of a scenario, given as the text that its processes read, and record it into ``path``.
 
-    ``code`` are the folders in which the processes look for modules of the user's.
+    Each process is ``command`` with the words of ``dynpf service``. ``code`` are the folders in which the processes
+    look for modules of the user's.
     Raises RunError that names the process which failed first; by then every process has ended.
     """
     with tempfile.TemporaryDirectory(prefix="dynpf-") as folder:
         resolved = Path(folder) / "scenario.json"
         resolved.write_text(scenario, encoding="utf-8")
+        shared = ["--quiet", "--parent", str(os.getpid())]
+        for modules in code:
+            shared += ["--code", str(modules.absolute())]
         endpoint = f"tcp/127.0.0.1:{free_port()}"
-        with _processes(names, resolved, endpoint, path, log, code=code) as processes:
+        services = {}
+        for name in ("router", "recorder", *names):
+            words = ["service", name, str(resolved), "--listen" if name == "router" else "--connect", endpoint, *shared]
+            if log is not None and name != "router":
+                words += ["--log", str(log)]
+            if name == "recorder":
+                words += ["-o", str(path)]
+            services[name] = words
+        with _processes(command, services) as processes:
             _watch(processes, stop)
 
 
 @contextlib.contextmanager
-def _processes(
-    names: Sequence[str], resolved: Path, endpoint: str, path: Path, log: Path | None, *, code: Sequence[Path]
-) -> Iterator[dict[str, subprocess.Popen[bytes]]]:
-    processes: dict[str, subprocess.Popen[bytes]] = {}
+def _processes(command: Command, services: dict[str, list[str]]) -> Iterator[dict[str, BaseProcess]]:
+    context = multiprocessing.get_context("fork" if _may_fork() else "spawn")
+    processes: dict[str, BaseProcess] = {}
     try:
-        for name in ("router", "recorder", *names):
-            command = [sys.executable, "-P", "-m", "dynpf_lab.cli.main", "service", name, str(resolved)]
-            command += ["--listen" if name == "router" else "--connect", endpoint]
-            command += ["--quiet", "--parent", str(os.getpid())]
-            for folder in code:
-                command += ["--code", str(folder.absolute())]
-            if log is not None and name != "router":
-                command += ["--log", str(log)]
-            if name == "recorder":
-                command += ["-o", str(path)]
-            # A session of its own: Ctrl-C reaches only us, and we ask the run to end in good order.
-            processes[name] = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
+        with _signals_held():
+            for name, words in services.items():
+                process = context.Process(target=_serve, args=(command, words), name=name)  # type: ignore[attr-defined]
+                process.start()
+                processes[name] = process
         yield processes
     finally:
         _end(processes)
 
 
-def _end(processes: dict[str, subprocess.Popen[bytes]]) -> None:
+def _may_fork() -> bool:
+    """Return whether a copy of this process works: on Linux, unless something, a module of the user's say, has begun
+    threads, which the copy would lack. A copy has loaded all that this process has; another would take a second.
+    """
+    tasks = Path("/proc/self/task")
+    return sys.platform == "linux" and len(list(tasks.iterdir())) == 1
+
+
+@contextlib.contextmanager
+def _signals_held() -> Iterator[None]:
+    """Hold back Ctrl-C, which a new process would else lose that has still our way of taking it."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _serve(command: Command, words: Sequence[str]) -> None:
+    """Be a process of the run."""
+    os.setsid()  # a session of its own: Ctrl-C reaches only our parent, which asks the run to end in good order
+    setproctitle(" ".join(["dynpf", *words]))
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPS)
+    sys.exit(command(words))
+
+
+def _end(processes: dict[str, BaseProcess]) -> None:
     """Kill what still runs, the recorder and its router last: it is asked to close its file."""
     for name, process in processes.items():
         if name not in {"router", "recorder"}:
             process.kill()
     if "recorder" in processes:
         processes["recorder"].terminate()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            processes["recorder"].wait(CLOSE_S)
+        processes["recorder"].join(CLOSE_S)
     for process in processes.values():
         process.kill()  # does nothing to those that have ended
-        process.wait()
+        process.join()
 
 
-def _watch(processes: dict[str, subprocess.Popen[bytes]], stop: StopSignal) -> None:
+def _watch(processes: dict[str, BaseProcess], stop: StopSignal) -> None:
     failed = ""
     deadline: float | None = None
     asked = False
     left = len(processes)
-    while running := [name for name, process in processes.items() if process.poll() is None]:
+    while running := [name for name, process in processes.items() if process.exitcode is None]:
         if not stop.requested:
             before, failed = failed, failed or _failure(processes)
             if failed and not before:
                 deadline = time.monotonic() + GRACE_S
-            elif not failed and len(running) < left and any(process.poll() for process in processes.values()):
+            elif not failed and len(running) < left and any(process.exitcode for process in processes.values()):
                 deadline = time.monotonic() + HANG_S
             left = len(running)
         if stop.requested and not asked:
@@ -110,22 +156,22 @@ def _watch(processes: dict[str, subprocess.Popen[bytes]], stop: StopSignal) -> N
             raise RunError(f"{failed or stop.reason or f'{names} hangs'}; killed what was left: {names}")
         time.sleep(POLL_S)
     if stop.requested:
-        if processes["recorder"].returncode != 0:
+        if processes["recorder"].exitcode != 0:
             raise RunError(f"{stop.reason} before the run had begun")
         return
     failed = failed or _failure(processes)
     if failed:
         raise RunError(failed)
-    if broken := [name for name, process in processes.items() if process.returncode]:
+    if broken := [name for name, process in processes.items() if process.exitcode]:
         raise RunError(f"{', '.join(broken)} broke off")
 
 
-def _failure(processes: dict[str, subprocess.Popen[bytes]]) -> str:
+def _failure(processes: dict[str, BaseProcess]) -> str:
     """Return what is to be said of the process that failed, or nothing while there are only others that followed it.
 
     A killed process is the cause, whatever the others say of themselves.
     """
-    codes = {name: process.poll() or 0 for name, process in processes.items()}
+    codes = {name: process.exitcode or 0 for name, process in processes.items()}
     for name, code in codes.items():
         if code < 0:
             return f"{name} was killed by signal {-code}"
