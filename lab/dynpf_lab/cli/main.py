@@ -11,6 +11,8 @@ from typing import Any
 
 from dynpf_protocol.errors import DynpfError, StepError
 
+from dynpf_lab.cli.loading import loading
+
 __all__ = ["main"]
 
 _COMMANDS = {
@@ -58,8 +60,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     label = command
     try:
-        parser, commands = _parser()
-        _load(command, commands)
+        with loading():
+            parser, commands = _parser()
+            _load(command, commands)
         options, unknown = parser.parse_known_args(words)
         if unknown:
             commands.choices[command].error(f"unrecognized arguments: {' '.join(unknown)}")

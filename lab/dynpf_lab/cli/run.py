@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from dynpf_protocol.errors import DynpfError, UsageError
 from dynpf_services.scenario.schema import Scenario
 
+from dynpf_lab.cli.loading import loading
 from dynpf_lab.cli.options import add_scenario_options, code_folders, load_log, scenario_from
 
 if TYPE_CHECKING:
@@ -47,8 +48,9 @@ def default_output(scenario: str, seed: int) -> Path:
 def run(options: argparse.Namespace) -> int:
     from dynpf_services.scenario.build import plan_of
 
-    log = load_log(options)
-    scenario = scenario_from(options, log)
+    with loading():
+        log = load_log(options)
+        scenario = scenario_from(options, log)
     if scenario.needs_log and log is None:
         raise UsageError("this scenario plays an imported log: give it with --log IN.mcap (dynpf import makes one)")
     if log is not None and not scenario.needs_log:
@@ -57,9 +59,10 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError("--runner inline goes in lockstep only; a realtime run needs --runner bus")
     path = options.output or default_output(Path(options.scenario).stem, scenario.seed)
     _check_output(path)
-    plan = plan_of(scenario)
-    for spec in plan.graph.specs.values():
-        spec.build()  # whatever does not fit is told here, before any process is started
+    with loading():
+        plan = plan_of(scenario)
+        for spec in plan.graph.specs.values():
+            spec.build()  # whatever does not fit is told here, before any process is started
     try:
         if options.runner == "inline":
             _run_inline(scenario, path, log)
