@@ -10,14 +10,14 @@ __all__ = ["negative_eigenvalue", "semidefinite_root"]
 
 
 def semidefinite_root(covariance: FloatArray) -> FloatArray:
-    """Return the lower triangular L with L L' = covariance (D, D), which may be singular: columns without noise are 0.
+    """Return the lower triangular L with L L' = covariance (D, D), which may be singular.
 
     Cholesky's decomposition; a pivot is zero when rounding explains it, judged by its own element of the diagonal, so
     that units may differ by any factor. Raises ValueError for a matrix with a negative eigenvalue.
     """
     given = as_values(covariance)
     root = np.empty(given.shape)
-    if not kernels.gaussian.root(given, root):
+    if not kernels.roots.root(given, root):
         raise negative_eigenvalue(given)
     return root
 

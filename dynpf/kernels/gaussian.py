@@ -8,6 +8,7 @@ import numpy as np
 
 from dynpf.kernels.compiler import device, kernel
 from dynpf.kernels.linear import eliminate, multiply, substitute
+from dynpf.kernels.roots import lower_root
 
 __all__ = [
     "carry",
@@ -16,16 +17,12 @@ __all__ = [
     "mahalanobis",
     "offsets",
     "predict",
-    "root",
     "sigma_points",
     "unscented_correct",
     "unscented_expect",
     "unscented_predict",
     "weigh",
 ]
-
-_ROUNDING = 1e-12
-"""Share of its own variance below which a pivot is rounding: the direction is a combination of those before it."""
 
 _TWO_PI = 2.0 * np.pi
 
@@ -187,47 +184,11 @@ def correct(mean, covariance, vector, observation, noise, angles, new_mean, new_
 
 
 @device
-def _root(covariance, out):
-    """Fill ``out`` (D, D) with the lower triangular L, L L^T = P; return whether P has no negative eigenvalue."""
-    size = covariance.shape[0]
-    left, scale = covariance.copy(), np.empty(size)
-    for k in range(size):
-        scale[k] = np.sqrt(covariance[k, k]) if covariance[k, k] > 0.0 else 0.0
-        for j in range(size):
-            out[k, j] = 0.0
-    for k in range(size):
-        pivot, own = left[k, k], scale[k] * scale[k]
-        if pivot > _ROUNDING * own:
-            for i in range(k, size):
-                out[i, k] = left[i, k] / np.sqrt(pivot)
-            for i in range(k, size):
-                for j in range(k, size):
-                    left[i, j] -= out[i, k] * out[j, k]
-            continue
-        # A pivot of zero leaves its whole column zero, if no eigenvalue is negative.
-        if pivot < -_ROUNDING * own:
-            return False
-        for i in range(k, size):
-            if abs(left[i, k]) > np.sqrt(_ROUNDING) * scale[k] * scale[i]:
-                return False
-    return True
-
-
-@kernel
-def root(covariance, out):
-    """Fill ``out`` (D, D) with the lower triangular L, L L^T = P; return whether P has no negative eigenvalue.
-
-    Cholesky's decomposition; a pivot is zero when rounding explains it, judged by its own element of the diagonal.
-    """
-    return _root(covariance, out)
-
-
-@device
 def _offsets(covariance, spread, out):
     """Fill ``out`` (D, 2 D) with the columns of the root of spread P, then their negatives."""
     size = covariance.shape[0]
     lower, factor = np.empty((size, size)), np.sqrt(spread)
-    if not _root(covariance, lower):
+    if not lower_root(covariance, lower):
         return False
     for i in range(size):
         for j in range(size):

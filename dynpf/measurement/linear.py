@@ -37,7 +37,9 @@ class LinearMeasurement:
         if not np.array_equal(self.covariance, self.covariance.T):
             raise ValueError(f"covariance is not symmetric: {self.covariance.tolist()}")
         root = np.empty(self.covariance.shape)
-        if not (kernels.gaussian.root(as_values(self.covariance), root) and (np.diag(root) > 0.0).all()):
+        definite = kernels.roots.root(as_values(self.covariance), root)
+        pivots, variances = np.diag(root), np.diag(self.covariance)
+        if not (definite and (pivots * pivots > kernels.roots.ROUNDING * variances).all()):
             raise ValueError(f"covariance is not positive definite: {self.covariance.tolist()}")
         self._whitening = inverse(root)
         self._log_peak = -0.5 * rows * log(2.0 * math.pi) - float(np.sum(log(np.diag(root))))

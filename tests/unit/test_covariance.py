@@ -18,6 +18,16 @@ def test_the_root_of_a_covariance_of_any_rank_gives_it_back(dimension: int, rank
     assert np.array_equal(root, np.tril(root))
 
 
+@pytest.mark.parametrize("seed", [37, 509, 797])
+def test_a_small_pivot_makes_no_rounding_large(seed: int) -> None:
+    """The second pivot of these is 4e-5 or less of its variance: taken as they come, what is left looks negative."""
+    factor = np.random.default_rng(seed).standard_normal((5, 2))
+    covariance = factor @ factor.T
+    root = semidefinite_root(covariance)
+    assert root @ root.T == pytest.approx(covariance, abs=1e-14)
+    assert np.array_equal(root, np.tril(root))
+
+
 def test_units_that_differ_by_much_lose_no_noise() -> None:
     assert semidefinite_root(np.diag([1e12, 1e-12, 0.0])) == pytest.approx(np.diag([1e6, 1e-6, 0.0]), rel=1e-12)
 
