@@ -168,38 +168,14 @@ def parse_mrclam(
     Readings taken at the same time make one message. Raises ImportFailedError with every line that is not as its
     table promises.
     """
-    problems: list[str] = []
-    pairs = list(_table(texts.barcodes, _barcode, problems))
-    landmarks = tuple(_table(texts.landmarks, _landmark, problems))
-    odometry = list(_table(texts.odometry, _odometry, problems))
-    measurements = list(_table(texts.measurements, _measurement, problems))
-    references = list(_table(texts.references, _reference, problems))
-    paths = {subject: _Path.of(_table(file, _reference, problems)) for subject, file in (moving or {}).items()}
-    for name, rows in (
-        (texts.barcodes.name, pairs),
-        (texts.landmarks.name, landmarks),
-        (texts.odometry.name, odometry),
-    ):
-        if not rows and not problems:
-            problems.append(f"{name}: holds no record")
-    tables: tuple[Sequence[Record | _Measurement], ...] = (odometry, measurements, references)
-    late = sum(later.stamp_ns < before.stamp_ns for rows in tables for before, later in pairwise(rows))
-    ids = [landmark.id for landmark in landmarks]
-    problems += [
-        f"{texts.barcodes.name}: barcode {code} has two subjects" for code in _twice(code for code, _ in pairs)
-    ]
-    problems += [f"{texts.landmarks.name}: subject {subject} has two positions" for subject in _twice(ids)]
-    if problems:
-        raise ImportFailedError(*problems)
-
-    barcodes = dict(pairs)
-    known = [_reading(row, barcodes.get(row.barcode), paths) for row in measurements]
-    mapped = frozenset(ids)
+    tables = _tables_of(texts, moving or {})
+    ids = frozenset(landmark.id for landmark in tables.landmarks)
+    known = [_reading(row, tables.barcodes.get(row.barcode), tables.paths) for row in tables.measurements]
     readings = sorted(
-        (row for row in known if row.subject in mapped or row.place is not None), key=lambda row: row.stamp_ns
+        (row for row in known if row.subject in ids or row.place is not None), key=lambda row: row.stamp_ns
     )
-    odometry.sort(key=lambda record: record.stamp_ns)
-    references.sort(key=lambda record: record.stamp_ns)
+    odometry = sorted(tables.odometry, key=lambda record: record.stamp_ns)
+    references = sorted(tables.references, key=lambda record: record.stamp_ns)
     groups = list(_grouped(readings))
     truth, faults, gaps = _checked(references, odometry)
 
@@ -214,20 +190,57 @@ def parse_mrclam(
         landmark_messages=len(groups),
         landmark_readings=len(readings),
         references=len(truth),
-        landmarks=len(landmarks),
+        landmarks=len(tables.landmarks),
         robot_readings=sum(row.place is not None for row in known),
         dropped_robots=sum(
-            int(row.subject in ROBOTS and row.subject not in mapped and row.place is None) for row in known
+            int(row.subject in ROBOTS and row.subject not in ids and row.place is None) for row in known
         ),
         dropped_unknown_barcodes=sum(row.subject is None for row in known),
         dropped_unmapped=sum(
-            int(row.subject is not None and row.subject not in ROBOTS and row.subject not in mapped) for row in known
+            int(row.subject is not None and row.subject not in ROBOTS and row.subject not in ids) for row in known
         ),
-        clock_backwards=late,
+        clock_backwards=tables.late,
         reference_gaps=tuple(_since(start, first, last) for first, last in gaps),
         heading_faults=tuple(_since(start, first, last) for first, last in faults),
     )
-    return ImportedLog(tuple(records), landmarks, summary)
+    return ImportedLog(tuple(records), tables.landmarks, summary)
+
+
+class _Tables(NamedTuple):
+    """What the tables of one robot hold, line by line, and how often their clocks go back."""
+
+    barcodes: Mapping[int, int]  # barcode -> subject
+    landmarks: tuple[Landmark, ...]
+    odometry: list[Record]
+    measurements: "list[_Measurement]"
+    references: list[Record]
+    paths: "Mapping[int, _Path]"  # of other robots, by subject
+    late: int
+
+
+def _tables_of(texts: MrclamTexts, moving: Mapping[int, TextFile]) -> _Tables:
+    """Read the tables; raises ImportFailedError with every line that is not as its table promises."""
+    problems: list[str] = []
+    pairs = list(_table(texts.barcodes, _barcode, problems))
+    landmarks = tuple(_table(texts.landmarks, _landmark, problems))
+    odometry = list(_table(texts.odometry, _odometry, problems))
+    measurements = list(_table(texts.measurements, _measurement, problems))
+    references = list(_table(texts.references, _reference, problems))
+    paths = {subject: _Path.of(_table(file, _reference, problems)) for subject, file in moving.items()}
+    needed = ((texts.barcodes.name, pairs), (texts.landmarks.name, landmarks), (texts.odometry.name, odometry))
+    for name, rows in needed:
+        if not rows and not problems:
+            problems.append(f"{name}: holds no record")
+    problems += [
+        f"{texts.barcodes.name}: barcode {code} has two subjects" for code in _twice(code for code, _ in pairs)
+    ]
+    doubles = _twice(landmark.id for landmark in landmarks)
+    problems += [f"{texts.landmarks.name}: subject {subject} has two positions" for subject in doubles]
+    if problems:
+        raise ImportFailedError(*problems)
+    clocked: tuple[Sequence[Record | _Measurement], ...] = (odometry, measurements, references)
+    late = sum(later.stamp_ns < before.stamp_ns for rows in clocked for before, later in pairwise(rows))
+    return _Tables(dict(pairs), landmarks, odometry, measurements, references, paths, late)
 
 
 class _Measurement(NamedTuple):

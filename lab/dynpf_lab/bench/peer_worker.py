@@ -188,9 +188,6 @@ def stonesoup_peer(problem: Problem, n: int) -> Peer:
     asks for. The density is its own too, not the multivariate normal of its base class, which does not wrap angles and
     multiplies by a matrix of 30 x 30. The mean is taken after resampling, as its updater returns it; no N_eff.
     """
-    from stonesoup.base import Property
-    from stonesoup.models.measurement.nonlinear import NonLinearGaussianMeasurement
-    from stonesoup.models.transition.base import TransitionModel
     from stonesoup.predictor.particle import ParticlePredictor
     from stonesoup.resampler.particle import SystematicResampler
     from stonesoup.types.array import StateVector, StateVectors
@@ -198,6 +195,41 @@ def stonesoup_peer(problem: Problem, n: int) -> Peer:
     from stonesoup.types.hypothesis import SingleHypothesis
     from stonesoup.types.state import ParticleState
     from stonesoup.updater.particle import ParticleUpdater
+
+    motion, landmarks = _stonesoup_models(problem)
+
+    class StoneSoup:
+        def __init__(self) -> None:
+            variances = np.repeat((problem.sigma_range**2, problem.sigma_bearing**2), len(problem.landmarks))
+            model = landmarks(ndim_state=3, mapping=(0, 1, 2), noise_covar=np.diag(variances))
+            self.now = datetime(2000, 1, 1)
+            self.detections = [
+                Detection(StateVector(np.concatenate(seen)), timestamp=self.now, measurement_model=model)
+                for seen in zip(problem.ranges, problem.bearings, strict=True)
+            ]
+            self.predictor = ParticlePredictor(motion)
+            self.updater = ParticleUpdater(None, resampler=SystematicResampler())
+            start = StateVectors(problem.drawn_start(n).T)
+            self.state = ParticleState(start, weight=np.full(n, 1.0 / n), timestamp=self.now)
+
+        def update(self, step: int) -> None:
+            self.now += timedelta(seconds=1)
+            prediction = self.predictor.predict(self.state, timestamp=self.now)
+            self.state = self.updater.update(SingleHypothesis(prediction, self.detections[step]))
+            self.mean = self.state.mean
+
+        def estimate(self) -> Array:
+            return np.asarray(self.mean, dtype=np.float64).ravel()
+
+    return StoneSoup()
+
+
+def _stonesoup_models(problem: Problem) -> tuple[Any, Any]:
+    """Return the motion model, and the class of the measurement model, as subclasses of Stone Soup's."""
+    from stonesoup.base import Property
+    from stonesoup.models.measurement.nonlinear import NonLinearGaussianMeasurement
+    from stonesoup.models.transition.base import TransitionModel
+    from stonesoup.types.array import StateVectors
 
     class Odometry(TransitionModel):
         ndim_state: int = Property(default=3)
@@ -221,30 +253,7 @@ def stonesoup_peer(problem: Problem, n: int) -> Peer:
             seen = np.split(np.asarray(state1.state_vector, dtype=np.float64)[:, 0], 2)
             return problem.compared(*problem.expected(*np.asarray(state2.state_vector)), *seen)
 
-    class StoneSoup:
-        def __init__(self) -> None:
-            variances = np.repeat((problem.sigma_range**2, problem.sigma_bearing**2), len(problem.landmarks))
-            model = Landmarks(ndim_state=3, mapping=(0, 1, 2), noise_covar=np.diag(variances))
-            self.now = datetime(2000, 1, 1)
-            self.detections = [
-                Detection(StateVector(np.concatenate(seen)), timestamp=self.now, measurement_model=model)
-                for seen in zip(problem.ranges, problem.bearings, strict=True)
-            ]
-            self.predictor = ParticlePredictor(Odometry())
-            self.updater = ParticleUpdater(None, resampler=SystematicResampler())
-            start = StateVectors(problem.drawn_start(n).T)
-            self.state = ParticleState(start, weight=np.full(n, 1.0 / n), timestamp=self.now)
-
-        def update(self, step: int) -> None:
-            self.now += timedelta(seconds=1)
-            prediction = self.predictor.predict(self.state, timestamp=self.now)
-            self.state = self.updater.update(SingleHypothesis(prediction, self.detections[step]))
-            self.mean = self.state.mean
-
-        def estimate(self) -> Array:
-            return np.asarray(self.mean, dtype=np.float64).ravel()
-
-    return StoneSoup()
+    return Odometry(), Landmarks
 
 
 def filterpy_peer(problem: Problem, n: int) -> Peer:
