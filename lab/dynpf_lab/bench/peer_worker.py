@@ -7,7 +7,7 @@ on stdout, one JSON document a line:
     {"command": "run", "updates": K}  ->  {"seconds": for K updates, "estimate": [x, y, heading], "step": last}
     {"command": "release"}  ->  {}
 
-or with {"error": "..."}. The problem (services/bench/landmark_problem.py) is a robot that drives a circle, one lap in T
+or with {"error": "..."}. The problem (lab/dynpf_lab/bench/problems.py) is a robot that drives a circle, one lap in T
 steps, and sees all landmarks at each: step k is row k modulo T of "ranges" and "bearings", both T by L. Every library
 does the same work a step, in the way its own documentation shows, with all that it lets be vectorized: samples the
 motion, weighs by range and bearing, normalizes, makes the weighted mean, and resamples systematically. Where one does
