@@ -1,8 +1,8 @@
 """A study of one's own: how many particles a round among landmarks calls for. Run it: python particles.py"""
 
-from dynpf_lab.measures.localization import localization
-from dynpf_lab.studies.drive import drive
+from dynpf_experiments.drive import drive
 from dynpf_services.scenario.load import load_scenario
+from dynpf_systems.rooms.measures import localization
 
 TOPICS = ("truth/robot", "estimator/state", "estimator/dead_reckoning")
 

@@ -103,9 +103,8 @@ def _run_on_bus(scenario: Scenario, plan: "Plan", path: Path, log: "PlayedLog | 
 
 
 def _summary(path: Path, *, as_json: bool) -> int:
+    from dynpf_experiments.measures import measure, summary
     from dynpf_formats.recording.reader import read_recording
-
-    from dynpf_lab.measures.run import measure, summary
 
     recording = read_recording(path)
     measures = measure(recording)

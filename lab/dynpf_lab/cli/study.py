@@ -6,14 +6,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from dynpf_lab.studies.catalogue import NAMES
+from dynpf_experiments.catalogue import study_names
 
 __all__ = ["add_parser"]
 
 
 def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
     parser = commands.add_parser("study", help="an experiment of the source documents: many trials, and what they show")
-    parser.add_argument("name", metavar="NAME", help=f"one of {', '.join(NAMES)}")
+    parser.add_argument("name", metavar="NAME", help=f"one of {', '.join(study_names())}")
     parser.add_argument("--trials", type=int, metavar="N", help="trials of each setting (default: the study's own)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of everything random (default: 1)")
     parser.add_argument(
@@ -37,12 +37,11 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
 
 def run(options: argparse.Namespace) -> int:
     import msgspec
+    from dynpf_experiments.catalogue import study_named
+    from dynpf_experiments.data import FOLDER_VARIABLE
+    from dynpf_experiments.rows import as_csv, as_table
+    from dynpf_experiments.study import run_study, settings_from
     from dynpf_protocol.errors import UsageError
-
-    from dynpf_lab.studies.catalogue import study_named
-    from dynpf_lab.studies.data import FOLDER_VARIABLE
-    from dynpf_lab.studies.rows import as_csv, as_table
-    from dynpf_lab.studies.study import run_study, settings_from
 
     study = study_named(options.name)
     if options.data is not None:
