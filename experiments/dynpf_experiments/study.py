@@ -1,4 +1,4 @@
-"""How a study is run: in parts that know nothing of one another, so that it is the same on any number of processes."""
+"""How a study is run: as tasks that know nothing of one another, so that it is the same on any number of processes."""
 
 import sys
 import tomllib
@@ -18,7 +18,7 @@ SettingsT = TypeVar("SettingsT", bound=msgspec.Struct)
 
 
 class Study(msgspec.Struct, frozen=True, kw_only=True):
-    """``parts`` divides settings, trials and a seed into tasks; ``run_part`` carries one out, in any process.
+    """``tasks`` divides settings, trials and a seed into tasks; ``run_task`` carries one out, in any process.
 
     ``rows`` summarizes all samples; ``columns`` are those of its table (see ``as_table``); ``figures`` draws into a
     folder, from settings, seed and rows, and returns what it wrote.
@@ -27,8 +27,8 @@ class Study(msgspec.Struct, frozen=True, kw_only=True):
     about: str
     trials: int
     settings: type[msgspec.Struct]
-    parts: Callable[[Any, int, int], list[Any]]
-    run_part: Callable[[Any], list[Sample]]
+    tasks: Callable[[Any, int, int], list[Any]]
+    run_task: Callable[[Any], list[Sample]]
     rows: Callable[[list[Sample]], list[Row]]
     columns: Sequence[tuple[str, str, str]]
     figures: Callable[[Any, int, list[Row], Path], list[Path]]
@@ -57,18 +57,18 @@ def settings_from(kind: type[SettingsT], overrides: Sequence[str]) -> SettingsT:
 
 def run_study(study: Study, settings: msgspec.Struct, trials: int, seed: int, jobs: int) -> list[Row]:
     """Return the rows of a study; the same for any number of jobs."""
-    parts = study.parts(settings, trials, seed)
+    tasks = study.tasks(settings, trials, seed)
     samples: list[Sample] = []
-    _show(0, len(parts))
+    _show(0, len(tasks))
     for done, found in enumerate(
-        Parallel(jobs, return_as="generator")(delayed(study.run_part)(part) for part in parts)
+        Parallel(jobs, return_as="generator")(delayed(study.run_task)(task) for task in tasks)
     ):
         samples += found
-        _show(done + 1, len(parts))
+        _show(done + 1, len(tasks))
     return study.rows(samples)
 
 
-def _show(done: int, parts: int) -> None:
+def _show(done: int, tasks: int) -> None:
     """Tell a person who watches how far it has come."""
     if sys.stderr.isatty():
-        print(f"\r\033[K{done} of {parts} parts" if done < parts else "\r\033[K", end="", file=sys.stderr, flush=True)
+        print(f"\r\033[K{done} of {tasks} tasks" if done < tasks else "\r\033[K", end="", file=sys.stderr, flush=True)

@@ -22,7 +22,7 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
         default=[],
         dest="overrides",
         metavar="KEY=VALUE",
-        help="one setting of the study, such as tubes=1 or maps=['a.png','b.png']; may be repeated",
+        help="one setting of the study, such as n=100 or n=[50,100]; may be repeated",
     )
     parser.add_argument(
         "--jobs", type=int, metavar="N", help="processes; the results are the same (default: all cores)"

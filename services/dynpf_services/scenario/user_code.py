@@ -86,10 +86,9 @@ def _source_digest(one: UserClass) -> str:
     if not spec.has_location or spec.origin is None:
         raise one.wrong(f"the module {one.module!r} has no source file, by which it could be known")
     file = Path(spec.origin)
-    root = file.parent
+    package, root = file, file.parent
     while (root / "__init__.py").is_file():
-        root = root.parent
-    package = root / file.relative_to(root).parts[0]
+        package, root = root, root.parent
     files = sorted(package.rglob("*.py")) if package.is_dir() else [file]
     digest = hashlib.sha256()
     for path in files:

@@ -39,7 +39,7 @@ def test_is_solved_without_a_contact_and_with_less_than_twice_the_way(case):
 def test_rows_have_the_factors_and_measures_that_scripts_read():
     study = STUDY
     settings = LayoutsSettings(cases=("swap",), noises=("none",))
-    samples = [sample for part in study.parts(settings, 2, 1) for sample in study.run_part(part)]
+    samples = [sample for part in study.tasks(settings, 2, 1) for sample in study.run_task(part)]
     (row, pooled) = study.rows(samples)
     assert (row["case"], pooled["case"], row["noise"], row["n"], row["trials"]) == ("swap", "all", "none", 0, 2)
     assert row["completed_25mm_percent"] == 100.0

@@ -42,7 +42,7 @@ WITHOUT_NODES = {"colon-particles", "colon-cases", "colon-growth", "colon-hypoth
 
 
 def first_trial(study: Study, settings: Any) -> list[Sample]:
-    return study.run_part(study.parts(settings, 1, 1)[0])
+    return study.run_task(study.tasks(settings, 1, 1)[0])
 
 
 def again(recording: Recording, path: Path) -> Recording:

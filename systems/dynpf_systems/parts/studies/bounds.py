@@ -135,8 +135,8 @@ STUDY = Study(
     about="PARTS's figures 4.5 to 4.7 and 4.12 to 4.14: the robot's error against its Cramer-Rao bound",
     trials=20,
     settings=BoundsSettings,
-    parts=_bounds_parts,
-    run_part=_run_bounds,
+    tasks=_bounds_parts,
+    run_task=_run_bounds,
     rows=_bounds_rows,
     columns=(
         *FACTOR_COLUMNS,

@@ -190,8 +190,8 @@ STUDY = Study(
     about="Layouts that the thesis does not have: random goals, swaps, cycles, rings; with and without noise",
     trials=20,
     settings=LayoutsSettings,
-    parts=_tasks,
-    run_part=_run_task,
+    tasks=_tasks,
+    run_task=_run_task,
     rows=lambda samples: summarized(samples, "case"),
     columns=(
         ("case", "", "case"),

@@ -137,8 +137,8 @@ STUDY = Study(
     about="PARTS's Table 4.3: what a step of the filter costs, and one of the controller",
     trials=3,
     settings=TimeSettings,
-    parts=_time_parts,
-    run_part=_run_times,
+    tasks=_time_parts,
+    run_task=_run_times,
     rows=_time_rows,
     columns=(
         *FACTOR_COLUMNS,

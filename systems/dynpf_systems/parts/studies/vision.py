@@ -283,8 +283,8 @@ STUDY = Study(
     about="PARTS with a camera: three parts brought home by its frames; how exact vision is, and what it finds",
     trials=10,
     settings=VisionSettings,
-    parts=_parts,
-    run_part=_run_part,
+    tasks=_parts,
+    run_task=_run_part,
     rows=_rows,
     columns=(
         ("view", "", "view"),

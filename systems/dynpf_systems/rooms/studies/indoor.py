@@ -208,8 +208,8 @@ STUDY = Study(
     about="INDOOR: how many particles a furnished flat with people and doors calls for; deprivation, and its cure",
     trials=20,
     settings=IndoorSettings,
-    parts=_parts,
-    run_part=_run,
+    tasks=_parts,
+    run_task=_run,
     rows=summarized,
     columns=(
         ("dataset", "", "dataset"),

@@ -226,8 +226,8 @@ STUDY = Study(
     about="Global localization and recovery from kidnapping on logs of real robots, by laser scans",
     trials=20,
     settings=KidnapSettings,
-    parts=tasks,
-    run_part=run_task,
+    tasks=tasks,
+    run_task=run_task,
     rows=_rows,
     columns=(
         ("dataset", "", "dataset"),

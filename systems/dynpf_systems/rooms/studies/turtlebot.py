@@ -238,8 +238,8 @@ STUDY = Study(
     about="TURTLEBOT: how many particles find a robot by the lines of a depth camera, from several starts",
     trials=20,
     settings=TurtlebotSettings,
-    parts=_parts,
-    run_part=_run,
+    tasks=_parts,
+    run_task=_run,
     rows=summarized,
     columns=(
         ("dataset", "", "dataset"),
