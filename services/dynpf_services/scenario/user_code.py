@@ -17,9 +17,22 @@ from collections.abc import Container, Iterable
 from pathlib import Path
 
 from dynpf_formats.user_classes import UserClass, is_standard
-from dynpf_protocol.errors import ScenarioError
+from dynpf_protocol.errors import ScenarioError, UsageError
 
-__all__ = ["add_folders", "check_allowed", "find_class", "source_digests"]
+__all__ = ["add_folders", "check_allowed", "code_folders", "find_class", "source_digests"]
+
+
+def code_folders(code: Iterable[Path], scenario: str = "") -> list[Path]:
+    """Return the folders in which modules of the user's are looked for: ``code``, and that of a scenario's file.
+
+    Raises UsageError for one that is no folder.
+    """
+    folders = [*code]
+    for folder in folders:
+        if not folder.is_dir():
+            raise UsageError(f"--code {folder}: no such folder")
+    path = Path(scenario)
+    return [*folders, path.parent] if path.suffix == ".toml" else folders
 
 
 def add_folders(folders: Iterable[Path]) -> None:

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from dynpf_experiments.extras import plotting
 from dynpf_experiments.rows import Row
-from dynpf_protocol.errors import UsageError
 
 from dynpf.colon import CASES, UNLISTED, Run
 from dynpf_systems.colon.studies.worlds import Change, Filter, Noise, Place, Track, Trial, follow, grid, run
@@ -20,12 +20,7 @@ def draw(place: Place, seed: int, rows: list[Row], folder: Path) -> list[Path]:
 
     Raises UsageError where matplotlib is not installed.
     """
-    try:
-        import matplotlib  # noqa: PLC0415
-    except ImportError as error:
-        raise UsageError("figures need matplotlib: pip install 'dynpf-lab[figures]'; rows are written") from error
-    matplotlib.use("Agg")
-    from matplotlib import pyplot  # noqa: PLC0415
+    pyplot = plotting()
 
     written = [_errors(pyplot, rows, folder / "errors.png")]
     cases = [case for case in CASES if place.family is not None or CASES[case].true in "abc"[: len(place.files)]]

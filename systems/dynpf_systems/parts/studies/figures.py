@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from dynpf_experiments.extras import plotting
 from dynpf_experiments.rows import Row
-from dynpf_protocol.errors import UsageError
 
 from dynpf.metrics.rearrangement import robot_bound
 from dynpf.se2 import FloatArray
@@ -31,7 +31,7 @@ def draw_measures(rows: list[Row], runs: dict[str, list[Course]], folder: Path) 
 
     ``runs``: by goals, one without a filter and one with. Raises UsageError where matplotlib is not installed.
     """
-    pyplot = _pyplot()
+    pyplot = plotting()
     return [
         _measures(pyplot, rows, folder / "measures.png"),
         _success(pyplot, rows, folder / "success.png"),
@@ -41,13 +41,13 @@ def draw_measures(rows: list[Row], runs: dict[str, list[Course]], folder: Path) 
 
 def draw_bounds(rows: list[Row], runs: dict[str, list[Course]], folder: Path) -> list[Path]:
     """Draw the RMS error over ``runs`` (by noise) and the bound over time, and their ratio in each cell."""
-    pyplot = _pyplot()
+    pyplot = plotting()
     return [_bound(pyplot, runs, folder / "bound.png"), _ratios(pyplot, rows, folder / "ratios.png")]
 
 
 def draw_times(rows: list[Row], folder: Path) -> list[Path]:
     """Draw what a step costs against the number of particles."""
-    pyplot = _pyplot()
+    pyplot = plotting()
     figure, axes = pyplot.subplots(1, 2, figsize=(8, 3.6), sharey=True, layout="constrained")
     for axis, stage in zip(axes, ("mate", "move"), strict=True):
         chosen = [row for row in rows if row["stage"] == stage]
@@ -60,17 +60,6 @@ def draw_times(rows: list[Row], folder: Path) -> list[Path]:
     axes[0].set_ylabel("time of a step (ms)")
     axes[0].legend()
     return [_saved(pyplot, figure, folder / "times.png")]
-
-
-def _pyplot() -> Any:
-    try:
-        import matplotlib  # noqa: PLC0415
-    except ImportError as error:
-        raise UsageError("figures need matplotlib: pip install 'dynpf-lab[figures]'; rows are written") from error
-    matplotlib.use("Agg")
-    from matplotlib import pyplot  # noqa: PLC0415
-
-    return pyplot
 
 
 def _measures(pyplot: Any, rows: list[Row], path: Path) -> Path:

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
+from dynpf_experiments.extras import plotting
 from dynpf_experiments.rows import Row, Sample, summarized
 from dynpf_experiments.study import Study
-from dynpf_protocol.errors import UsageError
 from msgspec import Meta
 from numpy.typing import NDArray
 
@@ -134,12 +134,7 @@ def _conditions(task: Task) -> Conditions:
 
 def _figures(settings: LayoutsSettings, seed: int, rows: list[Row], folder: Path) -> list[Path]:  # noqa: ARG001
     """Draw the first layout of each case, without noise: where the parts begin, how they go, and their goals."""
-    try:
-        import matplotlib  # noqa: PLC0415
-    except ImportError as error:
-        raise UsageError("figures need matplotlib: pip install 'dynpf[figures]'; rows are written") from error
-    matplotlib.use("Agg")
-    from matplotlib import pyplot  # noqa: PLC0415
+    pyplot = plotting()
 
     columns = min(len(settings.cases), 3)
     lines = math.ceil(len(settings.cases) / columns)

@@ -6,8 +6,8 @@ from typing import Any
 
 import cv2
 import numpy as np
+from dynpf_experiments.extras import plotting
 from dynpf_experiments.rows import Row
-from dynpf_protocol.errors import UsageError
 from numpy.typing import NDArray
 
 from dynpf.vision import DetectionParams, Disc, detect_discs, subsample
@@ -30,12 +30,7 @@ def draw(photographs: Sequence[str], seed: int, rows: list[Row], folder: Path) -
 
     Raises UsageError where matplotlib is not installed.
     """
-    try:
-        import matplotlib  # noqa: PLC0415
-    except ImportError as error:
-        raise UsageError("figures need matplotlib: pip install 'dynpf-lab[figures]'; rows are written") from error
-    matplotlib.use("Agg")
-    from matplotlib import pyplot  # noqa: PLC0415
+    pyplot = plotting()
 
     written = [
         _stages(pyplot, seed, folder / "stages.png"),

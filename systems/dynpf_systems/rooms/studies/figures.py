@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from dynpf_experiments.extras import plotting
 from dynpf_experiments.rows import Row
-from dynpf_protocol.errors import UsageError
 
 from dynpf.maps.occupancy import OCCUPIED
 from dynpf_systems.rooms.studies.ways import Epoch, Track, World, dead_reckoning
@@ -26,12 +26,7 @@ def draw(place: World, epochs: Sequence[Epoch], shown: Sequence[Shown], rows: li
 
     Raises UsageError where matplotlib is not installed.
     """
-    try:
-        import matplotlib  # noqa: PLC0415
-    except ImportError as error:
-        raise UsageError("figures need matplotlib: pip install 'dynpf-lab[figures]'; rows are written") from error
-    matplotlib.use("Agg")
-    from matplotlib import pyplot  # noqa: PLC0415
+    pyplot = plotting()
 
     return [
         _success(pyplot, rows, folder / "success.png"),

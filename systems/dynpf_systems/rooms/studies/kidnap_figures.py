@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from dynpf_protocol.errors import UsageError
+from dynpf_experiments.extras import plotting
 
 from dynpf.maps.map_server import decode
 from dynpf_systems.rooms.studies.laser_logs import LaserLog
@@ -42,12 +42,7 @@ def draw(stories: Mapping[tuple[str, str], Story], folder: Path) -> list[Path]:
 
     Raises UsageError where matplotlib is not installed.
     """
-    try:
-        import matplotlib  # noqa: PLC0415
-    except ImportError as error:
-        raise UsageError("figures need matplotlib: pip install 'dynpf-lab[figures]'; rows are written") from error
-    matplotlib.use("Agg")
-    from matplotlib import pyplot  # noqa: PLC0415
+    pyplot = plotting()
 
     return [_story(pyplot, name, case, story, folder) for (name, case), story in stories.items()]
 

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from dynpf_experiments.extras import plotting
 from dynpf_experiments.rows import Row
-from dynpf_protocol.errors import UsageError
 
 from dynpf.metrics.trajectory import pose_errors
 from dynpf_systems.rooms.studies.landmark_logs import LandmarkLog, Run
@@ -20,12 +20,7 @@ def draw(log: LandmarkLog, run: Run, rows: list[Row], folder: Path) -> list[Path
 
     Returns the files. Raises UsageError where matplotlib is not installed.
     """
-    try:
-        import matplotlib  # noqa: PLC0415
-    except ImportError as error:
-        raise UsageError("figures need matplotlib: pip install 'dynpf-lab[figures]'; rows are written") from error
-    matplotlib.use("Agg")
-    from matplotlib import pyplot  # noqa: PLC0415
+    pyplot = plotting()
 
     written = [
         _trajectory(pyplot, log, run, folder / "trajectory.png"),

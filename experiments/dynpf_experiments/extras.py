@@ -1,11 +1,12 @@
-"""Packages that only some commands need, and that are installed with an extra of dynpf-lab."""
+"""Packages that only some things need, and that are installed with an extra of dynpf-lab."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from dynpf_protocol.errors import UsageError
 
-__all__ = ["needing"]
+__all__ = ["needing", "plotting"]
 
 
 @contextmanager
@@ -17,3 +18,13 @@ def needing(package: str, *, extra: str, what: str) -> Iterator[None]:
         if error.name is None or error.name.partition(".")[0] != package:
             raise
         raise UsageError(f"{what} needs the package {package}: pip install 'dynpf-lab[{extra}]'") from error
+
+
+def plotting() -> Any:
+    """Return matplotlib's pyplot, which then draws into files; raises UsageError where it is not installed."""
+    with needing("matplotlib", extra="figures", what="drawing the figures of a study, whose rows are written,"):
+        import matplotlib  # noqa: PLC0415
+    matplotlib.use("Agg")
+    from matplotlib import pyplot  # noqa: PLC0415
+
+    return pyplot
