@@ -66,7 +66,7 @@ def estimates_of(run: RunMessages) -> list[str]:
 
 def truth_of(run: RunMessages) -> str | None:
     """Return the topic of a run with the truth that its estimates are compared with, None where it has none."""
-    return next((topic for measures in _all_measures() for topic in measures.truths if run.topic(topic)), None)
+    return next((topic for measures in _all_measures() for topic in measures.truths if topic in run.topics), None)
 
 
 def differing(a: Recording, b: Recording) -> dict[str, tuple[Any, Any]]:

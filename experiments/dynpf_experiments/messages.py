@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from dynpf_formats.recording.reader import Recording
 from dynpf_protocol.codec import decode
-from dynpf_protocol.messages import Message
+from dynpf_protocol.messages import Message, Pose, heading
 from dynpf_runtime.node import Received
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import override_resolved
@@ -16,7 +16,7 @@ from dynpf_services.scenario.recorded import recorded_scenario
 from dynpf_services.scenario.schema import Scenario
 from numpy.typing import NDArray
 
-__all__ = ["Observed", "RunMessages", "Timed", "of_type", "recorded", "seconds"]
+__all__ = ["Observed", "RunMessages", "Timed", "of_type", "planar_poses", "recorded", "seconds"]
 
 MessageT = TypeVar("MessageT", bound=Message)
 
@@ -112,6 +112,11 @@ def of_type(messages: Sequence[Timed], kind: type[MessageT]) -> list[MessageT]:
     found = [timed.message for timed in messages if isinstance(timed.message, kind)]
     assert len(found) == len(messages)
     return found
+
+
+def planar_poses(poses: Iterable[Pose]) -> NDArray[np.float64]:
+    """Return poses in the plane as x, y (m) and theta (rad), (3, T)."""
+    return np.array([(one.position.x, one.position.y, heading(one.orientation)) for one in poses]).reshape(-1, 3).T
 
 
 def seconds(messages: Sequence[Timed]) -> NDArray[np.float64]:

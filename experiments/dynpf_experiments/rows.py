@@ -2,6 +2,7 @@
 
 import csv
 import io
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
@@ -10,7 +11,7 @@ import numpy as np
 
 from dynpf.metrics.seeds import mean, proportion, spread
 
-__all__ = ["Row", "Sample", "as_csv", "as_table", "summarized"]
+__all__ = ["Row", "Sample", "as_csv", "as_table", "columns_of", "measured", "summarized"]
 
 Row = dict[str, Any]
 
@@ -59,6 +60,23 @@ def _row(factors: dict[str, Any], samples: Sequence[Sample]) -> Row:
             f"{name}_ci_high": about.high if math.isfinite(about.high) else None,
         }
     return row
+
+
+def measured(rows: Sequence[Row]) -> dict[str, str]:
+    """Return the names of what the rows measure, each with the key of its mean or, in percent, of its share."""
+    names = dict.fromkeys(key.removesuffix("_ci_low") for row in rows for key in row if key.endswith("_ci_low"))
+    shares = {name for name in names if any(name in row for row in rows)}
+    return {name: name if name in shares else f"{name}_mean" for name in names}
+
+
+def columns_of(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
+    """Return columns for ``as_table`` that show all: the factors, and each measure with its interval."""
+    factors = dict.fromkeys(key for row in rows for key in itertools.takewhile(lambda key: key != "trials", row))
+    columns = [(name, "", name) for name in (*factors, "trials")]
+    for name, centre in measured(rows).items():
+        heading = f"{name} % (95 %)" if centre == name else f"{name} (95 %)"
+        columns.append((heading, ".4g", f"{centre} {name}_ci_low {name}_ci_high"))
+    return columns
 
 
 def as_csv(rows: Sequence[Row]) -> str:

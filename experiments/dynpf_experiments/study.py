@@ -20,8 +20,8 @@ SettingsT = TypeVar("SettingsT", bound=msgspec.Struct)
 class Study(msgspec.Struct, frozen=True, kw_only=True):
     """``tasks`` divides settings, trials and a seed into tasks; ``run_task`` carries one out, in any process.
 
-    ``rows`` summarizes all samples; ``columns`` are those of its table (see ``as_table``); ``figures`` draws into a
-    folder, from settings, seed and rows, and returns what it wrote.
+    ``rows`` summarizes all samples; ``columns`` are those of its table (see ``as_table``), all where none are named;
+    ``figures`` draws into a folder, from settings, seed and rows, and returns what it wrote.
     """
 
     about: str
@@ -30,8 +30,8 @@ class Study(msgspec.Struct, frozen=True, kw_only=True):
     tasks: Callable[[Any, int, int], list[Any]]
     run_task: Callable[[Any], list[Sample]]
     rows: Callable[[list[Sample]], list[Row]]
-    columns: Sequence[tuple[str, str, str]]
     figures: Callable[[Any, int, list[Row], Path], list[Path]]
+    columns: Sequence[tuple[str, str, str]] = ()
 
 
 def settings_from(kind: type[SettingsT], overrides: Sequence[str]) -> SettingsT:
@@ -51,7 +51,7 @@ def settings_from(kind: type[SettingsT], overrides: Sequence[str]) -> SettingsT:
     try:
         return msgspec.convert(chosen, kind)
     except msgspec.ValidationError as error:
-        known = ", ".join(field.name for field in msgspec.structs.fields(kind))
+        known = ", ".join(field.encode_name for field in msgspec.structs.fields(kind))
         raise UsageError(f"--set {' --set '.join(overrides)}: {error}; settings of this study: {known}") from error
 
 

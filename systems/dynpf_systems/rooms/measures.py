@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 from dynpf_experiments.measures import Measures
-from dynpf_experiments.messages import RunMessages, Timed, of_type, seconds
-from dynpf_protocol.messages import Estimate, PoseInFrame, RobotState, heading
+from dynpf_experiments.messages import RunMessages, Timed, of_type, planar_poses, seconds
+from dynpf_protocol.messages import Estimate, PoseInFrame, RobotState
 from numpy.typing import NDArray
 
 from dynpf.metrics.consistency import mean_square, nees
@@ -82,9 +82,7 @@ def reference_path(run: RunMessages, topic: str) -> tuple[Trajectory, NDArray[np
 def reckoned_path(run: RunMessages, estimator: str = "estimator") -> Trajectory:
     """Return the path by odometry alone; it has no poses in a run from an unknown start."""
     known = run.topic(f"{estimator}/dead_reckoning")
-    poses = [one.pose for one in of_type(known, PoseInFrame)]
-    path = np.array([(one.position.x, one.position.y, heading(one.orientation)) for one in poses]).reshape(-1, 3).T
-    return Trajectory(seconds(known), path)
+    return Trajectory(seconds(known), planar_poses(one.pose for one in of_type(known, PoseInFrame)))
 
 
 def _scored(estimated: list[Timed], truth: list[Timed]) -> tuple[NDArray[np.intp], float]:

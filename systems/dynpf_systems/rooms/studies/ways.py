@@ -9,7 +9,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 from dynpf_experiments.drive import drive, follow_inputs, inputs_of
-from dynpf_experiments.messages import RunMessages, of_type
+from dynpf_experiments.messages import RunMessages, of_type, planar_poses
 from dynpf_protocol.codec import encode
 from dynpf_protocol.errors import UsageError
 from dynpf_protocol.messages import (
@@ -21,7 +21,6 @@ from dynpf_protocol.messages import (
     OdometryPose,
     PosesInFrame,
     RobotState,
-    heading,
 )
 from dynpf_runtime.node import Node, Step
 from dynpf_runtime.source import LogRecord
@@ -245,8 +244,7 @@ def _clouds(run: RunMessages, epochs: Sequence[Epoch]) -> Iterator[FloatArray]:
     newest = np.searchsorted(stamps, [epoch.stamp_ns for epoch in epochs], side="right") - 1
     messages = of_type(known, PosesInFrame)
     for index in newest.tolist():
-        poses = ((one.position.x, one.position.y, heading(one.orientation)) for one in messages[index].poses)
-        yield np.array(list(poses)).T
+        yield planar_poses(messages[index].poses)
 
 
 def measures(epochs: Sequence[Epoch], poses: FloatArray, *, whole: bool = False) -> dict[str, float | bool]:
