@@ -14,6 +14,7 @@ COPY protocol protocol
 COPY formats formats
 COPY runtime runtime
 COPY services services
+COPY experiments experiments
 COPY systems systems
 COPY lab lab
 COPY scenarios scenarios

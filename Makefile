@@ -44,6 +44,7 @@ check: .venv/.dev
 	$(BIN)/python -m checks.pure_code
 	$(BIN)/python -m checks.portable_code
 	$(BIN)/python -m checks.data_code
+	$(BIN)/python -m checks.system_names
 	$(BIN)/python -m pip check
 
 format: .venv/.dev
@@ -77,7 +78,7 @@ hooks:
 
 clean:
 	rm -rf .venv .venv-peers .machines .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
-	find checks docs dynpf formats lab protocol runtime services systems tests -name __pycache__ -prune -exec rm -rf {} +
+	find checks docs dynpf experiments formats lab protocol runtime services systems tests -name __pycache__ -prune -exec rm -rf {} +
 
 .venv/.runtime: requirements.lock
 	@$(PYTHON) -c '$(USABLE)' 2>/dev/null || { echo "dynpf needs Python 3.11 or newer with its venv module (Debian: apt" \

@@ -11,11 +11,11 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from dynpf_lab.studies.rooms import Epoch, World, known_start, record, world
 from dynpf_protocol.messages import LaserScan
 from dynpf_systems.rooms.localization.components import localizer_of, measurements_of, motion_of
 from dynpf_systems.rooms.localization.config import LocalizationConfig
 from dynpf_systems.rooms.localization.readings import TOPICS, reading_of
+from dynpf_systems.rooms.studies.ways import Epoch, World, known_start, record, world
 
 from dynpf.filters.start import start_poses
 from dynpf.measurement.model import MeasurementModel

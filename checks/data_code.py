@@ -19,6 +19,7 @@ PACKAGES = (
     "checks",
     "docs",
     "dynpf",
+    "experiments",
     "formats",
     "lab",
     "protocol",
@@ -63,7 +64,6 @@ EXCEPTIONS = {
     ("dynpf/__init__.py", "importlib.import_module"),
     ("dynpf/kernels/__init__.py", "importlib.import_module"),
     ("lab/dynpf_lab/cli/main.py", "importlib.import_module"),
-    ("lab/dynpf_lab/studies/catalogue.py", "importlib.import_module"),
     # The examples of our own documents.
     ("tests/unit/docs/test_readme.py", "exec"),
     ("tests/unit/docs/test_viewing.py", "exec"),

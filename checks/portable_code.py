@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from checks.portable_names import CASTS, EXACT, METHODS
-from checks.pure_code import bindings, dotted, imported
+from checks.pure_code import bindings, dotted, imported, is_experiment
 
 __all__ = ["PORTABLE", "findings"]
 
@@ -305,7 +305,7 @@ def main() -> int:
         path for name in PORTABLE for path in ([root / name] if name.endswith(".py") else (root / name).rglob("*.py"))
     ]
     files = {path.relative_to(root).as_posix(): path for path in sorted(paths)}
-    checked = {name: path for name, path in files.items() if not name.startswith(APART)}
+    checked = {name: path for name, path in files.items() if not name.startswith(APART) and not is_experiment(name)}
     found = [line for name, path in checked.items() for line in findings(path.read_text(), name)]
     print(
         "\n".join(found) or f"Portable code: {len(checked)} files, nothing that depends on the machine.",

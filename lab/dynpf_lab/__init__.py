@@ -1,27 +1,34 @@
-"""The laboratory: studies, measures, references, benchmarks, the command line, and what own nodes are made of.
+"""The laboratory: runs in Python, references, benchmarks, the command line, and what own nodes are made of.
 
-``from dynpf_lab import Message, Node, Sensor`` is all that a module beside a scenario needs.
+``from dynpf_lab import run, read`` is for notebooks, ``from dynpf_lab import Message, Node, Sensor`` all that a module
+beside a scenario needs.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from dynpf_experiments.sweep import sweep
     from dynpf_protocol.messages import Message
     from dynpf_protocol.topics import Topic
     from dynpf_services.nodes import Moment, Node, Sensor
 
     from dynpf.rng import Draws
+    from dynpf_lab.notebook import Run, read, run
 
-__all__ = ["Draws", "Message", "Moment", "Node", "Sensor", "Topic"]
+__all__ = ["Draws", "Message", "Moment", "Node", "Run", "Sensor", "Topic", "read", "run", "sweep"]
 
 _HOMES = {
     "Draws": "dynpf.rng",
     "Message": "dynpf_protocol.messages",
     "Moment": "dynpf_services.nodes",
     "Node": "dynpf_services.nodes",
+    "Run": "dynpf_lab.notebook",
     "Sensor": "dynpf_services.nodes",
     "Topic": "dynpf_protocol.topics",
+    "read": "dynpf_lab.notebook",
+    "run": "dynpf_lab.notebook",
+    "sweep": "dynpf_experiments.sweep",
 }
 
 

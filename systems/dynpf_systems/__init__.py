@@ -1,3 +1,3 @@
-"""The systems: each a folder with all that it brings, and a line here."""
+"""The systems: each a folder with all that it brings, nodes, measures and studies, and a name here."""
 
 SYSTEMS = ("rooms", "parts", "colon")

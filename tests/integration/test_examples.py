@@ -53,14 +53,14 @@ def test_estimators_beside_one_another_are_scored_in_one_table(name: str, second
     assert figures["estimator"] != figures[second]
 
 
-def test_a_study_of_ones_own_is_short_and_finds_that_more_particles_err_less() -> None:
-    folder = EXAMPLES / "study"
-    assert len((folder / "particles.py").read_text().splitlines()) < 40
-    code = "from particles import rmse_m; print(rmse_m(200, 1, 100), rmse_m(5, 1, 100))"
-    command = [sys.executable, "-B", "-c", code]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=240, cwd=folder, check=True)
-    many, few = map(float, done.stdout.split())
-    assert many < few
+def test_a_study_of_ones_own_is_short_and_finds_that_more_particles_err_less(tmp_path: Path) -> None:
+    study = EXAMPLES / "study" / "particles.py"
+    assert len(study.read_text().splitlines()) < 40
+    chosen = ("--set", "estimator.n=[5,200]", "--set", "estimator.proposal=['prior']", "--trials", 2)
+    done = dynpf("study", study, *chosen, "--jobs", 2, "--json", cwd=tmp_path)
+    few, many = json.loads(done.stdout)["rows"]
+    assert (few["estimator.n"], many["estimator.n"]) == (5, 200)
+    assert many["rmse_m_mean"] < few["rmse_m_mean"]
 
 
 @pytest.mark.parametrize("name", SYSTEMS)

@@ -41,6 +41,9 @@ SURROUNDINGS = [
     "import dynpf_runtime.node\ndynpf_runtime.bus.host.run_node()",
     "from services import recorder",
     "from ..recorder import write",
+    "from dynpf_systems.parts.measures import Course",
+    "from dynpf_systems.rooms.studies import ways",
+    "from .studies.runs import run_parts",
 ]
 THREADS = [
     "import threading",

@@ -16,7 +16,7 @@ from msgspec import inspect as types
 from dynpf_formats.recording.reader import Recording
 from dynpf_formats.recording.stream import RecordedSchema
 
-__all__ = ["columns", "header", "in_json", "rows", "write_csv"]
+__all__ = ["columns", "header", "in_json", "message_of", "rows", "write_csv"]
 
 Getter = Callable[[Any], Any]
 Columns = Mapping[str, tuple[types.Type, Getter]]
@@ -45,7 +45,8 @@ def _fields(schema: RecordedSchema) -> list[str]:
         return []
 
 
-def _message(recording: Recording, topic: str, payload: bytes) -> Any:
+def message_of(recording: Recording, topic: str, payload: bytes) -> Any:
+    """Return a message of a topic; of a type that dynpf does not have, a dictionary."""
     return decode(topic, payload, recording.topics) if topic in recording.topics else msgspec.json.decode(payload)
 
 
@@ -83,7 +84,7 @@ def rows(recording: Recording, topic: str) -> Iterator[list[Any]]:
     """Yield the messages in the order of the file: stamp in ns, stamp in s, sequence, and the columns."""
     getters = [get for _, get in columns(recording, topic).values()]
     for record in recording.messages(topic):
-        message = _message(recording, topic, record.payload)
+        message = message_of(recording, topic, record.payload)
         yield [record.stamp_ns, record.stamp_ns / 1e9, record.sequence, *(get(message) for get in getters)]
 
 

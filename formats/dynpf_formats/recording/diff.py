@@ -24,7 +24,7 @@ _Order = tuple[int, int, int, str, int, str, int, int]
 class FirstDifference(msgspec.Struct, frozen=True, kw_only=True):
     """The first message, or state, that differs.
 
-    ``field`` is the path inside the message, such as ``parts[2].x``; or ``tick``, ``stamp_ns``, ``state``, ``message``
+    ``field`` is the path inside the message, such as ``pose.x``; or ``tick``, ``stamp_ns``, ``state``, ``message``
     (one side lacks it), ``consumed[i]`` (the step took another input in that place) or ``payload`` (other bytes, the
     same values). ``tick`` is None where no journal tells it.
     """

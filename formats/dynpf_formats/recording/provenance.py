@@ -32,6 +32,7 @@ _PACKAGES = (
     "dynpf_formats",
     "dynpf_runtime",
     "dynpf_services",
+    "dynpf_experiments",
     "dynpf_systems",
     "dynpf_lab",
 )

@@ -27,7 +27,7 @@ class _Values(BaseCompleter):
             names = sorted(file.stem for file in shipped if file.suffix == ".toml")
             return [*names, *FilesCompleter(["toml"])(**asked)]
         if parser.prog == "dynpf study" and metavar == "NAME":
-            from dynpf_lab.studies.catalogue import NAMES
+            from dynpf_experiments.catalogue import study_names
 
-            return NAMES
+            return study_names()
         return FilesCompleter(["mcap"] if metavar.endswith(".mcap") else ())(**asked)

@@ -28,10 +28,9 @@ def run(args: argparse.Namespace) -> int:
 def print_difference(a: "Recording", b: "Recording", a_name: str, b_name: str, *, as_json: bool) -> int:
     """Print where two recordings first differ and which of their measures do; return the command's exit code."""
     import msgspec
+    from dynpf_experiments.measures import differing
     from dynpf_formats.recording.diff import diff
     from dynpf_formats.recording.provenance import told_where_bytes_differ
-
-    from dynpf_lab.measures.run import differing
 
     difference, metrics = diff(a, b), differing(a, b)
     apart = ""

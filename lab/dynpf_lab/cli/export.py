@@ -74,7 +74,7 @@ def _csv(recording: "Recording", topic: str, args: argparse.Namespace) -> int:
 
 
 def _parquet(recording: "Recording", topic: str, args: argparse.Namespace) -> int:
-    from dynpf_lab.cli.extras import needing
+    from dynpf_experiments.extras import needing
 
     if args.output is None:
         raise UsageError("--format parquet needs -o FILE: it is not text")

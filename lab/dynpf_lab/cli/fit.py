@@ -23,8 +23,7 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
 def run(options: argparse.Namespace) -> int:
     import msgspec
     from dynpf_formats.recording.reader import read_recording
-
-    from dynpf_lab.beam_fit import fit_recording
+    from dynpf_systems.rooms.studies.beam_fit import fit_recording
 
     fit = fit_recording(read_recording(options.recording))
     params = {"kind": "beam", **{name: getattr(fit.params, name) for name in fit.params.__struct_fields__}}

@@ -149,9 +149,8 @@ def _import_carmen(args: argparse.Namespace) -> int:
 
 
 def _import_rosbag(args: argparse.Namespace) -> int:
+    from dynpf_experiments.extras import needing
     from dynpf_formats.importers.clouds import FlattenParams
-
-    from dynpf_lab.cli.extras import needing
 
     with needing("rosbags", extra="ros", what="reading ROS bags"):
         from dynpf_formats.importers.rosbag import BagChoice, import_rosbag

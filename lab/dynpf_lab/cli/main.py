@@ -32,6 +32,7 @@ _COMMANDS = {
     "import": ("import_", "make a recording of somebody else's log"),
     "export": ("export", "write a topic of a recording for other programs"),
     "study": ("study", "an experiment of the source documents, with confidence intervals"),
+    "sweep": ("sweep", "a scenario with each of some settings, over many seeds"),
     "bench": ("bench", "what updates cost, against plain NumPy and other libraries"),
     "references": ("references", "check or make anew the reference recordings"),
 }

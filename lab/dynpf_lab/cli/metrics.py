@@ -16,9 +16,8 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
 
 
 def run(options: argparse.Namespace) -> int:
+    from dynpf_experiments.measures import measure, summary
     from dynpf_formats.recording.reader import read_recording
-
-    from dynpf_lab.measures.run import measure, summary
 
     recording = read_recording(options.recording)
     measures = measure(recording)

@@ -5,15 +5,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dynpf_formats.user_classes import MODULE_NAME
-from dynpf_protocol.errors import UsageError
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.schema import Scenario
-from dynpf_services.scenario.user_code import add_folders
+from dynpf_services.scenario.user_code import add_folders, code_folders
 
 if TYPE_CHECKING:
     from dynpf_services.scenario.played_log import PlayedLog
 
-__all__ = ["add_allow_code", "add_code", "add_scenario_options", "code_folders", "load_log", "scenario_from"]
+__all__ = ["add_allow_code", "add_code", "add_scenario_options", "load_log", "scenario_from"]
 
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
@@ -45,16 +44,6 @@ def add_code(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def code_folders(options: argparse.Namespace) -> list[Path]:
-    """Return the folders in which modules of the user's are looked for; raises UsageError for one that is none."""
-    for folder in options.code:
-        if not folder.is_dir():
-            raise UsageError(f"--code {folder}: no such folder")
-    path = Path(getattr(options, "scenario", ""))
-    beside = [path.parent] if path.suffix == ".toml" else []
-    return [*options.code, *beside]
-
-
 def add_allow_code(parser: argparse.ArgumentParser) -> None:
     """Add --allow-code, which a command needs that runs what a recording names."""
     parser.add_argument(
@@ -83,7 +72,7 @@ def load_log(options: argparse.Namespace) -> "PlayedLog | None":
 
 def scenario_from(options: argparse.Namespace, log: "PlayedLog | None") -> Scenario:
     """Return the resolved scenario that the command line describes; raises ScenarioError."""
-    add_folders(code_folders(options))
+    add_folders(code_folders(options.code, options.scenario))
     return load_scenario(
         options.scenario,
         overrides=options.overrides,

@@ -12,7 +12,7 @@ from dynpf_protocol.errors import DynpfError, UsageError
 from dynpf_services.scenario.schema import Scenario
 
 from dynpf_lab.cli.loading import loading
-from dynpf_lab.cli.options import add_scenario_options, code_folders, load_log, scenario_from
+from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -47,14 +47,13 @@ def default_output(scenario: str, seed: int) -> Path:
 
 def run(options: argparse.Namespace) -> int:
     from dynpf_services.scenario.build import plan_of
+    from dynpf_services.scenario.record import check_log
+    from dynpf_services.scenario.user_code import code_folders
 
     with loading():
         log = load_log(options)
         scenario = scenario_from(options, log)
-    if scenario.needs_log and log is None:
-        raise UsageError("this scenario plays an imported log: give it with --log IN.mcap (dynpf import makes one)")
-    if log is not None and not scenario.needs_log:
-        raise UsageError(f"--log {log.path}: this scenario plays no log")
+    check_log(scenario, options.log)
     if options.runner == "inline" and scenario.clock == "realtime":
         raise UsageError("--runner inline goes in lockstep only; a realtime run needs --runner bus")
     path = options.output or default_output(Path(options.scenario).stem, scenario.seed)
@@ -67,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
         if options.runner == "inline":
             _run_inline(scenario, path, log)
         else:
-            _run_on_bus(scenario, plan, path, log, code_folders(options))
+            _run_on_bus(scenario, plan, path, log, code_folders(options.code, options.scenario))
     except DynpfError:
         if path.exists():
             print(f"dynpf run: what was recorded is in {path} (dynpf doctor tells what is missing)", file=sys.stderr)
@@ -110,9 +109,8 @@ def _run_on_bus(scenario: Scenario, plan: "Plan", path: Path, log: "PlayedLog | 
 
 
 def _summary(path: Path, *, as_json: bool) -> int:
+    from dynpf_experiments.measures import measure, summary
     from dynpf_formats.recording.reader import read_recording
-
-    from dynpf_lab.measures.run import measure, summary
 
     recording = read_recording(path)
     measures = measure(recording)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
+from dynpf_experiments.measures import measure
 from dynpf_formats.recording.diff import FirstDifference, first_field
 from dynpf_formats.recording.digest import Leaf, content_digest, leaves, states
 from dynpf_formats.recording.provenance import collect
@@ -15,7 +16,6 @@ from dynpf_formats.recording.reader import Recording, read_recording
 from dynpf_protocol.errors import DynpfError, UsageError
 from dynpf_services.scenario.schema import resolved_json
 
-from dynpf_lab.measures.run import measure
 from dynpf_lab.references.check import FILE, check_part, parts
 from dynpf_lab.references.runs import has_data, resolve, run_anew
 from dynpf_lab.references.table import CHECKOUT, Entry, Made, read_table, recording_file, render_table, table_file

@@ -16,10 +16,21 @@ if TYPE_CHECKING:
     from dynpf_services.scenario.context import Context
     from dynpf_services.scenario.schema import Scenario
 
-__all__ = ["FactKind", "NodeKind", "Take", "fact_kind", "fact_names", "load", "node_kind", "node_kinds", "section_of"]
+__all__ = [
+    "FactKind",
+    "NodeKind",
+    "Take",
+    "fact_kind",
+    "fact_names",
+    "load",
+    "node_kind",
+    "node_kinds",
+    "section_of",
+    "systems",
+]
 
 SYSTEMS = "dynpf_systems"
-"""The package of the systems: SYSTEMS lists its folders, each with FACTS and KINDS, both by import strings."""
+"""The package of the systems: SYSTEMS lists its folders, each with what it brings, by import strings."""
 
 Take = Callable[[str, str], bytes]
 """Gives a file: called with the path that the scenario names, and with the file's name seen from that path's folder."""
@@ -65,13 +76,13 @@ class FactKind(NamedTuple):
 
 def fact_names() -> Sequence[str]:
     """Return the keys of the tables that nodes share."""
-    return [name for system in _systems() for name in system.FACTS]
+    return [name for system in systems() for name in system.FACTS]
 
 
 @cache
 def fact_kind(name: str) -> FactKind:
     """Return what a shared table is, by its key; raises KeyError."""
-    found: FactKind = load(next(system.FACTS[name] for system in _systems() if name in system.FACTS))
+    found: FactKind = load(next(system.FACTS[name] for system in systems() if name in system.FACTS))
     return found
 
 
@@ -82,7 +93,7 @@ def node_kinds(section: str | None) -> Mapping[str, str]:
     under the name "".
     """
     found: dict[str, str] = {}
-    listed = [(where, name, text) for system in _systems() for (where, name), text in system.KINDS.items()]
+    listed = [(where, name, text) for system in systems() for (where, name), text in system.KINDS.items()]
     names = [name for _, name, _ in listed]
     for where, name, text in listed:
         if section is None:
@@ -107,10 +118,11 @@ def load(text: str) -> Any:
 
 def section_of(text: str) -> str:
     """Return the section to which a kind of node belongs, by its import string; "" for a kind of the user's."""
-    found = ((section, known) for system in _systems() for (section, _), known in system.KINDS.items())
+    found = ((section, known) for system in systems() for (section, _), known in system.KINDS.items())
     return next((section for section, known in found if known == text), "")
 
 
 @cache
-def _systems() -> tuple[Any, ...]:
+def systems() -> tuple[Any, ...]:
+    """Return the packages of the systems, each with FACTS, KINDS, MEASURES and STUDIES."""
     return tuple(import_module(f"{SYSTEMS}.{name}") for name in import_module(SYSTEMS).SYSTEMS)

@@ -1,11 +1,34 @@
 """Overrides on the command line: ``--set key=value`` changes one key of a scenario before it is checked."""
 
+import json
 import tomllib
+from collections.abc import Mapping
 from typing import Any
 
 from dynpf_protocol.errors import ScenarioError
 
-__all__ = ["apply_override"]
+__all__ = ["apply_override", "overrides_of"]
+
+
+def overrides_of(settings: Mapping[str, Any]) -> list[str]:
+    """Return the overrides that set keys to values of Python's; raises ScenarioError for what TOML has no word for."""
+    return [f"{key}={_toml(key, value)}" for key, value in settings.items()]
+
+
+def _toml(key: str, value: Any) -> str:
+    match value:
+        case bool() | str():
+            return json.dumps(value, ensure_ascii=False)
+        case int():
+            return str(int(value))
+        case float():
+            return repr(float(value))
+        case Mapping():
+            inside = (f"{json.dumps(str(name))} = {_toml(key, inner)}" for name, inner in value.items())
+            return f"{{ {', '.join(inside)} }}"
+        case list() | tuple():
+            return f"[{', '.join(_toml(key, inner) for inner in value)}]"
+    raise ScenarioError(f"{key}: {value!r} is a {type(value).__name__}; expected a number, a text, a list or a table")
 
 
 def apply_override(raw: dict[str, Any], override: str) -> None:

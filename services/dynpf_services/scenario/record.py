@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol
 
 from dynpf_formats.recording.header import Attachment
 from dynpf_formats.recording.writer import RecordingWriter
+from dynpf_protocol.errors import UsageError
 from dynpf_runtime.inline import Observer, run_inline
 from dynpf_runtime.plan import run_header
 from dynpf_runtime.source import LogRecord
@@ -14,7 +15,7 @@ from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.recorded import attachments_of
 from dynpf_services.scenario.schema import Scenario
 
-__all__ = ["Log", "LogContent", "record_inline"]
+__all__ = ["Log", "LogContent", "check_log", "record_inline"]
 
 
 class Log(Protocol):
@@ -32,6 +33,14 @@ class LogContent(NamedTuple):
 
     records: Iterable[LogRecord] = ()
     attachments: Sequence[Attachment] = ()
+
+
+def check_log(scenario: Scenario, log: Path | None) -> None:
+    """Raise UsageError where the scenario plays a log and there is none, or the other way round."""
+    if scenario.needs_log and log is None:
+        raise UsageError("this scenario plays an imported log: give it with --log IN.mcap (dynpf import makes one)")
+    if log is not None and not scenario.needs_log:
+        raise UsageError(f"--log {log}: this scenario plays no log")
 
 
 def record_inline(

@@ -15,11 +15,27 @@ import sys
 import traceback
 from collections.abc import Container, Iterable
 from pathlib import Path
+from typing import TypeVar
 
 from dynpf_formats.user_classes import UserClass, is_standard
-from dynpf_protocol.errors import ScenarioError
+from dynpf_protocol.errors import ScenarioError, UsageError
 
-__all__ = ["add_folders", "check_allowed", "find_class", "source_digests"]
+__all__ = ["add_folders", "check_allowed", "code_folders", "find_class", "find_value", "source_digests"]
+
+T = TypeVar("T")
+
+
+def code_folders(code: Iterable[Path], scenario: str = "") -> list[Path]:
+    """Return the folders in which modules of the user's are looked for: ``code``, and that of a scenario's file.
+
+    Raises UsageError for one that is no folder.
+    """
+    folders = [*code]
+    for folder in folders:
+        if not folder.is_dir():
+            raise UsageError(f"--code {folder}: no such folder")
+    path = Path(scenario)
+    return [*folders, path.parent] if path.suffix == ".toml" else folders
 
 
 def add_folders(folders: Iterable[Path]) -> None:
@@ -50,6 +66,11 @@ def check_allowed(named: Iterable[UserClass], modules: Container[str], where: st
 
 def find_class(one: UserClass) -> type:
     """Import a class; raises ScenarioError with the key that names it and what is missing."""
+    return find_value(one, type, "class")
+
+
+def find_value(one: UserClass, kind: type[T], what: str) -> T:
+    """Import what a name stands for, a ``kind``, which is called ``what``; raises ScenarioError as ``find_class``."""
     if is_standard(one.module):
         raise _standard(one)
     try:
@@ -57,11 +78,11 @@ def find_class(one: UserClass) -> type:
         found = getattr(module, one.name, None)
     except Exception as error:
         raise _not_imported(one, error) from error
-    if not isinstance(found, type):
-        what = "is no class" if found is not None else "is not in the module"
-        known = [name for name, value in vars(module).items() if isinstance(value, type)]
+    if not isinstance(found, kind):
+        wrong = f"is no {what}" if found is not None else "is not in the module"
+        known = [name for name, value in vars(module).items() if isinstance(value, kind)]
         close = difflib.get_close_matches(one.name, known, n=1)
-        raise one.wrong(f"{one.name} {what}{f'; did you mean {close[0]!r}?' if close else ''}")
+        raise one.wrong(f"{one.name} {wrong}{f'; did you mean {close[0]!r}?' if close else ''}")
     return found
 
 
@@ -86,10 +107,9 @@ def _source_digest(one: UserClass) -> str:
     if not spec.has_location or spec.origin is None:
         raise one.wrong(f"the module {one.module!r} has no source file, by which it could be known")
     file = Path(spec.origin)
-    root = file.parent
+    package, root = file, file.parent
     while (root / "__init__.py").is_file():
-        root = root.parent
-    package = root / file.relative_to(root).parts[0]
+        package, root = root, root.parent
     files = sorted(package.rglob("*.py")) if package.is_dir() else [file]
     digest = hashlib.sha256()
     for path in files:

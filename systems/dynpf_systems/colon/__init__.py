@@ -1,6 +1,15 @@
-"""COLON: a capsule in a tube whose walls change; kinds of nodes and tables by import string."""
+"""COLON: a capsule in a tube whose walls change; all that it brings by import string."""
 
 FACTS = {"colon": "dynpf_systems.colon.nodes:COLON", "maps": "dynpf_systems.colon.nodes:DRAWINGS"}
+
+MEASURES = "dynpf_systems.colon.measures:MEASURES"
+
+STUDIES = {
+    "colon-particles": "dynpf_systems.colon.studies.experiments:PARTICLES",
+    "colon-cases": "dynpf_systems.colon.studies.experiments:CASES_STUDY",
+    "colon-growth": "dynpf_systems.colon.studies.experiments:GROWTH",
+    "colon-hypotheses": "dynpf_systems.colon.studies.experiments:HYPOTHESES",
+}
 
 KINDS = {
     ("simulator", "capsule"): "dynpf_systems.colon.nodes:CAPSULE",

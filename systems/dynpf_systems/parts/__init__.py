@@ -1,6 +1,17 @@
-"""PARTS: a robot brings parts to their goals under an overhead camera; kinds of nodes and tables by import string."""
+"""PARTS: a robot brings parts to their goals under an overhead camera; all that it brings by import string."""
 
 FACTS = {"task": "dynpf_systems.parts.nodes:TASK"}
+
+MEASURES = "dynpf_systems.parts.measures:MEASURES"
+
+STUDIES = {
+    "parts-3": "dynpf_systems.parts.studies.tasks:THREE",
+    "parts-6": "dynpf_systems.parts.studies.tasks:SIX",
+    "parts-bounds": "dynpf_systems.parts.studies.bounds:STUDY",
+    "parts-time": "dynpf_systems.parts.studies.times:STUDY",
+    "parts-vision": "dynpf_systems.parts.studies.vision:STUDY",
+    "parts-layouts": "dynpf_systems.parts.studies.layouts:STUDY",
+}
 
 KINDS = {
     ("simulator", "workspace"): "dynpf_systems.parts.nodes:WORKSPACE",

@@ -1,6 +1,15 @@
-"""Robots in rooms, simulated or logged, located in a map; kinds of nodes and tables by import string."""
+"""Robots in rooms, simulated or logged, located in a map; all that it brings by import string."""
 
 FACTS = {"map": "dynpf_systems.rooms.nodes:MAP", "landmarks": "dynpf_systems.rooms.nodes:LANDMARKS"}
+
+MEASURES = "dynpf_systems.rooms.measures:MEASURES"
+
+STUDIES = {
+    "indoor": "dynpf_systems.rooms.studies.indoor:STUDY",
+    "landmark": "dynpf_systems.rooms.studies.landmark:STUDY",
+    "turtlebot": "dynpf_systems.rooms.studies.turtlebot:STUDY",
+    "kidnap": "dynpf_systems.rooms.studies.kidnap:STUDY",
+}
 
 KINDS = {
     ("simulator", "room"): "dynpf_systems.rooms.nodes:ROOM",

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from dynpf_lab.studies.catalogue import NAMES
+from dynpf_experiments.catalogue import study_names
 
 
 def completed(line: str, folder: Path) -> list[str]:
@@ -28,7 +28,7 @@ def completed(line: str, folder: Path) -> list[str]:
     [
         ("dynpf re", ["replay", "recover", "references"]),
         ("dynpf run --runner ", ["bus", "inline"]),
-        ("dynpf study colon-", [name for name in NAMES if name.startswith("colon-")]),
+        ("dynpf study colon-", [name for name in study_names() if name.startswith("colon-")]),
     ],
 )
 def test_a_line_is_completed_by_what_the_command_takes(line: str, words: list[str], tmp_path: Path) -> None:

@@ -51,6 +51,17 @@ def test_the_model_of_the_librarys_page_steers_a_filter():
     assert abs(report.estimate.mean[2] - 0.7 / 1.01) < 0.01
 
 
+def test_the_examples_of_the_notebooks_page_run_one_after_another(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = {"print": lambda *_: None}
+    found = examples("docs/notebooks.md")
+    assert len(found) >= 6
+    for example in found:
+        exec(example, names)
+    assert names["fields"]["covariance"].shape == (300, 9)
+    assert names["again"].digest == names["made"].digest
+
+
 @pytest.mark.parametrize("name", dynpf.__all__)
 def test_every_name_of_the_surface_is_there_and_documented(name):
     assert getattr(dynpf, name).__doc__

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dynpf_experiments.measures import measure, summary
 from dynpf_formats.recording.reader import Recording, read_recording
-from dynpf_lab.measures.run import measure, summary
 from dynpf_protocol.codec import decode
 from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.messages import CapsuleEstimate, Log, SceneUpdate

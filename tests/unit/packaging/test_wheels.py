@@ -19,6 +19,7 @@ APPLICATION = {
     "formats/dynpf_formats",
     "runtime/dynpf_runtime",
     "services/dynpf_services",
+    "experiments/dynpf_experiments",
     "systems/dynpf_systems",
     "scenarios/dynpf_scenarios",
     "lab/dynpf_lab",

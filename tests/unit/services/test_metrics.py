@@ -8,11 +8,11 @@ from typing import Any
 
 import msgspec
 import pytest
+from dynpf_experiments.measures import differing, measure, summary
 from dynpf_formats.recording.header import RunHeader
 from dynpf_formats.recording.reader import Recording, read_recording
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_lab.cli.main import main
-from dynpf_lab.measures.run import differing, measure, summary
 from dynpf_protocol.codec import encode
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.messages import (

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dynpf_experiments.drive import drive
+from dynpf_experiments.messages import of_type
+from dynpf_experiments.study import run_study, settings_from
 from dynpf_lab.cli.main import main
-from dynpf_lab.measures.messages import of_type
-from dynpf_lab.studies.colon import PRINTED_CASES, STUDIES, change_of
-from dynpf_lab.studies.colon_worlds import Change, Filter, Place, Trial, follow, run, scenario_of
-from dynpf_lab.studies.drive import drive
-from dynpf_lab.studies.study import run_study, settings_from
 from dynpf_protocol.messages import CapsuleEstimate, CapsuleReading, CapsuleState
+from dynpf_systems.colon.studies.experiments import CASES_STUDY, PRINTED_CASES, change_of
+from dynpf_systems.colon.studies.worlds import Change, Filter, Place, Trial, follow, run, scenario_of
 from PIL import Image
 
 from dynpf.colon.outline import Bulge, Family, tube
@@ -65,7 +65,7 @@ def test_the_other_studies_say_what_they_measured(
 
 
 def test_the_same_rows_on_one_process_and_on_two() -> None:
-    study = STUDIES["colon-cases"]
+    study = CASES_STUDY
     settings = settings_from(study.settings, ["cases=[2]", "families=['folds','irregular']", "tubes=1"])
     one, two, other = (run_study(study, settings, 2, seed, jobs) for seed, jobs in ((1, 1), (1, 2), (2, 1)))
     assert one == two
@@ -157,7 +157,7 @@ def test_rows_and_figures_are_written(capsys: pytest.CaptureFixture[str], tmp_pa
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["colon"], "unknown study 'colon'; expected one of colon-particles"),
+        (["colon"], "unknown study 'colon'; expected one of colon-cases, colon-growth"),
         (["colon-cases", "--trials", "0"], "--trials 0: expected at least 1"),
         (["colon-cases", "--jobs", "0"], "--jobs 0: expected at least 1"),
         (["colon-cases", "--set", "tube=1"], "unknown field `tube`; settings of this study: families"),

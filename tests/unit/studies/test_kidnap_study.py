@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from dynpf_formats.importers.carmen import import_carmen
 from dynpf_formats.importers.mapping import drawn_map
-from dynpf_lab.studies import kidnap, laser_logs
-from dynpf_lab.studies.kidnap import STUDIES, KidnapSettings, Task, run_task, tasks
-from dynpf_lab.studies.laser_logs import LaserLog, Record, imported_log, split
-from dynpf_lab.studies.laser_runs import Moment, kidnapped
 from dynpf_protocol.errors import UsageError
 from dynpf_protocol.messages import LaserScan, OdometryPose
 from dynpf_services.scenario.schema import LogFacts
+from dynpf_systems.rooms.studies import kidnap, laser_logs
+from dynpf_systems.rooms.studies.kidnap import STUDY, KidnapSettings, Task, run_task, tasks
+from dynpf_systems.rooms.studies.laser_logs import LaserLog, Record, imported_log, split
+from dynpf_systems.rooms.studies.laser_runs import Moment, kidnapped
 
 from dynpf.se2 import compose, relative
 
@@ -93,7 +93,7 @@ def test_a_robot_is_found_on_a_stretch_of_a_real_log(log: LaserLog, monkeypatch:
 
 
 def test_rows_name_what_scripts_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    study = STUDIES["kidnap"]
+    study = STUDY
     monkeypatch.setattr(kidnap, "log_named", lambda name: LaserLog(name, (), LogFacts("", [])))
     parts = tasks(KidnapSettings(logs=("a", "b"), filters=("jump", "sir"), tracking_trials=1), 4, 7)
     assert len(parts) == 2 * 2 * (1 + 4 + 4)

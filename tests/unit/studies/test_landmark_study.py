@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from dynpf_formats.importers.log import Record
 from dynpf_lab.cli.main import main
-from dynpf_lab.studies.landmark_logs import (
+from dynpf_protocol.messages import LandmarkReading, LandmarkReadings, Odometry
+from dynpf_systems.rooms.studies.landmark_logs import (
     every_second_landmark,
     nearest_past,
     opened,
     stretches,
     withheld,
 )
-from dynpf_protocol.messages import LandmarkReading, LandmarkReadings, Odometry
 
 DATA = Path(__file__).parents[3] / "../shared/data/mrclam"
 MINUTE = DATA / "ds1_seed_60s"

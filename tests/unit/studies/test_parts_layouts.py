@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from dynpf_lab.studies.parts import Conditions, measured, run_parts
-from dynpf_lab.studies.parts_layouts import CASES, GAP, STUDIES, LayoutsSettings, case_task
+from dynpf_systems.parts.studies.layouts import CASES, GAP, STUDY, LayoutsSettings, case_task
+from dynpf_systems.parts.studies.runs import Conditions, measured, run_parts
 from dynpf_systems.parts.task import layout_of
 
 
@@ -37,9 +37,9 @@ def test_is_solved_without_a_contact_and_with_less_than_twice_the_way(case):
 
 
 def test_rows_have_the_factors_and_measures_that_scripts_read():
-    study = STUDIES["parts-layouts"]
+    study = STUDY
     settings = LayoutsSettings(cases=("swap",), noises=("none",))
-    samples = [sample for part in study.parts(settings, 2, 1) for sample in study.run_part(part)]
+    samples = [sample for part in study.tasks(settings, 2, 1) for sample in study.run_task(part)]
     (row, pooled) = study.rows(samples)
     assert (row["case"], pooled["case"], row["noise"], row["n"], row["trials"]) == ("swap", "all", "none", 0, 2)
     assert row["completed_25mm_percent"] == 100.0

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from dynpf_lab.studies.catalogue import study_named
-from dynpf_lab.studies.parts import LAYOUTS, NOISE, RADII, Conditions, layout_task, measured, run_parts
-from dynpf_lab.studies.rows import Sample
-from dynpf_lab.studies.study import run_study, settings_from
+from dynpf_experiments.catalogue import study_named
+from dynpf_experiments.rows import Sample
+from dynpf_experiments.study import run_study, settings_from
 from dynpf_services.scenario.load import load_scenario
+from dynpf_systems.parts.studies.runs import LAYOUTS, NOISE, RADII, Conditions, layout_task, measured, run_parts
 
 
 def gap(name):

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from dynpf_lab.studies.parts_vision import CAMERAS, STUDIES, calibrated_node, frame_errors
-from dynpf_lab.studies.rows import Sample
+from dynpf_experiments.rows import Sample
+from dynpf_systems.parts.studies.vision import CAMERAS, STUDY, calibrated_node, frame_errors
 
 
 @pytest.mark.parametrize("name", ["plain", "lens and light"])
@@ -28,7 +28,7 @@ def test_rows_keep_runs_and_views_apart() -> None:
         Sample(run, {"completed_25mm_percent": False, "npl": 1.3}),
         *(Sample({"view": f"frames: {name}"}, {"centre_error_mm": 0.1}) for name in CAMERAS),
     ]
-    rows = STUDIES["parts-vision"].rows(samples)
+    rows = STUDY.rows(samples)
     assert [row["goals"] for row in rows if "goals" in row] == ["H", "all"]
     assert rows[0]["completed_25mm_percent"] == 50.0
     assert rows[0]["npl_mean"] == pytest.approx(1.2)

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dynpf_experiments.study import run_study, settings_from
 from dynpf_lab.cli.main import main
-from dynpf_lab.studies.indoor import IndoorSettings, fitted
-from dynpf_lab.studies.rooms import dead_reckoning, measures, record, world
-from dynpf_lab.studies.study import run_study, settings_from
-from dynpf_lab.studies.turtlebot import STUDIES
+from dynpf_systems.rooms.studies.indoor import IndoorSettings, fitted
+from dynpf_systems.rooms.studies.turtlebot import STUDY
+from dynpf_systems.rooms.studies.ways import dead_reckoning, measures, record, world
 
 
 def rows_of(capsys: pytest.CaptureFixture[str], *words: str) -> list[dict[str, Any]]:
@@ -43,7 +43,7 @@ def test_the_beam_model_is_fitted_to_what_was_seen() -> None:
 
 
 def test_turtlebot_gives_the_same_rows_on_one_process_and_on_two() -> None:
-    study = STUDIES["turtlebot"]
+    study = STUDY
     chosen = ["worlds=['turtlebot-room']", "n=[100]", "updates=20", "loops=40", "n_panels=100"]
     settings = settings_from(study.settings, chosen)
     rows = run_study(study, settings, 2, 1, 1)

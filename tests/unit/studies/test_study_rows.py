@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from dynpf_lab.studies.rows import Sample, as_csv, as_table, summarized
+from dynpf_experiments.rows import Sample, as_csv, as_table, summarized
 from scipy import stats
 
 

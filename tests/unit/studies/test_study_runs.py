@@ -6,20 +6,20 @@ from typing import Any
 
 import msgspec
 import pytest
+from dynpf_experiments.catalogue import study_named, study_names
+from dynpf_experiments.drive import drive, inputs_of, recorded_in
+from dynpf_experiments.rows import Sample
+from dynpf_experiments.study import Study, settings_from
 from dynpf_formats.importers.carmen import import_carmen
 from dynpf_formats.importers.mapping import drawn_map
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import Recording, read_recording
-from dynpf_lab.studies import kidnap
-from dynpf_lab.studies.catalogue import NAMES, study_named
-from dynpf_lab.studies.drive import drive, inputs_of, recorded_in
-from dynpf_lab.studies.laser_logs import imported_log
-from dynpf_lab.studies.rows import Sample
-from dynpf_lab.studies.study import Study, settings_from
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.played_log import log_records
 from dynpf_services.scenario.record import LogContent, record_inline
 from dynpf_services.scenario.recorded import recorded_scenario
+from dynpf_systems.rooms.studies import kidnap
+from dynpf_systems.rooms.studies.laser_logs import imported_log
 
 DATA = Path(__file__).parents[3] / "../shared/data"
 MINUTE, SLICE = DATA / "mrclam/ds1_seed_60s", DATA / "carmen/intel_30-150s.log"
@@ -42,7 +42,7 @@ WITHOUT_NODES = {"colon-particles", "colon-cases", "colon-growth", "colon-hypoth
 
 
 def first_trial(study: Study, settings: Any) -> list[Sample]:
-    return study.run_part(study.parts(settings, 1, 1)[0])
+    return study.run_task(study.tasks(settings, 1, 1)[0])
 
 
 def again(recording: Recording, path: Path) -> Recording:
@@ -63,7 +63,7 @@ def without_times(samples: Sequence[Sample]) -> list[str]:
 
 
 def test_every_study_that_has_nodes_is_held_to_its_runs() -> None:
-    assert {*SMALL} | WITHOUT_NODES == {*NAMES}
+    assert {*SMALL} | WITHOUT_NODES == {*study_names()}
 
 
 @pytest.mark.parametrize("name", SMALL)

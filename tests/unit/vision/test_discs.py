@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from dynpf_lab.studies.disc_scenes import KINDS, draw_scene, score
+from dynpf_systems.parts.studies.disc_scenes import KINDS, draw_scene, score
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays

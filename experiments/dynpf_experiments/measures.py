@@ -1,0 +1,102 @@
+"""Measures of one run against the truth in it, under the names that scripts hold on to.
+
+What each figure is stands with the system that it is of; the systems list theirs (``MEASURES``). Of every recording
+there are ``messages``, how many it holds; ``gaps``, how many are missing; ``complete``, whether it was recorded to its
+end; and ``content_digest``.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any, NamedTuple
+
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.reader import Recording
+from dynpf_protocol.messages import Message
+from dynpf_services.scenario.build import plan_of
+from dynpf_services.scenario.kinds import load, systems
+from dynpf_services.scenario.load import override_resolved
+from dynpf_services.scenario.schema import Scenario
+
+from dynpf_experiments.messages import RunMessages, recorded
+
+__all__ = ["Measures", "differing", "estimates_of", "measure", "measure_run", "measured_topics", "summary", "truth_of"]
+
+
+class Measures(NamedTuple):
+    """What a system measures of a run.
+
+    ``of_run`` returns its figures by name, none of a run that holds no data for them; ``lines`` what a person reads of
+    them. ``estimate`` is the type of its estimates, ``reads`` are those of the messages that figures are made of, and
+    ``truths`` the topics with the truth that estimates are compared with, of which a run has one.
+    """
+
+    estimate: type[Message]
+    reads: tuple[type[Message], ...]
+    truths: tuple[str, ...]
+    of_run: Callable[[RunMessages], dict[str, Any]]
+    lines: Callable[[Mapping[str, Any]], list[str]]
+
+
+@cache
+def _all_measures() -> tuple[Measures, ...]:
+    return tuple(load(system.MEASURES) for system in systems())
+
+
+def measure(recording: Recording) -> dict[str, Any]:
+    """Return the measures of a run; those that it holds no data for are left out."""
+    return {**_figures(recording), "content_digest": content_digest(recording)}
+
+
+def measure_run(run: RunMessages) -> dict[str, Any]:
+    """Return the measures of a run by its messages alone."""
+    return {name: value for measures in _all_measures() for name, value in measures.of_run(run).items()}
+
+
+def measured_topics(scenario: Scenario) -> list[str]:
+    """Return the topics of a run of ``scenario`` that its measures are made of."""
+    read = {kind for measures in _all_measures() for kind in measures.reads}
+    return [name for name, row in plan_of(scenario).graph.topics.items() if row.type in read]
+
+
+def estimates_of(run: RunMessages) -> list[str]:
+    """Return the topics of a run with estimates, in the order of its nodes."""
+    kinds = dict.fromkeys(measures.estimate for measures in _all_measures())
+    return [topic for kind in kinds for topic in run.carrying(kind)]
+
+
+def truth_of(run: RunMessages) -> str | None:
+    """Return the topic of a run with the truth that its estimates are compared with, None where it has none."""
+    return next((topic for measures in _all_measures() for topic in measures.truths if topic in run.topics), None)
+
+
+def differing(a: Recording, b: Recording) -> dict[str, tuple[Any, Any]]:
+    """Return the measures, without the digest, in which two runs differ: both values, None where a run lacks one."""
+    left, right = _figures(a), _figures(b)
+    names = [*left, *(name for name in right if name not in left)]
+    return {name: (left.get(name), right.get(name)) for name in names if left.get(name) != right.get(name)}
+
+
+def _figures(recording: Recording) -> dict[str, Any]:
+    end = recording.end
+    return {
+        **measure_run(recorded(recording)),
+        "messages": sum(1 for _ in recording.messages()),
+        "gaps": end.missing if end is not None else None,
+        "complete": end is not None and end.complete and not recording.truncated,
+    }
+
+
+def summary(recording: Recording, measures: Mapping[str, Any]) -> str:
+    """Return the measures as a person reads them."""
+    scenario = override_resolved(recording.header.scenario, (), str(recording.path))
+    state = "complete" if measures["complete"] else "INCOMPLETE"
+    reason = recording.end.reason if recording.end is not None else "it was never closed"
+    lines = [f"{scenario.title} (seed {scenario.seed})", f"recording   {recording.path}, {state}: {reason}"]
+    for topic in estimates_of(recorded(recording))[:1]:
+        stamps = [record.stamp_ns for record in recording.messages(topic)]
+        lines.append(f"duration    {(max(stamps) - min(stamps)) * 1e-9:.1f} s of logical time, {len(stamps)} estimates")
+    lines.append(f"messages    {measures['messages']}, {measures['gaps']} missing")
+    for system in _all_measures():
+        lines += system.lines(measures)
+    lines.append(f"digest      {measures['content_digest']}")
+    return "\n".join(lines)

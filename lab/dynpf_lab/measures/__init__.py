@@ -1,1 +1,0 @@
-"""What a recorded run is worth: the estimate against the truth."""

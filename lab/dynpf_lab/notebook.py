@@ -1,0 +1,273 @@
+"""Runs in Python, for notebooks and scripts: ``run`` makes one, ``read`` opens a recording, ``Run`` is what is in it.
+
+What the command line does is done by the same functions: a run is that of ``dynpf run --runner inline``, its metrics
+are those of ``dynpf metrics``, the columns of a topic those of ``dynpf export``, a replay that of ``dynpf replay``.
+"""
+
+import shutil
+import tempfile
+import weakref
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from dynpf_experiments.extras import needing
+from dynpf_experiments.measures import estimates_of, measure, summary, truth_of
+from dynpf_experiments.messages import planar_poses, recorded
+from dynpf_formats.exporters.table import header, message_of, rows
+from dynpf_formats.recording.diff import FirstDifference, diff
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.reader import Recording, read_recording
+from dynpf_protocol.errors import UsageError
+from dynpf_protocol.journal import JOURNAL_PREFIX
+from dynpf_protocol.messages import PosesInFrame
+from dynpf_services.scenario.load import load_scenario
+from dynpf_services.scenario.overrides import overrides_of
+from dynpf_services.scenario.played_log import PlayedLog
+from dynpf_services.scenario.record import check_log, record_inline
+from dynpf_services.scenario.replay import replay_nodes, run_anew, scenario_of_replay, write_nodes
+from dynpf_services.scenario.user_code import add_folders, code_folders
+from numpy.typing import NDArray
+
+from dynpf.se2 import FloatArray
+
+__all__ = ["Run", "TopicMessages", "read", "run"]
+
+Arrays = dict[str, NDArray[Any]]
+
+
+class TopicMessages:
+    """The messages of a topic of a run, in the order of the file; nothing is held in memory before it is asked for."""
+
+    def __init__(self, run: "Run", topic: str) -> None:
+        self.run, self.topic = run, topic  # the run keeps its file
+
+    @property
+    def _recording(self) -> Recording:
+        return self.run.recording
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self._recording.messages(self.topic))
+
+    def __iter__(self) -> Iterator[tuple[float, Any]]:
+        """Yield logical time in seconds and message, one at a time; of a type that dynpf lacks, a dictionary."""
+        for record in self._recording.messages(self.topic):
+            yield record.stamp_ns / 1e9, message_of(self._recording, self.topic, record.payload)
+
+    def arrays(self) -> Arrays:
+        """Return an array for each field of its T messages, (T,) or, of lists of one length L, (T, L).
+
+        The names are those of the columns that ``dynpf export --format csv`` writes, ``stamp_s`` among them; the places
+        of a list of fixed length are one array. A number that is left out is NaN; what is no number, such as a list of
+        tables, is an object.
+        """
+        names = header(self._recording, self.topic)
+        values = list(zip(*rows(self._recording, self.topic), strict=True)) or [()] * len(names)
+        found: Arrays = {}
+        lists: dict[str, list[NDArray[Any]]] = {}
+        for name, column in zip(names, values, strict=True):
+            whole, _, place = name.rpartition(".")
+            if place.isdecimal():
+                lists.setdefault(whole, []).append(_array(column))
+            else:
+                found[name] = _array(column)
+        return found | {name: np.stack(places, axis=1) for name, places in lists.items()}
+
+    def frame(self) -> Any:
+        """Return a pandas DataFrame with a row a message, by ``stamp_s``, and a column a field; lists are objects.
+
+        Raises UsageError where pandas is not installed.
+        """
+        with needing("pandas", extra="frames", what="a data frame"):
+            import pandas  # noqa: PLC0415
+        names = header(self._recording, self.topic)
+        return pandas.DataFrame(rows(self._recording, self.topic), columns=names).set_index("stamp_s")
+
+
+def _array(values: Collection[Any]) -> NDArray[Any]:
+    """Return values of one field: numbers as such, NaN for those left out, lists of one length as rows."""
+    known = [value for value in values if value is not None]
+    if all(isinstance(value, bool) for value in known) and len(known) == len(values):
+        return np.array(known, dtype=bool)
+    if all(isinstance(value, int) for value in known) and len(known) == len(values):
+        return np.array(known, dtype=np.int64)
+    if all(isinstance(value, int | float) for value in known):
+        return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+    if all(isinstance(value, str) for value in values):
+        return np.array(values, dtype=np.str_)
+    if all(_is_list_of_numbers(value) for value in values) and len({len(value) for value in values}) == 1:
+        return np.array(values, dtype=np.float64)
+    found = np.empty(len(values), dtype=object)
+    found[:] = list(values)
+    return found
+
+
+def _is_list_of_numbers(value: Any) -> bool:
+    return isinstance(value, tuple | list) and all(isinstance(one, int | float) for one in value)
+
+
+class Cloud(NamedTuple):
+    """Particles that were published at a logical time, s: their poses (3, M)."""
+
+    stamp_s: float
+    poses: FloatArray
+
+
+class Run:
+    """One recorded run: ``run[topic]`` has the messages of a topic, ``print(run)`` tells what it is worth."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.recording = read_recording(path)
+        self._messages = recorded(self.recording)
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.recording.path
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """The topics with messages, without the journals."""
+        return tuple(sorted(name for name in self.recording.schemas if not name.startswith(JOURNAL_PREFIX)))
+
+    def __getitem__(self, topic: str) -> TopicMessages:
+        """Return the messages of a topic; raises UsageError, which names those that there are."""
+        if topic not in self.recording.schemas:
+            raise UsageError(f"{self.path}: nothing on {topic}; it has {', '.join(self.topics) or 'no messages'}")
+        return TopicMessages(self, topic)
+
+    @cached_property
+    def metrics(self) -> Mapping[str, Any]:
+        """The figures of ``dynpf metrics --json``; of several estimators, ``metrics["estimators"][name]`` has each."""
+        return measure(self.recording)
+
+    @property
+    def digest(self) -> str:
+        """The content digest: two runs with the same one are the same."""
+        return content_digest(self.recording)
+
+    @property
+    def truth(self) -> TopicMessages:
+        """The truth that estimates are compared with: simulated, or a log's reference; raises UsageError without."""
+        topic = truth_of(self._messages)
+        if topic is None:
+            raise UsageError(f"{self.path}: holds no truth; it has {', '.join(self.topics)}")
+        return self[topic]
+
+    @property
+    def estimators(self) -> tuple[str, ...]:
+        """The names of the nodes whose estimates it has."""
+        return tuple(topic.rpartition("/")[0] for topic in estimates_of(self._messages))
+
+    def estimates(self, estimator: str | None = None) -> TopicMessages:
+        """Return the estimates of an estimator, which need not be named where there is one.
+
+        Raises UsageError where it is not clear which is meant.
+        """
+        topics = dict(zip(self.estimators, estimates_of(self._messages), strict=True))
+        if estimator is None and len(topics) == 1:
+            (estimator,) = topics
+        if estimator not in topics:
+            asked = "has several estimators" if estimator is None else f"has no estimator {estimator}"
+            raise UsageError(f"{self.path}: {asked}; name one of {', '.join(topics) or 'none'}")
+        return self[topics[estimator]]
+
+    def health(self, estimator: str | None = None) -> Arrays:
+        """Return an estimator's verdicts: ``stamp_s``, ``status``, ``reason``, ``figures.mode_mass`` and so on."""
+        found = self.estimates(estimator).arrays()
+        own = {name.removeprefix("health."): array for name, array in found.items() if name.startswith("health.")}
+        return {"stamp_s": found["stamp_s"], **own}
+
+    def particles(self, estimator: str | None = None) -> Iterator[Cloud]:
+        """Yield the particles that an estimator published, as they were published: x, y (m) and theta (rad)."""
+        topic = self.estimates(estimator).topic.rpartition("/")[0] + "/particles"
+        for stamp_s, message in self[topic]:
+            assert isinstance(message, PosesInFrame)
+            yield Cloud(stamp_s, planar_poses(message.poses))
+
+    def replay(
+        self,
+        node: str | None = None,
+        settings: Mapping[str, Any] | None = None,
+        path: str | Path | None = None,
+        allow_code: Collection[str] = (),
+    ) -> "Run":
+        """Execute the run again, as ``dynpf replay`` does, and return what comes of it.
+
+        With ``node`` that one alone, else each, on its recorded inputs; with ``settings`` and no node, the whole run
+        anew from its source. ``path`` is the recording to be written, without one a temporary file that goes with the
+        Run. ``allow_code`` names the modules of yours that the recording may run.
+
+        Raises ScenarioError for settings that do not fit, UsageError for a node that there is not.
+        """
+        overrides = overrides_of(settings or {})
+        scenario = scenario_of_replay(self.recording, node, overrides, allow_code)
+
+        def make(target: Path) -> None:
+            if overrides and node is None:
+                run_anew(self.recording, scenario, target)
+            else:
+                outcomes = replay_nodes(self.recording, scenario, node, keep=True)
+                write_nodes(self.recording, scenario, outcomes, target)
+
+        return _made(path, make)
+
+    def difference(self, other: "Run") -> FirstDifference | None:
+        """Return the first message or state in which another run differs, None where they are the same run."""
+        return diff(self.recording, other.recording).first
+
+    def __str__(self) -> str:
+        return summary(self.recording, self.metrics)
+
+
+def run(
+    scenario: str | Path,
+    seed: int | None = None,
+    settings: Mapping[str, Any] | None = None,
+    path: str | Path | None = None,
+    *,
+    log: str | Path | None = None,
+    code: Iterable[str | Path] = (),
+) -> Run:
+    """Run a scenario in this process, as ``dynpf run --runner inline`` does, and return the recorded run.
+
+    ``scenario`` is the name of one that comes with dynpf, or a TOML file; ``settings`` are values by their keys in it,
+    such as ``{"estimator.n": 200}``. ``path`` is the recording to be written, without one a temporary file that goes
+    with the Run. ``log`` is an imported log that the sensors play, ``code`` are folders with modules of yours.
+
+    Raises ScenarioError for a scenario or settings that do not fit, UsageError for a file that is there already, and
+    StepError with what a node raises.
+    """
+    add_folders(code_folders(map(Path, code), str(scenario)))
+    played = PlayedLog(Path(log)) if log is not None else None
+    facts = played.facts if played else None
+    resolved = load_scenario(str(scenario), overrides=overrides_of(settings or {}), seed=seed, log=facts)
+    check_log(resolved, Path(log) if log is not None else None)
+    if resolved.clock != "lockstep":
+        raise UsageError(f"{scenario}: a realtime run needs processes of its own: dynpf run, then read its recording")
+    return _made(path, lambda target: record_inline(resolved, target, played))
+
+
+def read(path: str | Path) -> Run:
+    """Return the run in a recording; raises a RecordingError that says what is wrong with the file."""
+    return Run(path)
+
+
+def _made(path: str | Path | None, make: Callable[[Path], object]) -> Run:
+    """Return the run whose recording ``make`` writes: at ``path``, or else where it is removed with the Run."""
+    if path is not None:
+        if Path(path).exists():
+            raise UsageError(f"{path}: the file exists; choose another name")
+        make(Path(path))
+        return Run(path)
+    folder = Path(tempfile.mkdtemp(prefix="dynpf-"))
+    try:
+        make(folder / "run.mcap")
+        made = Run(folder / "run.mcap")
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    weakref.finalize(made, shutil.rmtree, folder, ignore_errors=True)
+    return made

@@ -1,1 +1,0 @@
-"""The experiments of the source documents: many seeded trials, summarized with the uncertainty that so many leave."""

@@ -1,0 +1,1 @@
+"""COLON's experiments."""

@@ -1,0 +1,1 @@
+"""PARTS's experiments, and some that it does not have."""

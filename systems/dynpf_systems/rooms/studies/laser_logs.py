@@ -1,0 +1,141 @@
+"""Logs with laser scans for studies: those known by name, and recordings that were imported."""
+
+from collections.abc import Iterator, Sequence
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from dynpf_experiments.data import data_path
+from dynpf_formats.importers import log as imported
+from dynpf_formats.importers.carmen import import_carmen
+from dynpf_formats.importers.mapping import drawn_map
+from dynpf_formats.importers.maps import map_attachments
+from dynpf_formats.importers.stream import LogStream
+from dynpf_formats.recording.attachments import FOLDER, attached
+from dynpf_formats.recording.header import Attachment
+from dynpf_protocol.codec import decode
+from dynpf_protocol.errors import UsageError
+from dynpf_protocol.messages import LaserScan, Message, OdometryPose, RobotState
+from dynpf_services.scenario.played_log import PlayedLog
+from dynpf_services.scenario.schema import LogFacts
+
+from dynpf.se2 import wrap_angle
+from dynpf_systems.rooms.studies.logs import LaserSource, sources
+
+__all__ = ["LaserLog", "Record", "imported_log", "log_named", "read_laser_log", "split"]
+
+_INSTEAD = "--set \"logs=['IN.mcap']\" takes recordings that dynpf import has made"
+
+
+class Record(NamedTuple):
+    """A message of a log, as its sensors give it, and its place among the messages."""
+
+    number: int
+    topic: str
+    stamp_ns: int
+    message: Message
+    truth: tuple[float, float, float] | None  # of a scan; where the reference does not tell it, None
+
+
+class LaserLog(NamedTuple):
+    """Odometry and scans of an imported log, and what it brings to a scenario."""
+
+    name: str
+    records: tuple[Record, ...]
+    facts: LogFacts
+
+    @property
+    def scans(self) -> list[int]:
+        """Return which of the records are scans of which the true pose is known."""
+        return [index for index, record in enumerate(self.records) if record.truth is not None]
+
+
+@cache
+def log_named(name: str) -> LaserLog:
+    """Return a log by its name, or from the path of an imported recording; raises UsageError where there is none."""
+    known = sources().laser
+    if name not in known:
+        if not Path(name).is_file():
+            raise UsageError(f"logs: {name} is neither a file nor one of {', '.join(known)}")
+        return read_laser_log(Path(name))
+    source = known[name]
+    if source.split_of:
+        return split(log_named(source.split_of), known[source.split_of].map_from_poses_m)
+    return imported_log(name, _stream(name, source))
+
+
+def _stream(name: str, source: LaserSource) -> LogStream:
+    path = data_path(f"logs: {name}", source.file, _INSTEAD)
+    if source.format == "carmen":
+        drawn = drawn_map(lambda: import_carmen(path).records, source.map_from_poses_m, "map")
+        return import_carmen(path, attachments=drawn)
+    # The package rosbags is needed for these alone.
+    from dynpf_formats.importers.rosbag import BagChoice, import_rosbag  # noqa: PLC0415
+
+    choice = BagChoice(truth_offset=source.truth_offset, truth_shift=source.truth_shift_s)
+    return import_rosbag(path, choice, attachments=_map_of(name, source))
+
+
+def _map_of(name: str, source: LaserSource) -> tuple[Attachment, ...]:
+    placed = source.placed_map
+    if placed is None:
+        return map_attachments(data_path(f"logs: {name}", source.map, _INSTEAD))
+    image = data_path(f"logs: {name}", placed.image, _INSTEAD)
+    return attached(image.with_suffix(".yaml").name, placed.yaml().encode()), attached(image.name, image.read_bytes())
+
+
+def read_laser_log(path: Path) -> LaserLog:
+    """Return an imported log; raises what PlayedLog does."""
+    log = PlayedLog(path)
+    messages = [(one.topic, one.stamp_ns, decode(one.topic, one.payload)) for one in log.records]
+    return _laser_log(path.stem, messages, log.facts)
+
+
+def imported_log(name: str, stream: LogStream) -> LaserLog:
+    """Return a log as an importer gives it."""
+    messages = [(one.topic, one.stamp_ns, one.message) for one in stream.records]
+    files = {one.name.removeprefix(FOLDER): one.data for one in stream.attachments}
+    facts = LogFacts("", [], {}, files, stream.settings.get("range_max_m"))
+    return _laser_log(name, messages, facts)
+
+
+def _laser_log(name: str, messages: Sequence[tuple[str, int, Message]], facts: LogFacts) -> LaserLog:
+    """Return the log; true poses are the reference's at the stamps of the scans, linearly between its neighbours."""
+    known = {stamp: (m.x, m.y, m.theta) for _, stamp, m in messages if isinstance(m, RobotState)}
+    stamps = np.array(sorted(known), dtype=np.int64)
+    poses = np.array([known[stamp] for stamp in stamps.tolist()]).reshape(-1, 3)
+    since, headings = (stamps - stamps[:1]).astype(np.float64), np.unwrap(poses[:, 2])
+
+    def truth(stamp: int) -> tuple[float, float, float] | None:
+        if stamps.size == 0 or not stamps[0] <= stamp <= stamps[-1]:
+            return None
+        x, y, theta = (float(np.interp(stamp - stamps[0], since, values)) for values in (*poses[:, :2].T, headings))
+        return x, y, float(wrap_angle(theta))
+
+    records = [
+        Record(number, topic, stamp, message, truth(stamp) if isinstance(message, LaserScan) else None)
+        for number, (topic, stamp, message) in enumerate(messages)
+        if isinstance(message, LaserScan | OdometryPose)
+    ]
+    return LaserLog(name, tuple(records), facts)
+
+
+def split(log: LaserLog, resolution: float = 0.05) -> LaserLog:
+    """Return the log with every second of its scans left out, and instead of its map one drawn from those alone."""
+    scans = log.scans
+    drawn, rest = scans[::2], set(scans[1::2])
+
+    def placed() -> Iterator[imported.Record]:
+        for index in drawn:
+            record = log.records[index]
+            assert record.truth is not None
+            x, y, theta = record.truth
+            yield imported.Record("log/truth", record.stamp_ns, RobotState(x=x, y=y, theta=theta, v=0.0, w=0.0))
+            yield imported.Record(record.topic, record.stamp_ns, record.message)
+
+    records = tuple(
+        record for index, record in enumerate(log.records) if isinstance(record.message, OdometryPose) or index in rest
+    )
+    files = {one.name.removeprefix(FOLDER): one.data for one in drawn_map(placed, resolution, "map")}
+    return LaserLog(f"{log.name}-split", records, log.facts._replace(files=files))

@@ -1,0 +1,327 @@
+"""Runs of the room scenarios for studies: a robot's way, and what estimators make of it."""
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+from dynpf_experiments.drive import drive, follow_inputs, inputs_of
+from dynpf_experiments.messages import RunMessages, of_type, planar_poses
+from dynpf_protocol.codec import encode
+from dynpf_protocol.errors import UsageError
+from dynpf_protocol.messages import (
+    Estimate,
+    LandmarkReadings,
+    LaserScan,
+    Message,
+    Odometry,
+    OdometryPose,
+    PosesInFrame,
+    RobotState,
+)
+from dynpf_runtime.node import Node, Step
+from dynpf_runtime.source import LogRecord
+from dynpf_services.scenario.load import load_scenario
+from dynpf_services.scenario.record import LogContent
+from dynpf_services.scenario.schema import Scenario
+
+from dynpf.filters.start import KnownStart
+from dynpf.measurement.scan import Scan
+from dynpf.motion.model import Displacement, Twist
+from dynpf.rng import generator
+from dynpf.se2 import FloatArray, arc_displacement, compose, relative, wrap_angle
+from dynpf_systems.rooms.config import Door, RoomConfig
+from dynpf_systems.rooms.localization.components import Moved
+from dynpf_systems.rooms.localization.config import LocalizationConfig
+from dynpf_systems.rooms.localization.estimator import LocalizationEstimator
+from dynpf_systems.rooms.localization.readings import reading_of
+from dynpf_systems.rooms.maps import Maps, open_maps
+from dynpf_systems.rooms.sensors.config import SimulatedSensorsConfig
+from dynpf_systems.rooms.steering import Route
+from dynpf_systems.rooms.studies.laser_logs import LaserLog, Record, log_named
+from dynpf_systems.rooms.studies.laser_runs import UpdateCount
+
+__all__ = [
+    "Drive",
+    "Epoch",
+    "Track",
+    "Way",
+    "World",
+    "dead_reckoning",
+    "follow",
+    "known_start",
+    "measures",
+    "played",
+    "record",
+    "scans",
+    "world",
+]
+
+NEAR_M, NEAR_RAD = 0.5, math.radians(15.0)
+"""A pose estimate within these of the truth is right."""
+LASTING = 10
+"""Updates for which it has to stay right."""
+
+_SENSED = ("truth/robot", "sensors/odometry", "sensors/scan", "sensors/landmarks")
+
+
+class World(NamedTuple):
+    """A scenario and its maps."""
+
+    name: str
+    scenario: Scenario
+    maps: Maps
+    range_max: float  # m, which a beam without return reads
+
+
+class Epoch(NamedTuple):
+    """What odometry told since the last scan, and what was seen at its end; ``truth`` is the pose there (3,)."""
+
+    stamp_ns: int
+    controls: tuple[Twist | Moved, ...]
+    messages: tuple[LaserScan | LandmarkReadings, ...]
+    truth: FloatArray
+
+
+class Way(NamedTuple):
+    """A robot's way through a world: the run of ``scenario`` with any estimator, by epochs.
+
+    ``steps`` are what an estimator is given on it; of a log there are ``records`` instead. ``maps`` are those of the
+    estimator, where a scenario cannot tell them.
+    """
+
+    scenario: Scenario
+    epochs: Sequence[Epoch]
+    steps: Sequence[Step]
+    records: Sequence[Record] = ()
+    maps: Maps | None = None
+
+
+class Track(NamedTuple):
+    """Estimates (3, T), standard deviation of the position (T,) along its worst direction, particles that there were
+    (T,), and, where asked for, some of the particles (3, M), at each update.
+    """
+
+    poses: FloatArray
+    sigmas: FloatArray
+    counts: FloatArray
+    clouds: Sequence[FloatArray] = ()
+
+
+@lru_cache(maxsize=16)
+def world(name: str, overrides: tuple[str, ...] = ()) -> World:
+    """Return the world of a scenario."""
+    scenario = load_scenario(name, overrides=overrides)
+    marks = scenario.landmarks or None
+    assert isinstance(scenario.sensors, SimulatedSensorsConfig)
+    assert scenario.sensors.scan is not None
+    return World(name, scenario, open_maps(scenario.map, marks, lambda _: b""), scenario.sensors.scan.range_max)
+
+
+def record(place: World, seed: int, updates: int, panels: Sequence[Door] = ()) -> Way:
+    """Return the way of so many scans round the scenario's route, which begins somewhere else for each seed.
+
+    ``panels``: doors besides those of the scenario.
+    """
+    room, sensors = place.scenario.simulator, place.scenario.sensors
+    assert isinstance(room, RoomConfig)
+    assert isinstance(sensors, SimulatedSensorsConfig)
+    assert room.driver is not None
+    assert sensors.scan is not None
+    start, points = _route(room.driver, seed)
+    driver = msgspec.structs.replace(room.driver, points=points, laps=1000)
+    scenario = place.scenario.changed(
+        seed=seed,
+        simulator=msgspec.structs.replace(room, start=start, driver=driver, doors=(*room.doors, *panels)),
+        max_ticks=(updates - 1) * sensors.scan.every + 1,
+    )
+    run, steps = inputs_of(scenario, "estimator", _SENSED)
+    return Way(scenario, _epochs(run), steps)
+
+
+def _epochs(run: RunMessages) -> list[Epoch]:
+    """Return what was sensed from scan to scan; each twist holds until the next is told, a tick later."""
+    tick_s = run.scenario.tick_s
+    truth = {timed.stamp_ns: timed.message for timed in run.topic("truth/robot")}
+    landmarks = {timed.stamp_ns: timed.message for timed in run.topic("sensors/landmarks")}
+    scanned = {timed.stamp_ns: timed.message for timed in run.topic("sensors/scan")}
+    epochs: list[Epoch] = []
+    twists: list[Twist] = []
+    held: Twist | None = None
+    odometry = run.topic("sensors/odometry")
+    for timed, told in zip(odometry, of_type(odometry, Odometry), strict=True):
+        twists += [held] if held is not None else []
+        held = Twist(told.v, told.w, tick_s)
+        at = timed.stamp_ns
+        if at in scanned:
+            seen = tuple(_seen(scanned[at], landmarks.get(at)))
+            epochs.append(Epoch(at, tuple(twists), seen, _pose(truth[at])))
+            twists = []
+    return epochs
+
+
+def _seen(*messages: Message | None) -> Iterator[LaserScan | LandmarkReadings]:
+    return (message for message in messages if isinstance(message, LaserScan | LandmarkReadings))
+
+
+def _pose(message: Message) -> FloatArray:
+    assert isinstance(message, RobotState)
+    return np.array([message.x, message.y, message.theta])
+
+
+def _route(route: Route, seed: int) -> tuple[tuple[float, float, float], tuple[tuple[float, float], ...]]:
+    """Return a start on the way between two waypoints, and the points from there on, either way round."""
+    rng = generator(seed, "studies", 0, "route")
+    points = list(route.points) if rng.random() < 0.5 else list(route.points)[::-1]
+    first = int(rng.integers(len(points)))
+    points = points[first:] + points[:first]
+    (x1, y1), (x2, y2) = points[-1], points[0]
+    share = rng.uniform(0.2, 0.8)
+    heading = math.atan2(y2 - y1, x2 - x1) + 0.3 * float(rng.standard_normal())
+    start = (x1 + share * (x2 - x1), y1 + share * (y2 - y1), math.remainder(heading, math.tau))
+    return start, tuple(points)
+
+
+def known_start(epochs: Sequence[Epoch], seed: int, sigma_position: float, sigma_heading: float) -> KnownStart:
+    """Return what somebody who measured the first pose by hand would say of it."""
+    off = generator(seed, "studies", 0, "start").standard_normal(3)
+    x, y, theta = (epochs[0].truth + off * [sigma_position, sigma_position, sigma_heading]).tolist()
+    return KnownStart(x=x, y=y, theta=theta, sigma_position=sigma_position, sigma_heading=sigma_heading)
+
+
+def dead_reckoning(epochs: Sequence[Epoch]) -> FloatArray:
+    """Return where odometry alone puts the robot (3, T), from its true start."""
+    poses = [epochs[0].truth]
+    for epoch in epochs[1:]:
+        pose = poses[-1]
+        for control in epoch.controls:
+            if isinstance(control, Moved):
+                pose = compose(pose, np.array(control.displacement))
+            else:
+                pose = compose(pose, arc_displacement(control.v * control.duration, control.w * control.duration))
+        poses.append(pose)
+    return np.stack(poses, axis=1)
+
+
+def follow(way: Way, config: LocalizationConfig, *, shown: bool = False) -> Track:
+    """Return what an estimator, configured so, makes of a way: its estimate at each epoch's scan, and particles."""
+    scenario = way.scenario.changed(estimator=config)
+    topics = ("estimator/state", "estimator/particles") if shown else ("estimator/state",)
+    if way.steps:
+        run = follow_inputs(scenario, "estimator", way.steps, topics)
+    else:
+        log = LogContent(LogRecord(one.topic, one.stamp_ns, encode(one.topic, one.message)) for one in way.records)
+        others: dict[str, Node] = {}
+        if way.maps is not None:
+            others["estimator"] = LocalizationEstimator(config=config, seed=scenario.seed, maps=way.maps, classes={})
+        run = drive(scenario, topics, log, others=others)
+    by_stamp = {timed.stamp_ns: timed.message for timed in run.topic("estimator/state")}
+    estimates = [by_stamp[epoch.stamp_ns] for epoch in way.epochs]
+    poses, sigmas, counts = [], [], []
+    for estimate in estimates:
+        assert isinstance(estimate, Estimate)
+        poses.append((estimate.x, estimate.y, estimate.theta))
+        covariance = np.reshape(estimate.covariance, (3, 3))[:2, :2]
+        sigmas.append(math.sqrt(float(np.linalg.eigvalsh(covariance)[-1])))
+        counts.append(_particles(estimate))
+    clouds = list(_clouds(run, way.epochs)) if shown else []
+    return Track(np.array(poses).T, np.array(sigmas), np.array(counts), clouds)
+
+
+def _particles(estimate: Estimate) -> float:
+    """Return the number of particles: the effective ones over their share of all."""
+    share = estimate.health.figures.n_eff_share if estimate.health else msgspec.UNSET
+    return round(estimate.n_eff / share) if isinstance(share, float) and share > 0.0 else math.nan
+
+
+def _clouds(run: RunMessages, epochs: Sequence[Epoch]) -> Iterator[FloatArray]:
+    """Yield the particles that were shown last at each epoch's scan, (3, M)."""
+    known = run.topic("estimator/particles")
+    stamps = np.array([timed.stamp_ns for timed in known])
+    newest = np.searchsorted(stamps, [epoch.stamp_ns for epoch in epochs], side="right") - 1
+    messages = of_type(known, PosesInFrame)
+    for index in newest.tolist():
+        yield planar_poses(messages[index].poses)
+
+
+def measures(epochs: Sequence[Epoch], poses: FloatArray, *, whole: bool = False) -> dict[str, float | bool]:
+    """Return success, errors, and the update from which on the poses (3, T) were right for ten on end.
+
+    Success is to be right at each of the last ten. Errors are those from convergence on, or, if there is none, or if
+    the ``whole`` is asked for, of all the way.
+    """
+    truth = np.stack([epoch.truth for epoch in epochs], axis=1)
+    distance = np.hypot(*(poses[:2] - truth[:2]))
+    turn = np.abs(wrap_angle(poses[2] - truth[2]))
+    right = (distance < NEAR_M) & (turn < NEAR_RAD)
+    success = bool(right[-LASTING:].all())
+    lasting = np.flatnonzero(np.convolve(right, np.ones(LASTING), "valid") == LASTING)
+    first = int(lasting[0]) if lasting.size and not whole else 0
+    return {
+        "success_percent": success,
+        "position_rmse_m": float(np.sqrt(np.mean(distance[first:] ** 2))),
+        "heading_rmse_rad": float(np.sqrt(np.mean(turn[first:] ** 2))),
+        "updates_to_converge": float(first + 1) if lasting.size and success else math.nan,
+    }
+
+
+def scans(place: World, epochs: Sequence[Epoch]) -> Iterator[tuple[FloatArray, Scan]]:
+    """Yield the scans of a drive, each with the true pose (3,)."""
+    for epoch in epochs:
+        for message in epoch.messages:
+            if isinstance(message, LaserScan):
+                yield epoch.truth, reading_of(message, Scan, range_max=place.range_max)
+
+
+class Drive(NamedTuple):
+    """An imported log as a study takes it; ``starts``: where among its records each epoch's scan is."""
+
+    place: World
+    log: LaserLog
+    epochs: Sequence[Epoch]
+    starts: Sequence[int]
+
+    def stretch(self, seed: int, updates: int) -> Way:
+        """Return so many epochs on end from another place of the log for each seed."""
+        last = len(self.epochs) - updates
+        if last < 0:
+            raise UsageError(f"the log has {len(self.epochs)} scans with a reference; expected {updates} or more")
+        first = int(generator(seed, "studies", 0, "stretch").integers(last + 1))
+        epochs = [self.epochs[first]._replace(controls=()), *self.epochs[first + 1 : first + updates]]
+        records = self.log.records[self.starts[first] : self.starts[first + updates - 1] + 1]
+        return Way(msgspec.structs.replace(self.place.scenario, seed=seed), epochs, (), records)
+
+
+@lru_cache(maxsize=2)
+def played(path: Path, scenario: str = "laser-log", moved_m: float = 0.25, turned_rad: float = 0.2) -> Drive:
+    """Return a log in its own map; of its scans, those that come when the robot has moved or turned so far.
+
+    Raises UsageError where it has no map or no reference.
+    """
+    log = log_named(str(path))
+    facts = log.facts
+    if facts.map is None or facts.range_max is None:
+        raise UsageError(f"{path}: holds no map or no scans; dynpf import carmen|rosbag --map makes such a recording")
+    chosen = (f"estimator.min_travel={moved_m}", f"estimator.min_turn={turned_rad}")
+    resolved = load_scenario(scenario, overrides=chosen, log=facts)
+    assert isinstance(resolved.estimator, LocalizationConfig)
+    maps = open_maps(resolved.map, None, lambda name: facts.files[name.rpartition("/")[2]])
+    epochs: list[Epoch] = []
+    starts: list[int] = []
+    count = UpdateCount(msgspec.structs.replace(resolved.estimator, start=KnownStart()))
+    odometry = taken = np.zeros(3)  # the last pose of odometry, and that of the last epoch
+    for index, one in enumerate(log.records):
+        before = count.updates
+        count.see(one.message)
+        if isinstance(one.message, OdometryPose):
+            odometry = np.array([one.message.x, one.message.y, one.message.theta])
+        if isinstance(one.message, LaserScan) and count.updates > before and one.truth is not None:
+            step = relative(taken, odometry).tolist()
+            controls = (Moved(Displacement(*step), 1.0),) if epochs else ()
+            epochs.append(Epoch(one.stamp_ns, controls, (one.message,), np.array(one.truth)))
+            starts.append(index)
+            taken = odometry
+    return Drive(World(path.stem, resolved, maps, float(facts.range_max)), log, epochs, starts)
