@@ -25,7 +25,6 @@ from dynpf_formats.recording.stream import Described, RecordedSchema, Source, St
 __all__ = ["Examined", "Recorded", "Recording", "Records", "Source", "load", "read_recording"]
 
 _NO_TICK = 2**64 - 1
-_LAST_TICK = _NO_TICK - 1
 
 
 class Recording:
@@ -111,8 +110,6 @@ class Recording:
                 entry = decode_entry(record.payload)
             except msgspec.DecodeError as error:
                 raise CorruptRecordingError(f"{where}: {error}") from error
-            if entry.tick > _LAST_TICK:
-                raise CorruptRecordingError(f"{where}: tick {entry.tick}; expected at most {_LAST_TICK}")
             yield entry
 
     def tick_of(self, record: Recorded) -> int | None:
