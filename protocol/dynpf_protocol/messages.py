@@ -5,12 +5,10 @@ them; types named ``dynpf.*`` are ours. Lengths, ranges and signs are part of th
 """
 
 from enum import IntEnum
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import msgspec
-import numpy as np
 from msgspec import UNSET, Meta, UnsetType
-from numpy.typing import NDArray
 
 from dynpf.portable import atan2, sincos
 
@@ -66,7 +64,6 @@ __all__ = [
     "Vector3",
     "heading",
     "planar_pose",
-    "planar_poses",
     "timestamp",
 ]
 
@@ -609,19 +606,6 @@ def planar_pose(x: float, y: float, theta: float) -> Pose:
     """Return a pose in the plane, heading ``theta`` in radians, as position and quaternion."""
     sine, cosine = sincos(theta / 2)
     return Pose(position=Vector3(x=x, y=y), orientation=Quaternion(z=sine, w=cosine))
-
-
-def planar_poses(poses: NDArray[Any]) -> tuple[Pose, ...]:
-    """Return many poses (3, N) as ``planar_pose`` returns one."""
-    x, y, theta = np.asarray(poses, dtype=np.float64)
-    sines, cosines = sincos(theta / 2)
-    pose, vector, quaternion = Pose, Vector3, Quaternion
-    return tuple(
-        [
-            pose(position=vector(x=east, y=north), orientation=quaternion(z=sine, w=cosine))
-            for east, north, sine, cosine in zip(x.tolist(), y.tolist(), sines.tolist(), cosines.tolist(), strict=True)
-        ]
-    )
 
 
 def heading(orientation: Quaternion) -> float:

@@ -219,7 +219,7 @@ _ROWS = (
         type=messages.PosesInFrame,
         publishers=("estimator",),
         wakes=False,
-        description="At most 200 of the particles, at most five times a second of logical time",
+        description="At most 200 of the particles, to 1 mm and 1 mrad, at most five times a second of logical time",
     ),
     Topic(
         name="estimator/transforms",

@@ -20,12 +20,11 @@ from dynpf_protocol.messages import (
     HostEvent,
     PartEstimate,
     PoseInFrame,
-    PosesInFrame,
     planar_pose,
     timestamp,
 )
 from dynpf_runtime.node import Output, Result, State, Step
-from dynpf_services.estimates import gap_warning, robot_transform
+from dynpf_services.estimates import gap_warning, particles_picture, robot_transform
 from dynpf_services.scenario.context import Context
 from numpy.typing import NDArray
 
@@ -257,9 +256,8 @@ class RearrangementEstimator:
         outputs = [Output("estimator/state", estimate), Output("estimator/pose", pose)]
         if self._shown_ns < 0 or step.stamp_ns - self._shown_ns >= round(self._config.particle_period_s * 1e9):
             self._shown_ns = step.stamp_ns
-            poses = tuple(planar_pose(px, py, self._theta) for px, py in robot.shown.T.tolist())
-            shown = PosesInFrame(timestamp=stamp, frame_id=frames.MAP, poses=poses)
-            outputs.append(Output("estimator/particles", shown))
+            shown = np.vstack((robot.shown, np.full(robot.shown.shape[1], self._theta)))
+            outputs.append(Output("estimator/particles", particles_picture(shown, stamp)))
             outputs.append(Output("estimator/transforms", robot_transform(x, y, self._theta, stamp)))
         return tuple(outputs)
 
