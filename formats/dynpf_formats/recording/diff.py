@@ -1,21 +1,22 @@
 """Compares two recordings and finds the first difference: in which message of which tick, and in which field."""
 
 from collections.abc import Iterator, Mapping
+from functools import cache
 from itertools import zip_longest
 from typing import Any
 
 import msgspec
 from dynpf_protocol.journal import JOURNAL_PREFIX
-from dynpf_protocol.topics import LOG_NODE, NODES, TOPICS
+from dynpf_protocol.topics import LOG_NODE, NODES
 
 from dynpf_formats.recording.digest import Key, Leaf, StateKey, StepKey, StepLine, leaves, states, steps
 from dynpf_formats.recording.reader import Recording
+from dynpf_formats.shipped import known_topics
 
 __all__ = ["Difference", "FirstDifference", "TopicCounts", "diff", "first_field"]
 
 _SHOWN = 80  # characters of a text
 
-_TOPIC_RANK = {topic: rank for rank, topic in enumerate(TOPICS)}
 _LAST = 2**63
 
 _Order = tuple[int, int, int, str, int, str, int, int]
@@ -112,15 +113,32 @@ def _order(ranks: Mapping[str, int], key: Key, a: Leaf | None, b: Leaf | None) -
     tick = min((leaf.tick for leaf in present if leaf.tick >= 0), default=_LAST)
     # Without a journal there are no ticks, and the stamp tells what came first.
     stamp = min(leaf.stamp_ns for leaf in present) if tick == _LAST else 0
-    rank = _TOPIC_RANK.get(key.topic, len(_TOPIC_RANK))
-    return (tick, stamp, ranks.get(key.node, len(ranks)), key.node, rank, key.topic, key.start, key.sequence)
+    return (
+        tick,
+        stamp,
+        ranks.get(key.node, len(ranks)),
+        key.node,
+        _topic_rank(key.topic),
+        key.topic,
+        key.start,
+        key.sequence,
+    )
+
+
+def _topic_rank(topic: str) -> int:
+    return _topic_ranks().get(topic, len(known_topics()))
+
+
+@cache
+def _topic_ranks() -> Mapping[str, int]:
+    return {topic: rank for rank, topic in enumerate(known_topics())}
 
 
 def _state_order(
     ranks: Mapping[str, int], key: StateKey, a: tuple[int, str] | None, b: tuple[int, str] | None
 ) -> _Order:
     tick = min(state[0] for state in (a, b) if state is not None)
-    behind = len(_TOPIC_RANK) + 1  # the node's messages
+    behind = len(known_topics()) + 1  # the node's messages
     return (tick, 0, ranks.get(key.node, len(ranks)), key.node, behind, "", key.start, key.number)
 
 
@@ -215,7 +233,7 @@ def _counts(left: dict[Key, Leaf], right: dict[Key, Leaf], differing: list[Key])
     for column, keys in enumerate((left, right, differing)):
         for key in keys:
             counts.setdefault(key.topic, [0, 0, 0])[column] += 1
-    order = sorted(counts, key=lambda topic: (_TOPIC_RANK.get(topic, len(_TOPIC_RANK)), topic))
+    order = sorted(counts, key=lambda topic: (_topic_rank(topic), topic))
     return {topic: TopicCounts(a=counts[topic][0], b=counts[topic][1], differ=counts[topic][2]) for topic in order}
 
 

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from dynpf_protocol.messages import CapsuleEstimate, CapsuleState
 from dynpf_services.scenario.context import Context
+from dynpf_systems.colon.messages import CapsuleEstimate, CapsuleState
 from dynpf_systems.colon.tube import colon_world
 
 from dynpf.maps.raycast import RayCaster

@@ -7,13 +7,14 @@ import cv2
 import msgspec
 import numpy as np
 from dynpf_protocol.errors import UsageError
-from dynpf_protocol.messages import CompressedImage, Detections, Log, timestamp
+from dynpf_protocol.messages import CompressedImage, Log, timestamp
 from dynpf_runtime.node import Received, Step
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.schema import Scenario
-from dynpf_systems.parts.camera import DrawnDisc, board_discs, encode, render
+from dynpf_systems.parts.camera import CAMERA_FRAME, DrawnDisc, board_discs, encode, render
 from dynpf_systems.parts.camera_model import CameraParams
 from dynpf_systems.parts.config import WorkspaceConfig
+from dynpf_systems.parts.messages import Detections
 from dynpf_systems.parts.simulator import draw_starts
 from dynpf_systems.parts.vision import SUBSAMPLING, VisionNode
 from dynpf_systems.parts.vision_config import VisionConfig
@@ -221,7 +222,7 @@ def frame_errors(node: VisionNode, camera: CameraParams, seed: int, number: int)
 
 def _shown(node: VisionNode, frame: NDArray[np.uint8], camera: CameraParams, number: int) -> tuple[Detections, str]:
     """Return what the node makes of a frame, and what it says."""
-    image = CompressedImage(timestamp=timestamp(0), frame_id="camera", data=encode(frame, camera), format="jpeg")
+    image = CompressedImage(timestamp=timestamp(0), frame_id=CAMERA_FRAME, data=encode(frame, camera), format="jpeg")
     received = Received("camera/image", "simulator", "", number, number, image)
     messages = [output.message for output in node.step(Step(number, number, number, (received,))).outputs]
     detections = next(message for message in messages if isinstance(message, Detections))

@@ -6,9 +6,9 @@ scenario names it, and nothing here knows one.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from dynpf_formats.shipped import load, systems
 from dynpf_protocol.messages import Message
 from dynpf_protocol.topics import Topic
 
@@ -16,10 +16,7 @@ if TYPE_CHECKING:
     from dynpf_services.scenario.context import Context
     from dynpf_services.scenario.schema import Scenario
 
-__all__ = ["FactKind", "NodeKind", "Take", "fact_kind", "fact_names", "load", "node_kind", "node_kinds", "section_of"]
-
-SYSTEMS = "dynpf_systems"
-"""The package of the systems: SYSTEMS lists its folders, each with FACTS and KINDS, both by import strings."""
+__all__ = ["FactKind", "NodeKind", "Take", "fact_kind", "fact_names", "node_kind", "node_kinds", "section_of"]
 
 Take = Callable[[str, str], bytes]
 """Gives a file: called with the path that the scenario names, and with the file's name seen from that path's folder."""
@@ -65,13 +62,13 @@ class FactKind(NamedTuple):
 
 def fact_names() -> Sequence[str]:
     """Return the keys of the tables that nodes share."""
-    return [name for system in _systems() for name in system.FACTS]
+    return [name for system in systems() for name in system.FACTS]
 
 
 @cache
 def fact_kind(name: str) -> FactKind:
     """Return what a shared table is, by its key; raises KeyError."""
-    found: FactKind = load(next(system.FACTS[name] for system in _systems() if name in system.FACTS))
+    found: FactKind = load(next(system.FACTS[name] for system in systems() if name in system.FACTS))
     return found
 
 
@@ -82,7 +79,7 @@ def node_kinds(section: str | None) -> Mapping[str, str]:
     under the name "".
     """
     found: dict[str, str] = {}
-    listed = [(where, name, text) for system in _systems() for (where, name), text in system.KINDS.items()]
+    listed = [(where, name, text) for system in systems() for (where, name), text in system.KINDS.items()]
     names = [name for _, name, _ in listed]
     for where, name, text in listed:
         if section is None:
@@ -99,18 +96,7 @@ def node_kind(text: str) -> NodeKind:
     return found
 
 
-def load(text: str) -> Any:
-    """Return what an import string of ours stands for: ``package.module:name``."""
-    module, _, name = text.partition(":")
-    return getattr(import_module(module), name)
-
-
 def section_of(text: str) -> str:
     """Return the section to which a kind of node belongs, by its import string; "" for a kind of the user's."""
-    found = ((section, known) for system in _systems() for (section, _), known in system.KINDS.items())
+    found = ((section, known) for system in systems() for (section, _), known in system.KINDS.items())
     return next((section for section, known in found if known == text), "")
-
-
-@cache
-def _systems() -> tuple[Any, ...]:
-    return tuple(import_module(f"{SYSTEMS}.{name}") for name in import_module(SYSTEMS).SYSTEMS)

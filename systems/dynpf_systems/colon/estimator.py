@@ -5,21 +5,7 @@ from typing import Any
 
 import numpy as np
 from dynpf_protocol import frames
-from dynpf_protocol.messages import (
-    CapsuleEstimate,
-    CapsuleMove,
-    CapsuleReading,
-    Color,
-    HostEvent,
-    Log,
-    LogLevel,
-    MapProbability,
-    MovedWall,
-    PoseInFrame,
-    PosesInFrame,
-    SceneUpdate,
-    timestamp,
-)
+from dynpf_protocol.messages import Color, HostEvent, Log, LogLevel, PoseInFrame, PosesInFrame, SceneUpdate, timestamp
 from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.estimates import gap_warning, particles_picture, robot_transform
 from dynpf_services.scenario.context import Context
@@ -32,6 +18,7 @@ from dynpf.motion.capsule import CapsuleMotion
 from dynpf.rng import Stream
 from dynpf_systems.colon.config import CapsuleEstimatorConfig
 from dynpf_systems.colon.filters import Located, capsule_filter
+from dynpf_systems.colon.messages import CapsuleEstimate, CapsuleMove, CapsuleReading, MapProbability, MovedWall
 from dynpf_systems.colon.scene import M_PER_PX, arrow_entity, drawn_pose, tube_entity, walls_entity
 from dynpf_systems.colon.tube import ColonWorld, colon_world
 

@@ -1,6 +1,8 @@
-"""PARTS: a robot brings parts to their goals under an overhead camera; kinds of nodes and tables by import string."""
+"""PARTS: a robot brings parts to their goals under an overhead camera; all that it brings by import string."""
 
 FACTS = {"task": "dynpf_systems.parts.nodes:TASK"}
+
+TOPICS = "dynpf_systems.parts.topics:TOPICS"
 
 KINDS = {
     ("simulator", "workspace"): "dynpf_systems.parts.nodes:WORKSPACE",

@@ -1,6 +1,8 @@
-"""Robots in rooms, simulated or logged, located in a map; kinds of nodes and tables by import string."""
+"""Robots in rooms, simulated or logged, located in a map; all that it brings by import string."""
 
 FACTS = {"map": "dynpf_systems.rooms.nodes:MAP", "landmarks": "dynpf_systems.rooms.nodes:LANDMARKS"}
+
+TOPICS = "dynpf_systems.rooms.topics:TOPICS"
 
 KINDS = {
     ("simulator", "room"): "dynpf_systems.rooms.nodes:ROOM",

@@ -1,18 +1,21 @@
-"""The topic table is whole: every row names known nodes, says what it is for, and has a type with a schema."""
+"""The topic tables are whole: every row names known nodes, says what it is for, and has a type with a schema."""
 
 import pytest
+from dynpf_formats.shipped import known_topics
 from dynpf_protocol.journal import JOURNAL_PREFIX
 from dynpf_protocol.messages import Message
-from dynpf_protocol.topics import HOST_NODES, LOG_NODE, NODES, TOPICS, Delivery, Topic, topic
+from dynpf_protocol.topics import HOST_NODES, LOG_NODE, NODES, Delivery, Topic, topic
 
 from tests.unit.protocol.built_messages import plainest
+
+TOPICS = known_topics()
 
 rows = pytest.mark.parametrize("row", TOPICS.values(), ids=TOPICS)
 
 
 @rows
 def test_a_row_is_whole(row: Topic) -> None:
-    assert topic(row.name) is row
+    assert topic(row.name, TOPICS) is row
     assert row.publishers
     assert set(row.publishers) <= {*HOST_NODES, "recorder"}
     assert row.description[:1].isupper()

@@ -12,7 +12,7 @@ from dynpf_lab.studies.colon import PRINTED_CASES, STUDIES, change_of
 from dynpf_lab.studies.colon_worlds import Change, Filter, Place, Trial, follow, run, scenario_of
 from dynpf_lab.studies.drive import drive
 from dynpf_lab.studies.study import run_study, settings_from
-from dynpf_protocol.messages import CapsuleEstimate, CapsuleReading, CapsuleState
+from dynpf_systems.colon.messages import CapsuleEstimate, CapsuleReading, CapsuleState
 from PIL import Image
 
 from dynpf.colon.outline import Bulge, Family, tube
