@@ -52,8 +52,8 @@ def robot_transform(x: float, y: float, theta: float, now: Timestamp) -> FrameTr
 def particles_picture(particles: NDArray[Any], now: Timestamp) -> PosesInFrame:
     """Return particles (3, N), at most 200, as they are shown: metres and radians, to 1 mm and 1 mrad.
 
-    Most of a recording is particles, and a third of its size is left for that. Quaternions have four decimals, which
-    turn a heading by less than 0.15 mrad. Zeros are written, too: to a viewer a number that is absent is none.
+    Particles are most of a recording, of which this leaves a third. Quaternions have four decimals, which turn a
+    heading by less than 0.15 mrad. Zeros are written, too: to a viewer a number that is absent is none.
     """
     x, y, theta = _rounded(np.asarray(particles, dtype=np.float64), 1000.0)
     sines, cosines = (_rounded(part, 10_000.0) for part in sincos(theta / 2))
