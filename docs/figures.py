@@ -90,6 +90,7 @@ def _draw_rearrangement(axes: Axes, recording: Recording) -> None:
     axes.add_patch(Rectangle((-task.width / 2, -task.height / 2), task.width, task.height, fill=False, lw=1.5))
     truth, robot = _series(recording, "truth/parts").messages, _series(recording, "truth/robot").messages
     estimates = _series(recording, "estimator/state").messages
+    located = _series(recording, "estimator/parts").messages
     true = np.array([(one.x, one.y) for one in robot])
     axes.plot(*true.T, color=TRUE, lw=2.4, alpha=0.35, label="robot, true path")
     axes.plot(*np.array([(one.x, one.y) for one in estimates]).T, color=ESTIMATED, lw=0.7, label="estimated path")
@@ -97,7 +98,7 @@ def _draw_rearrangement(axes: Axes, recording: Recording) -> None:
     axes.annotate("robot", true[0], ha="center", va="center", fontsize=7)
     for number, (part, colour) in enumerate(zip(task.parts, PARTS, strict=False)):
         path = np.array([(state.parts[number].x, state.parts[number].y) for state in truth])
-        estimated = np.array([(one.parts[number].x, one.parts[number].y) for one in estimates])
+        estimated = np.array([(one.parts[number].x, one.parts[number].y) for one in located])
         axes.add_patch(Circle(part.goal, part.radius, facecolor=colour, alpha=0.35))
         axes.add_patch(Circle((path[-1][0], path[-1][1]), part.radius, fill=False, color=colour, lw=1.6))
         axes.add_patch(Circle((path[0][0], path[0][1]), part.radius, fill=False, color=colour, lw=1.2, ls="--"))
@@ -150,7 +151,7 @@ def _legend(axes: Axes, columns: int) -> None:
 def _series(recording: Recording, topic: str) -> Series:
     records = list(recording.messages(topic))
     stamps = np.array([record.stamp_ns * 1e-9 for record in records])
-    return Series(stamps, [decode(topic, record.payload) for record in records])
+    return Series(stamps, [decode(topic, record.payload, recording.topics) for record in records])
 
 
 def _scenario(recording: Recording) -> Scenario:

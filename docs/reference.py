@@ -8,14 +8,15 @@ import inspect
 import io
 import textwrap
 import tokenize
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import msgspec
+from dynpf_formats.shipped import known_topics, load, systems
 from dynpf_protocol.journal import JournalEntry
 from dynpf_protocol.messages import LogLevel
-from dynpf_protocol.topics import TOPICS, Delivery
+from dynpf_protocol.topics import TOPICS, Delivery, Topic
 from dynpf_services.scenario.kinds import fact_kind, fact_names
 from dynpf_services.scenario.schema import RunTable
 from dynpf_services.scenario.user_component import UserComponent
@@ -192,23 +193,11 @@ Structs = dict[str, types.StructType]
 
 def topics() -> str:
     """Return the reference of topics and messages."""
-    lines = [
-        TOPICS_HEAD,
-        *_table(
-            ("Topic", "Type", "From", "Wakes", "Delivery", "Compared", "What it is"),
-            (
-                (
-                    f"`{row.name}`",
-                    f"[{row.type.schema_name}](#{_anchor(row.type.schema_name)})",
-                    ", ".join(row.publishers),
-                    "yes" if row.wakes else "no",
-                    "fresh" if row.delivery is Delivery.FRESH else "reliable",
-                    "yes" if row.compared else "no",
-                    row.description,
-                )
-                for row in TOPICS.values()
-            ),
-        ),
+    lines = [TOPICS_HEAD, "## Topics that any robot may have", "", *_rows(TOPICS.values())]
+    for system in systems():
+        about = (system.__doc__ or "").partition(";")[0]
+        lines += ["", f"## {about}", "", *_rows(load(system.TOPICS))]
+    lines += [
         "",
         "A recording holds besides, for each node, the topic `journal/NODE` of type",
         f"[{JournalEntry.schema_name}](#{_anchor(JournalEntry.schema_name)}).",
@@ -217,7 +206,8 @@ def topics() -> str:
         "",
         "Types named `foxglove.` have the shape of Foxglove's own schemas.",
     ]
-    named = {row.type.schema_name: row.type for row in TOPICS.values()} | {JournalEntry.schema_name: JournalEntry}
+    named: dict[str, type] = {row.type.schema_name: row.type for row in known_topics().values()}
+    named[JournalEntry.schema_name] = JournalEntry
     pieces: Structs = {}
     for name, kind in sorted(named.items()):
         info = _struct(kind)
@@ -228,6 +218,23 @@ def topics() -> str:
         lines += ["", f"### {name}", "", *_described(info, pieces)]
     lines += ["", f"Log levels: {', '.join(f'{level.value} {level.name.lower()}' for level in LogLevel)}.", ""]
     return "\n".join(lines)
+
+
+def _rows(topics: Iterable[Topic]) -> Iterator[str]:
+    """Yield the table of topics."""
+    rows = (
+        (
+            f"`{row.name}`",
+            f"[{row.type.schema_name}](#{_anchor(row.type.schema_name)})",
+            ", ".join(row.publishers),
+            "yes" if row.wakes else "no",
+            "fresh" if row.delivery is Delivery.FRESH else "reliable",
+            "yes" if row.compared else "no",
+            row.description,
+        )
+        for row in topics
+    )
+    yield from _table(("Topic", "Type", "From", "Wakes", "Delivery", "Compared", "What it is"), rows)
 
 
 def scenarios() -> str:

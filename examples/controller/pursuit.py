@@ -32,11 +32,11 @@ class Pursuit(Node, frozen=True, kw_only=True):
         if estimate is None:
             return state, ()
         if state.passed == len(self.points):
-            return state, [Command(mode="drive", finished=True)]
+            return state, [Command(finished=True)]
         x, y = self.points[state.passed]
         ahead = hypot(x - estimate.x, y - estimate.y)
         if ahead < self.reached:
-            return state._replace(passed=state.passed + 1), [Command(mode="drive", vx=self.speed)]
+            return state._replace(passed=state.passed + 1), [Command(vx=self.speed)]
         aside = atan2(y - estimate.y, x - estimate.x) - estimate.theta
         turn = 2.0 * self.speed * sin(math.remainder(aside, math.tau)) / ahead
-        return state, [Command(mode="drive", vx=self.speed, w=max(-1.0, min(turn, 1.0)))]
+        return state, [Command(vx=self.speed, w=max(-1.0, min(turn, 1.0)))]

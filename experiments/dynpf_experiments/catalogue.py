@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dynpf_formats.shipped import load, systems
 from dynpf_formats.user_classes import UserClass
 from dynpf_protocol.errors import UsageError
-from dynpf_services.scenario.kinds import load, systems
 from dynpf_services.scenario.user_code import add_folders, find_value
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import Recording
+from dynpf_formats.shipped import load, systems
 from dynpf_protocol.messages import Message
 from dynpf_services.scenario.build import plan_of
-from dynpf_services.scenario.kinds import load, systems
 from dynpf_services.scenario.load import override_resolved
 from dynpf_services.scenario.schema import Scenario
 

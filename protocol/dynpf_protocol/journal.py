@@ -15,29 +15,32 @@ JOURNAL_PREFIX = "journal/"
 """The journal of node NAME is recorded on topic journal/NAME."""
 
 
+Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+
+
 class Consumed(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Reference to one input message."""
 
     node: str
     boot: str
     topic: str
-    sequence: Annotated[int, Meta(ge=0)]
+    sequence: Count
 
 
 class Produced(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Reference to one output message of the step's own node and boot."""
 
     topic: str
-    sequence: Annotated[int, Meta(ge=0)]
+    sequence: Count
 
 
 class JournalEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One step. ``state`` is the SHA-256 of the node's state after it, or "" where none was taken."""
 
     schema_name: ClassVar[str] = "dynpf.JournalEntry"
-    step: Annotated[int, Meta(ge=0)]
-    tick: Annotated[int, Meta(ge=0)]
-    stamp_ns: Annotated[int, Meta(ge=0)]
+    step: Count
+    tick: Count
+    stamp_ns: Count
     consumed: tuple[Consumed, ...]
     produced: tuple[Produced, ...]
     last: bool = False

@@ -1,6 +1,7 @@
 """The topic table: what travels, who writes it, who it wakes, how it is delivered, and what is kept of it.
 
-Host, recorder, replay, documentation and tests all read this one table.
+Here are the topics that any robot may have. Each system has a table of its own beside its nodes, and a user's node has
+its own; the table of a run is made of what its nodes write.
 """
 
 from collections.abc import Mapping
@@ -86,37 +87,10 @@ _ROWS = (
         description="Reference pose of an imported log; rides along with the next sensor record and wakes nobody",
     ),
     Topic(
-        name="camera/image",
-        type=messages.CompressedImage,
-        publishers=("simulator",),
-        delivery=Delivery.FRESH,
-        description="Frame of the overhead camera",
-    ),
-    Topic(
         name="truth/robot",
         type=messages.RobotState,
         publishers=("simulator",),
         description="True pose and twist of the robot",
-    ),
-    Topic(
-        name="truth/parts",
-        type=messages.PartsState,
-        publishers=("simulator",),
-        wakes=False,
-        description="True positions of the parts, what is held, contacts so far",
-    ),
-    Topic(
-        name="truth/capsule",
-        type=messages.CapsuleState,
-        publishers=("simulator",),
-        description="True pose of the capsule in pixels of its map, and the name of the map that holds",
-    ),
-    Topic(
-        name="truth/obstacles",
-        type=messages.Obstacles,
-        publishers=("simulator",),
-        wakes=False,
-        description="People about and doors that are closed, in a room that has any",
     ),
     Topic(
         name="truth/scene",
@@ -124,18 +98,6 @@ _ROWS = (
         publishers=("simulator",),
         wakes=False,
         description="The true world as shapes, for looking at: at most five times a second",
-    ),
-    Topic(
-        name="vision/detections",
-        type=messages.Detections,
-        publishers=("vision",),
-        description="Discs that the camera chain found, in workspace coordinates",
-    ),
-    Topic(
-        name="sensors/overhead",
-        type=messages.Detections,
-        publishers=("sensors",),
-        description="Discs as a noisy overhead tracker gives them, for runs without camera frames",
     ),
     Topic(
         name="sensors/odometry",
@@ -175,30 +137,10 @@ _ROWS = (
         description="Measured position of the robot in the map",
     ),
     Topic(
-        name="sensors/capsule",
-        type=messages.CapsuleReading,
-        publishers=("sensors",),
-        description="The capsule's last motion, as it was told to make it, and its five ranges",
-    ),
-    Topic(
-        name="sensors/gripper",
-        type=messages.Gripper,
-        publishers=("sensors",),
-        wakes=False,
-        description="Gripper contact switch and angle encoder",
-    ),
-    Topic(
         name="estimator/state",
         type=messages.Estimate,
         publishers=("estimator",),
-        description="Estimate of the robot's pose, with covariance and effective sample size, and of the parts",
-    ),
-    Topic(
-        name="estimator/capsule",
-        type=messages.CapsuleEstimate,
-        publishers=("estimator",),
-        wakes=False,
-        description="Estimate of the capsule's pose in pixels, posterior over maps, and what has changed in them",
+        description="Estimate of the robot's pose, with covariance, effective sample size and health",
     ),
     Topic(
         name="estimator/pose",
@@ -219,7 +161,7 @@ _ROWS = (
         type=messages.PosesInFrame,
         publishers=("estimator",),
         wakes=False,
-        description="At most 200 of the particles, at most five times a second of logical time",
+        description="At most 200 of the particles, to 1 mm and 1 mrad, at most five times a second of logical time",
     ),
     Topic(
         name="estimator/transforms",
@@ -233,14 +175,14 @@ _ROWS = (
         type=messages.SceneUpdate,
         publishers=("estimator",),
         wakes=False,
-        description="Landmarks or tube, and the estimated robot, as shapes for looking at: at most once a second",
+        description="The map and the estimated robot, as shapes for looking at: at most once a second",
     ),
     Topic(
         name="controller/command",
         type=messages.Command,
         publishers=("controller",),
         wakes=False,
-        description="Velocity, turning rate and grip commanded to the robot",
+        description="Velocity and turning rate commanded to the robot",
     ),
     *(
         Topic(

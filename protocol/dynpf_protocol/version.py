@@ -2,8 +2,8 @@
 
 __all__ = ["READABLE_VERSIONS", "SCHEMA_VERSION"]
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 """What this protocol writes."""
 
-READABLE_VERSIONS = (1,)
+READABLE_VERSIONS = (2,)
 """What this protocol still reads; any other is refused, naming the version of dynpf that wrote it."""

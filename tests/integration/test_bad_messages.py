@@ -4,10 +4,11 @@ import json
 
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import read_recording
+from dynpf_formats.shipped import known_topics
 from dynpf_protocol.codec import encode
 from dynpf_protocol.envelope import Envelope, encode_envelope
-from dynpf_protocol.messages import Detections
 from dynpf_runtime.bus.session import BEAT, CONTROL, DATA, TICK
+from dynpf_systems.parts.messages import Detections
 
 from tests.integration.processes import watch_run
 
@@ -21,7 +22,7 @@ def test_what_a_stranger_publishes_is_refused_and_changes_nothing(tmp_path, dynp
     with watch_run(tmp_path, run) as watched:
         watched.await_ticks(30)
         boot = watched.boot("sensors")
-        good = encode(TOPIC, Detections(discs=()))
+        good = encode(TOPIC, Detections(discs=()), known_topics())
 
         def put(topic, payload, node="", boot="", sequence=0):
             place = Envelope(node, boot, sequence, 1, 0, 0) if node else None

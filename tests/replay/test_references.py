@@ -54,7 +54,7 @@ def test_there_is_no_recording_that_the_table_does_not_tell_of():
 
 def test_rearrangement_grips_a_part_and_moves_it():
     recording = read_recording(recording_file(CHECKOUT, TABLE["rearrangement"]))
-    states = [decode("truth/parts", one.payload) for one in recording.messages("truth/parts")]
+    states = [decode("truth/parts", one.payload, recording.topics) for one in recording.messages("truth/parts")]
     held = [state.parts[state.held] for state in states if state.held >= 0]
     assert np.hypot(held[0].x - held[-1].x, held[0].y - held[-1].y) > 0.1
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import Recording, read_recording
+from dynpf_formats.shipped import known_topics
 from dynpf_protocol.codec import decode, encode
 from dynpf_protocol.messages import Message
 from dynpf_runtime import executor
@@ -65,7 +66,10 @@ def test_a_run_without_a_sink_has_the_messages_of_the_recording_and_encodes_none
         if not scenario(name).faults:  # a gap is told by its host, as on the bus
             patched.setattr(executor, "encode", lambda *_: pytest.fail("a message was encoded"))
         assert run_inline(plan_of(scenario(name)), [], observe=observed.append) == TICKS[name]
-    sent = [(one.node, one.topic, one.sequence, one.stamp_ns, encode(one.topic, one.message)) for one in observed]
+    sent = [
+        (one.node, one.topic, one.sequence, one.stamp_ns, encode(one.topic, one.message, known_topics()))
+        for one in observed
+    ]
     recorded = [(one.node, one.topic, one.sequence, one.stamp_ns, one.payload) for one in recordings[name].messages()]
     assert sorted(sent) == sorted(recorded)
     assert observed
@@ -87,7 +91,7 @@ def steps(recording: Recording, node: str) -> Iterator[Step]:
         for one in entry.consumed:
             record = recording.find(one.node, one.boot, one.topic, one.sequence)
             assert record is not None
-            message: Message = decode(one.topic, record.payload)
+            message: Message = decode(one.topic, record.payload, known_topics())
             inputs.append(Received(one.topic, one.node, one.boot, one.sequence, record.stamp_ns, message))
         yield Step(entry.step, entry.tick, entry.stamp_ns, tuple(inputs))
 

@@ -1,21 +1,22 @@
 """Compares two recordings and finds the first difference: in which message of which tick, and in which field."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from functools import cache
 from itertools import zip_longest
 from typing import Any
 
 import msgspec
 from dynpf_protocol.journal import JOURNAL_PREFIX
-from dynpf_protocol.topics import LOG_NODE, NODES, TOPICS
+from dynpf_protocol.topics import LOG_NODE, NODES
 
-from dynpf_formats.recording.digest import Key, Leaf, StateKey, leaves, starts, states
+from dynpf_formats.recording.digest import Key, Leaf, StateKey, StepKey, StepLine, leaves, states, steps
 from dynpf_formats.recording.reader import Recording
+from dynpf_formats.shipped import known_topics
 
 __all__ = ["Difference", "FirstDifference", "TopicCounts", "diff", "first_field"]
 
 _SHOWN = 80  # characters of a text
 
-_TOPIC_RANK = {topic: rank for rank, topic in enumerate(TOPICS)}
 _LAST = 2**63
 
 _Order = tuple[int, int, int, str, int, str, int, int]
@@ -25,8 +26,8 @@ class FirstDifference(msgspec.Struct, frozen=True, kw_only=True):
     """The first message, or state, that differs.
 
     ``field`` is the path inside the message, such as ``pose.x``; or ``tick``, ``stamp_ns``, ``state``, ``message``
-    (one side lacks it), ``consumed[i]`` (the step took another input in that place) or ``payload`` (other bytes, the
-    same values). ``tick`` is None where no journal tells it.
+    (one side lacks it), ``consumed[i]`` or ``produced[i]`` (the step took or made another message in that place) or
+    ``payload`` (other bytes, the same values). ``tick`` is None where no journal tells it.
     """
 
     node: str
@@ -58,8 +59,8 @@ def diff(a: Recording, b: Recording) -> Difference:
     """Compare what counts as the same run.
 
     The first difference is the first by tick, then in the order of the nodes in a tick, then of the topic table, then
-    by sequence. Two recordings are the same exactly if their content digests are and their nodes consumed the same
-    messages in the same order.
+    by sequence; steps that differ though all messages and states are the same come last. Two recordings are the same
+    exactly if their content digests are.
     """
     left, right = leaves(a), leaves(b)
     ranks = _node_ranks(a, b)
@@ -77,7 +78,7 @@ def diff(a: Recording, b: Recording) -> Difference:
             first = _state_difference(key, left_states.get(key), right_states.get(key))
         else:
             first = _message_difference(key, left.get(key), right.get(key))
-    first = first or _consumed_difference(ranks, a, b)
+    first = first or _step_difference(ranks, steps(a), steps(b))
     return Difference(same=first is None, first=first, counts=_counts(left, right, keys))
 
 
@@ -112,15 +113,32 @@ def _order(ranks: Mapping[str, int], key: Key, a: Leaf | None, b: Leaf | None) -
     tick = min((leaf.tick for leaf in present if leaf.tick >= 0), default=_LAST)
     # Without a journal there are no ticks, and the stamp tells what came first.
     stamp = min(leaf.stamp_ns for leaf in present) if tick == _LAST else 0
-    rank = _TOPIC_RANK.get(key.topic, len(_TOPIC_RANK))
-    return (tick, stamp, ranks.get(key.node, len(ranks)), key.node, rank, key.topic, key.start, key.sequence)
+    return (
+        tick,
+        stamp,
+        ranks.get(key.node, len(ranks)),
+        key.node,
+        _topic_rank(key.topic),
+        key.topic,
+        key.start,
+        key.sequence,
+    )
+
+
+def _topic_rank(topic: str) -> int:
+    return _topic_ranks().get(topic, len(known_topics()))
+
+
+@cache
+def _topic_ranks() -> Mapping[str, int]:
+    return {topic: rank for rank, topic in enumerate(known_topics())}
 
 
 def _state_order(
     ranks: Mapping[str, int], key: StateKey, a: tuple[int, str] | None, b: tuple[int, str] | None
 ) -> _Order:
     tick = min(state[0] for state in (a, b) if state is not None)
-    behind = len(_TOPIC_RANK) + 1  # the node's messages
+    behind = len(known_topics()) + 1  # the node's messages
     return (tick, 0, ranks.get(key.node, len(ranks)), key.node, behind, "", key.start, key.number)
 
 
@@ -163,38 +181,51 @@ def _state_difference(key: StateKey, a: tuple[int, str] | None, b: tuple[int, st
     )
 
 
-def _consumed_difference(ranks: Mapping[str, int], a: Recording, b: Recording) -> FirstDifference | None:
-    """Find the first step that took other inputs, or the same in another order, though all messages are the same."""
-    left, right = _consumed(a), _consumed(b)
-    differing = [key for key in left.keys() | right.keys() if left.get(key) != right.get(key)]
-    if not differing:
+def _step_difference(
+    ranks: Mapping[str, int], left: Mapping[StepKey, StepLine], right: Mapping[StepKey, StepLine]
+) -> FirstDifference | None:
+    """Find the first step that took or made other messages, or the same in another order."""
+    pairs = {key: (left.get(key), right.get(key)) for key in {**left, **right} if left.get(key) != right.get(key)}
+    if not pairs:
         return None
-    key = min(differing, key=lambda key: (key[0], ranks.get(key[1], len(ranks)), key))
-    pairs = list(zip_longest(left.get(key, ()), right.get(key, ())))
-    place = next((place for place, pair in enumerate(pairs) if pair[0] != pair[1]), 0)
-    before, after = pairs[place] if pairs else (None, None)
-    tick, node, _, step = key
+
+    def order(key: StepKey) -> tuple[Any, ...]:
+        return min(step.tick for step in pairs[key] if step is not None), ranks.get(key.node, len(ranks)), key
+
+    key = min(pairs, key=order)
+    before, after = pairs[key]
+    if before is None or after is None:
+        field, one, other = "step", _presence(before), _presence(after)
+    else:
+        field, one, other = next(_step_fields(before, after))
     return FirstDifference(
-        node=node,
-        topic=JOURNAL_PREFIX + node,
-        tick=tick,
-        sequence=step,
-        field=f"consumed[{place}]",
-        a=before,
-        b=after,
+        node=key.node,
+        topic=JOURNAL_PREFIX + key.node,
+        tick=order(key)[0],
+        sequence=key.number,
+        field=field,
+        a=one,
+        b=other,
     )
 
 
-def _consumed(recording: Recording) -> dict[tuple[int, str, int, int], tuple[str, ...]]:
-    """Return, by (tick, node, start, step), the inputs of every step in order, in words and without boots."""
-    numbers = starts(recording)
-    return {
-        (entry.tick, node, numbers[node, boot], entry.step): tuple(
-            f"{one.topic} {one.sequence} of {one.node}" for one in entry.consumed
-        )
-        for node, boot in recording.journals()
-        for entry in recording.journal(node, boot)
-    }
+def _step_fields(a: StepLine, b: StepLine) -> Iterator[tuple[str, Any, Any]]:
+    """Yield the fields in which two steps differ, each with both values; messages in words."""
+    for name in ("consumed", "produced"):
+        pairs = zip_longest(getattr(a, name), getattr(b, name))
+        for place, (one, other) in enumerate(pairs):
+            if one != other:
+                yield f"{name}[{place}]", _worded(one), _worded(other)
+    for name in ("step", "tick", "stamp_ns", "state"):
+        if getattr(a, name) != getattr(b, name):
+            yield name, getattr(a, name), getattr(b, name)
+
+
+def _worded(reference: tuple[Any, ...] | None) -> str | None:
+    if reference is None:
+        return None
+    *node, topic, sequence = reference
+    return f"{topic} {sequence}" + (f" of {node[0]}" if node else "")
 
 
 def _counts(left: dict[Key, Leaf], right: dict[Key, Leaf], differing: list[Key]) -> dict[str, TopicCounts]:
@@ -202,7 +233,7 @@ def _counts(left: dict[Key, Leaf], right: dict[Key, Leaf], differing: list[Key])
     for column, keys in enumerate((left, right, differing)):
         for key in keys:
             counts.setdefault(key.topic, [0, 0, 0])[column] += 1
-    order = sorted(counts, key=lambda topic: (_TOPIC_RANK.get(topic, len(_TOPIC_RANK)), topic))
+    order = sorted(counts, key=lambda topic: (_topic_rank(topic), topic))
     return {topic: TopicCounts(a=counts[topic][0], b=counts[topic][1], differ=counts[topic][2]) for topic in order}
 
 
@@ -252,8 +283,8 @@ def _summary(value: Any) -> Any:
     return _excerpt(value, 0) if isinstance(value, str) else value
 
 
-def _presence(leaf: Leaf | None) -> str:
-    return "missing" if leaf is None else "present"
+def _presence(side: Leaf | StepLine | None) -> str:
+    return "missing" if side is None else "present"
 
 
 def _tick(leaf: Leaf) -> int | None:

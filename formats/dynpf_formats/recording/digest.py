@@ -1,23 +1,37 @@
-"""What counts as "the same run", as data: the compared messages and the states of the nodes, and a digest over them.
+"""What counts as "the same run", as data: the compared messages and the journals, and a digest over them.
 
-Compared, per node and topic, by sequence: payload bytes, tick and logical stamp; and the state digests of the journals.
-Left out: boots (a node's starts are numbered in their order), publish times, topics that are not compared, the layout
-of file and journal.
+Compared are, for each node, topic and start of the node, the messages by sequence: payload bytes and logical stamp; and
+of each journal the steps: tick, stamp, what was consumed and produced, and the digest of the state. A message's tick is
+thus told by the journal alone. Left out are boots (a node's starts are numbered in their order), publish times, topics
+that are not compared, the layout of file and journal.
 """
 
 import hashlib
-from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from bisect import bisect_right
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import msgspec
-from dynpf_protocol.journal import JOURNAL_PREFIX
+from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
 from dynpf_protocol.topics import is_compared
 
-from dynpf_formats.recording.reader import Recorded, Recording, Source
+from dynpf_formats.recording.errors import CorruptRecordingError
+from dynpf_formats.recording.reader import Recorded, Recording
+from dynpf_formats.recording.stream import Source, StreamedMessage, stream
 
-__all__ = ["Key", "Leaf", "StateKey", "content_digest", "leaves", "starts", "states"]
-
-_DIGEST_BYTES = 32
+__all__ = [
+    "Chains",
+    "Key",
+    "Leaf",
+    "StateKey",
+    "StepKey",
+    "StepLine",
+    "content_digest",
+    "leaves",
+    "starts",
+    "states",
+    "steps",
+]
 
 
 class Key(NamedTuple):
@@ -46,22 +60,132 @@ class StateKey(NamedTuple):
     number: int
 
 
+class StepKey(NamedTuple):
+    """Which step: the ``number``-th entry in the journal of a node's start."""
+
+    node: str
+    start: int
+    number: int
+
+
+class StepLine(NamedTuple):
+    """What is compared of a step: messages without boots, and of those that it produced the compared ones."""
+
+    step: int
+    tick: int
+    stamp_ns: int
+    consumed: tuple[tuple[str, str, int], ...]  # node, topic, sequence
+    produced: tuple[tuple[str, int], ...]  # topic, sequence
+    state: str
+
+
+class _Chain:
+    """The running digest of one source, and how far its sequence has come."""
+
+    __slots__ = ("count", "digest", "expected", "missing")
+
+    def __init__(self) -> None:
+        self.digest = hashlib.sha256()
+        self.count = 0
+        self.expected = 0
+        self.missing: list[tuple[int, int]] = []  # (first, last) sequence numbers, in order
+
+    def passed(self, sequence: int) -> bool:
+        """Return whether a message with this number, lower than the expected one, has come before."""
+        before = bisect_right(self.missing, sequence, key=lambda gap: gap[0])
+        return before == 0 or self.missing[before - 1][1] < sequence
+
+    def add(self, sequence: int, line: tuple[Any, ...]) -> None:
+        if sequence > self.expected:
+            self.missing.append((self.expected, sequence - 1))
+        self.expected = sequence + 1
+        self.count += 1
+        self.digest.update(_line(line))
+
+
+class Chains:
+    """The content digest of a recording while its messages come one by one.
+
+    Of each source it keeps a running SHA-256, the expected sequence number and the ranges that are missing. It takes
+    the messages of a source by sequence; of those with the same number the first counts. A source with a message that
+    comes behind a later one is ``disordered``, and has to be told ``again``, sorted.
+    """
+
+    def __init__(self) -> None:
+        self._chains: dict[Source, _Chain] = {}
+        self._starts: dict[str, dict[str, int]] = {}  # node -> boot -> number, in the order in which they appear
+        self.disordered: set[Source] = set()
+
+    def add(self, source: Source, sequence: int, stamp_ns: int, payload: bytes) -> None:
+        """Take the next message, or entry of a journal; raises msgspec.DecodeError for what should be an entry."""
+        chain = self._chains.get(source)
+        if chain is None:
+            boots = self._starts.setdefault(source.node, {})
+            boots.setdefault(source.boot, len(boots))
+            chain = self._chains[source] = _Chain()
+        if not _is_counted(source):
+            return
+        if sequence < chain.expected:
+            if not chain.passed(sequence):
+                self.disordered.add(source)
+            return
+        if source.topic.startswith(JOURNAL_PREFIX):
+            chain.add(sequence, _step_line(decode_entry(payload)))
+        else:
+            chain.add(sequence, (sequence, stamp_ns, hashlib.sha256(payload).hexdigest()))
+
+    def again(self, source: Source) -> None:
+        """Forget what came of a source, whose messages then have to be added by sequence."""
+        self._chains[source] = _Chain()
+        self.disordered.discard(source)
+
+    def total(self) -> str:
+        """Return the SHA-256, in hexadecimal, over all sources, which are sorted by node, topic and start."""
+        total = hashlib.sha256()
+        lines = [
+            (source.node, source.topic, self._starts[source.node][source.boot], chain.count, chain.digest.hexdigest())
+            for source, chain in self._chains.items()
+            if _is_counted(source)
+        ]
+        for line in sorted(lines):
+            total.update(_line(line))
+        return total.hexdigest()
+
+
 def content_digest(recording: Recording) -> str:
-    """Return the SHA-256, in hexadecimal, over what is compared of a recording."""
-    total = hashlib.sha256()
-    numbers = starts(recording)
-    digests = _payload_digests(recording)  # made in the order of the file, in which chunks are read once
-    for source in sorted(filter(_is_compared, recording.sources), key=lambda source: _order(source, numbers)):
-        start = numbers[source.node, source.boot]
+    """Return the SHA-256, in hexadecimal, over what is compared of a recording.
+
+    The file is read once, in bounded memory. Only the sources whose messages are out of order in it are then read
+    again by sequence, as are all where a channel is described behind its messages.
+    """
+    chains = Chains()
+    for item in stream(recording.path):
+        if not isinstance(item, StreamedMessage):
+            continue
+        if item.source is None:
+            return _sorted_digest(recording)
+        _add(chains, recording, item.source, item)
+    for source in [*chains.disordered]:
+        chains.again(source)
         for record in recording.of(source):
-            digest = digests[_DIGEST_BYTES * record.place : _DIGEST_BYTES * (record.place + 1)].hex()
-            tick = recording.tick_of(record)
-            line = (source.node, source.topic, start, record.sequence, _number(tick), record.stamp_ns, digest)
-            total.update(msgspec.json.encode(line) + b"\n")
-    for node, boot in sorted(recording.journals(), key=lambda start: (start[0], numbers[start])):
-        for state in _states(recording, node, boot, numbers[node, boot]):
-            total.update(msgspec.json.encode(state) + b"\n")
-    return total.hexdigest()
+            _add(chains, recording, source, record)
+    return chains.total()
+
+
+def _sorted_digest(recording: Recording) -> str:
+    chains = Chains()
+    for source in recording.sources:
+        for record in recording.of(source):
+            _add(chains, recording, source, record)
+    return chains.total()
+
+
+def _add(chains: Chains, recording: Recording, source: Source, message: StreamedMessage | Recorded) -> None:
+    try:
+        chains.add(source, message.sequence, message.stamp_ns, message.payload)
+    except msgspec.DecodeError as error:
+        where = f"{recording.path}: journal of {source.node}, entry {message.sequence}"
+        raise CorruptRecordingError(f"{where}: {error}") from error
 
 
 def leaves(recording: Recording) -> dict[Key, Leaf]:
@@ -69,11 +193,12 @@ def leaves(recording: Recording) -> dict[Key, Leaf]:
     numbers = starts(recording)
     found = {}
     for record in recording.messages():
-        if not _is_compared(record.source):
+        if not is_compared(record.topic):
             continue
         key = Key(record.node, record.topic, numbers[record.node, record.boot], record.sequence)
+        tick = recording.tick_of(record)
         found[key] = Leaf(
-            _number(recording.tick_of(record)), record.stamp_ns, hashlib.sha256(record.payload).digest(), record
+            -1 if tick is None else tick, record.stamp_ns, hashlib.sha256(record.payload).digest(), record
         )
     return found
 
@@ -87,28 +212,20 @@ def states(recording: Recording) -> dict[StateKey, tuple[int, str]]:
     return found
 
 
+def steps(recording: Recording) -> dict[StepKey, StepLine]:
+    """Return what is compared of every step."""
+    numbers = starts(recording)
+    return {
+        StepKey(node, numbers[node, boot], number): _step_line(entry)
+        for node, boot in recording.journals()
+        for number, entry in enumerate(recording.journal(node, boot))
+    }
+
+
 def starts(recording: Recording) -> dict[tuple[str, str], int]:
     """Return the place of each boot among the starts of its node."""
     nodes = {source.node for source in recording.sources}
     return {(node, boot): start for node in nodes for start, boot in enumerate(recording.boots(node))}
-
-
-def _is_compared(source: Source) -> bool:
-    return not source.topic.startswith(JOURNAL_PREFIX) and is_compared(source.topic)
-
-
-def _order(source: Source, numbers: Mapping[tuple[str, str], int]) -> tuple[str, str, int]:
-    return source.node, source.topic, numbers[source.node, source.boot]
-
-
-def _payload_digests(recording: Recording) -> bytearray:
-    """Return the SHA-256 of every compared payload, at the message's place in the file."""
-    digests = bytearray(_DIGEST_BYTES * len(recording.records))
-    for record in recording.messages():
-        if _is_compared(record.source):
-            begin = _DIGEST_BYTES * record.place
-            digests[begin : begin + _DIGEST_BYTES] = hashlib.sha256(record.payload).digest()
-    return digests
 
 
 def _states(recording: Recording, node: str, boot: str, start: int) -> Iterator[tuple[StateKey, tuple[int, str]]]:
@@ -120,5 +237,18 @@ def _states(recording: Recording, node: str, boot: str, start: int) -> Iterator[
             number += 1
 
 
-def _number(tick: int | None) -> int:
-    return -1 if tick is None else tick
+def _is_counted(source: Source) -> bool:
+    """Return whether a source is the journal of its node, or compared."""
+    if source.topic.startswith(JOURNAL_PREFIX):
+        return source.topic == JOURNAL_PREFIX + source.node
+    return is_compared(source.topic)
+
+
+def _step_line(entry: JournalEntry) -> StepLine:
+    consumed = tuple([(read.node, read.topic, read.sequence) for read in entry.consumed])
+    produced = tuple([(made.topic, made.sequence) for made in entry.produced if is_compared(made.topic)])
+    return StepLine(entry.step, entry.tick, entry.stamp_ns, consumed, produced, entry.state)
+
+
+def _line(values: tuple[Any, ...]) -> bytes:
+    return msgspec.json.encode(values) + b"\n"

@@ -10,12 +10,13 @@ import msgspec
 from dynpf_protocol.codec import decode
 from dynpf_protocol.errors import BadMessageError, UnknownTopicError
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
-from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, TOPICS
+from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES
 from dynpf_protocol.topics import topic as row_of
 
 from dynpf_formats.recording.code import recorded_code
 from dynpf_formats.recording.errors import RecordingError
 from dynpf_formats.recording.reader import Recording, Source, load
+from dynpf_formats.shipped import known_topics
 from dynpf_formats.user_classes import UserClass
 
 __all__ = ["Diagnosis", "Finding", "Severity", "diagnose", "examine"]
@@ -95,7 +96,7 @@ def _senders(recording: Recording) -> Iterator[Finding]:
 
 def _publishers(recording: Recording) -> dict[str, tuple[str, ...]]:
     """Return who may send on each topic: what the header says of the nodes, and what hosts, recorder and log send."""
-    found = {row.name: row.publishers for row in TOPICS.values()}
+    found = {row.name: row.publishers for row in known_topics().values()}
     if not recording.header.writes:
         return found
     found = {}

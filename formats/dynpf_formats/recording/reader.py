@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import msgspec
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
-from dynpf_protocol.topics import TOPICS, Topic
+from dynpf_protocol.topics import Topic
 from msgspec.structs import replace
 
 from dynpf_formats.recording.errors import CorruptRecordingError, TruncatedRecordingError
@@ -21,11 +21,11 @@ from dynpf_formats.recording.header import Attachment, RunEnd, RunHeader
 from dynpf_formats.recording.index import MessageIndex, Recorded, Records
 from dynpf_formats.recording.mcap_records import Damage, DamageKind, End, Region
 from dynpf_formats.recording.stream import Described, RecordedSchema, Source, StreamedMessage, stream
+from dynpf_formats.shipped import known_topics
 
 __all__ = ["Examined", "Recorded", "Recording", "Records", "Source", "load", "read_recording"]
 
 _NO_TICK = 2**64 - 1
-_LAST_TICK = _NO_TICK - 1
 
 
 class Recording:
@@ -55,10 +55,10 @@ class Recording:
 
     @cached_property
     def topics(self) -> Mapping[str, Topic]:
-        """The topics whose messages are of types that dynpf has: those of the table, and others by their schemas."""
-        known = {row.type.schema_name: row for row in TOPICS.values()}
+        """The topics whose messages are of types that dynpf has: its own, and others by their schemas."""
+        known = {row.type.schema_name: row for row in known_topics().values()}
         others = {name: known[schema.name] for name, schema in self.schemas.items() if schema.name in known}
-        return {**{name: replace(row, name=name) for name, row in others.items()}, **TOPICS}
+        return {**{name: replace(row, name=name) for name, row in others.items()}, **known_topics()}
 
     @property
     def sources(self) -> tuple[Source, ...]:
@@ -111,8 +111,6 @@ class Recording:
                 entry = decode_entry(record.payload)
             except msgspec.DecodeError as error:
                 raise CorruptRecordingError(f"{where}: {error}") from error
-            if entry.tick > _LAST_TICK:
-                raise CorruptRecordingError(f"{where}: tick {entry.tick}; expected at most {_LAST_TICK}")
             yield entry
 
     def tick_of(self, record: Recorded) -> int | None:

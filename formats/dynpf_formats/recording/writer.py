@@ -15,12 +15,13 @@ from dynpf_protocol.errors import BadMessageError
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
 from dynpf_protocol.messages import Gap, Message
 from dynpf_protocol.schemas import json_schema
-from dynpf_protocol.topics import TOPICS, Topic, topic
+from dynpf_protocol.topics import Topic, topic
 from mcap.writer import Writer
 
 from dynpf_formats.recording.errors import RecordingError, RecordingExistsError
 from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, seal
 from dynpf_formats.recording.stream import RecordedSchema
+from dynpf_formats.shipped import known_topics
 
 __all__ = ["CHUNK_BYTES", "FLUSH_NS", "MAX_PAYLOAD", "RecordingWriter"]
 
@@ -109,12 +110,15 @@ class RecordingWriter:
         *,
         overwrite: bool = False,
         boot: str = "recorder",
-        topics: Mapping[str, Topic] = TOPICS,
+        topics: Mapping[str, Topic] | None = None,
         schemas: Mapping[str, RecordedSchema] = {},
     ) -> None:
-        """Take the run's topics; of those whose types are not at hand, the ``schemas`` of another recording of it."""
+        """Take the run's topics, if not those that come with dynpf.
+
+        Of those whose types are not at hand, take the ``schemas`` of another recording of the run.
+        """
         self.path = Path(path)
-        self._topics = topics
+        self._topics = known_topics() if topics is None else topics
         self._boot = boot
         self._tracks: dict[_Source, _Track] = {}
         self._schemas = schemas

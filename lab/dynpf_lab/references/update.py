@@ -131,7 +131,8 @@ def _old(entry: Entry, checkout: Path) -> tuple[Recording | None, str]:
     try:
         old = read_recording(path)
     except DynpfError as error:
-        return None, f"the old one cannot be read: {error}"
+        told = str(error).removeprefix(f"{path}: ")  # the report is the same wherever the checkout lies
+        return None, f"the old one cannot be read: {told}"
     return old, "" if content_digest(old) == entry.made.digest else "the old file is not the one the table tells of"
 
 

@@ -6,14 +6,15 @@ from functools import partial
 from typing import Any
 
 import msgspec
+from dynpf_formats.shipped import known_topics, load
 from dynpf_protocol.errors import ScenarioError
-from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, TOPICS, Topic
+from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, Topic
 from dynpf_runtime.graph import Graph, NodeSpec
 from dynpf_runtime.node import Node
 from dynpf_runtime.plan import Plan
 
 from dynpf_services.scenario.context import Context
-from dynpf_services.scenario.kinds import load, node_kind, section_of
+from dynpf_services.scenario.kinds import node_kind, section_of
 from dynpf_services.scenario.order import in_tick_order
 from dynpf_services.scenario.problems import nearest
 from dynpf_services.scenario.schema import Scenario, key_of, resolved_json
@@ -103,7 +104,7 @@ def _writes(context: Context) -> dict[str, Topic]:
         raise
     except ValueError as error:
         raise ScenarioError(f"{key_of(context.name)}: {error}") from error
-    rows = declared if isinstance(declared, Mapping) else {own: TOPICS[own] for own in sorted(declared)}
+    rows = declared if isinstance(declared, Mapping) else {own: known_topics()[own] for own in sorted(declared)}
     return {own: msgspec.structs.replace(row, name=names.topic(own)) for own, row in rows.items()}
 
 
@@ -200,7 +201,7 @@ def _check_remap(graph: Graph, name: str, remap: Mapping[str, str]) -> None:
             raise ScenarioError(f"{key}: the node has no topic {own!r}{nearest(own, sorted(own_names))}")
         if TOPIC_NAME.fullmatch(topic) is None:
             raise ScenarioError(f"{key}.{own}: {topic!r} is no topic; expected words of a-z, 0-9 and _ with / between")
-        expected, found = TOPICS.get(own), graph.topics.get(topic)
+        expected, found = known_topics().get(own), graph.topics.get(topic)
         if expected is not None and found is not None and found.type is not expected.type:
             raise ScenarioError(
                 f"{key}.{own}: {topic} carries {found.type.__name__}; the node expects {expected.type.__name__}"

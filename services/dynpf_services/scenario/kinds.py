@@ -6,9 +6,9 @@ scenario names it, and nothing here knows one.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from dynpf_formats.shipped import load, systems
 from dynpf_protocol.messages import Message
 from dynpf_protocol.topics import Topic
 
@@ -16,21 +16,7 @@ if TYPE_CHECKING:
     from dynpf_services.scenario.context import Context
     from dynpf_services.scenario.schema import Scenario
 
-__all__ = [
-    "FactKind",
-    "NodeKind",
-    "Take",
-    "fact_kind",
-    "fact_names",
-    "load",
-    "node_kind",
-    "node_kinds",
-    "section_of",
-    "systems",
-]
-
-SYSTEMS = "dynpf_systems"
-"""The package of the systems: SYSTEMS lists its folders, each with what it brings, by import strings."""
+__all__ = ["FactKind", "NodeKind", "Take", "fact_kind", "fact_names", "node_kind", "node_kinds", "section_of"]
 
 Take = Callable[[str, str], bytes]
 """Gives a file: called with the path that the scenario names, and with the file's name seen from that path's folder."""
@@ -110,19 +96,7 @@ def node_kind(text: str) -> NodeKind:
     return found
 
 
-def load(text: str) -> Any:
-    """Return what an import string of ours stands for: ``package.module:name``."""
-    module, _, name = text.partition(":")
-    return getattr(import_module(module), name)
-
-
 def section_of(text: str) -> str:
     """Return the section to which a kind of node belongs, by its import string; "" for a kind of the user's."""
     found = ((section, known) for system in systems() for (section, _), known in system.KINDS.items())
     return next((section for section, known in found if known == text), "")
-
-
-@cache
-def systems() -> tuple[Any, ...]:
-    """Return the packages of the systems, each with FACTS, KINDS, MEASURES and STUDIES."""
-    return tuple(import_module(f"{SYSTEMS}.{name}") for name in import_module(SYSTEMS).SYSTEMS)

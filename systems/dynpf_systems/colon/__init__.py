@@ -2,6 +2,8 @@
 
 FACTS = {"colon": "dynpf_systems.colon.nodes:COLON", "maps": "dynpf_systems.colon.nodes:DRAWINGS"}
 
+TOPICS = "dynpf_systems.colon.topics:TOPICS"
+
 MEASURES = "dynpf_systems.colon.measures:MEASURES"
 
 STUDIES = {

@@ -5,23 +5,9 @@ from typing import Any
 
 import numpy as np
 from dynpf_protocol import frames
-from dynpf_protocol.messages import (
-    CapsuleEstimate,
-    CapsuleMove,
-    CapsuleReading,
-    Color,
-    HostEvent,
-    Log,
-    LogLevel,
-    MapProbability,
-    MovedWall,
-    PoseInFrame,
-    PosesInFrame,
-    SceneUpdate,
-    timestamp,
-)
+from dynpf_protocol.messages import Color, HostEvent, Log, LogLevel, PoseInFrame, PosesInFrame, SceneUpdate, timestamp
 from dynpf_runtime.node import Output, Result, State, Step
-from dynpf_services.estimates import gap_warning, robot_transform
+from dynpf_services.estimates import gap_warning, particles_picture, robot_transform
 from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.schema import key_of
 
@@ -32,7 +18,8 @@ from dynpf.motion.capsule import CapsuleMotion
 from dynpf.rng import Stream
 from dynpf_systems.colon.config import CapsuleEstimatorConfig
 from dynpf_systems.colon.filters import Located, capsule_filter
-from dynpf_systems.colon.scene import arrow_entity, drawn_pose, tube_entity, walls_entity
+from dynpf_systems.colon.messages import CapsuleEstimate, CapsuleMove, CapsuleReading, MapProbability, MovedWall
+from dynpf_systems.colon.scene import M_PER_PX, arrow_entity, drawn_pose, tube_entity, walls_entity
 from dynpf_systems.colon.tube import ColonWorld, colon_world
 
 __all__ = ["CapsuleEstimator", "build"]
@@ -158,8 +145,8 @@ class CapsuleEstimator:
         cloud = self._filter.cloud(self._belief)
         # Chosen by weight, not by place, so that what is looked at is the posterior.
         chosen = systematic(cloud.weights, 0.5, min(SHOWN_PARTICLES, cloud.weights.size))
-        poses = tuple(drawn_pose(*pose) for pose in cloud.particles[:3, chosen].T.tolist())
-        return PosesInFrame(timestamp=timestamp(stamp_ns), frame_id=frames.MAP, poses=poses)
+        x_px, y_px, theta = np.asarray(cloud.particles[:3, chosen], dtype=np.float64)
+        return particles_picture(np.stack((M_PER_PX * x_px, M_PER_PX * y_px, theta)), timestamp(stamp_ns))
 
     def _scene(self, located: Located, stamp_ns: int) -> SceneUpdate:
         now, moved = timestamp(stamp_ns), located.moved

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from dynpf_experiments.measures import Measures
 from dynpf_experiments.messages import RunMessages, of_type
-from dynpf_protocol.messages import CapsuleEstimate, CapsuleState
 from dynpf_services.scenario.context import Context
 
 from dynpf.maps.raycast import RayCaster
 from dynpf.metrics.colon import capsule_errors, first_visible, map_errors
+from dynpf_systems.colon.messages import CapsuleEstimate, CapsuleState
 from dynpf_systems.colon.tube import colon_world
 
 __all__ = ["MEASURES", "capsule", "radius_error"]

@@ -1,7 +1,6 @@
 """The capsule's sensors: five ranges in the map that is true at the time, and the motion as the drive was told it."""
 
 import numpy as np
-from dynpf_protocol.messages import CapsuleReading, CapsuleState
 from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.scenario.context import Context
 
@@ -9,6 +8,7 @@ from dynpf.colon.world import Capsule, read_ranges
 from dynpf.maps.raycast import RayCaster
 from dynpf.rng import generator
 from dynpf_systems.colon.config import CapsuleSensorsConfig
+from dynpf_systems.colon.messages import CapsuleReading, CapsuleState
 from dynpf_systems.colon.tube import ColonWorld, colon_world
 
 __all__ = ["CapsuleSensors", "build"]

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from dynpf_protocol.messages import CapsuleMove, CapsuleState, Color, SceneUpdate, timestamp
+from dynpf_protocol.messages import Color, SceneUpdate, timestamp
 from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.scenario.context import Context
 
@@ -11,6 +11,7 @@ from dynpf.colon.world import Capsule, blown, steered
 from dynpf.motion.capsule import CapsuleMotion
 from dynpf.rng import generator
 from dynpf_systems.colon.config import CapsuleConfig
+from dynpf_systems.colon.messages import CapsuleMove, CapsuleState
 from dynpf_systems.colon.scene import arrow_entity, tube_entity
 from dynpf_systems.colon.tube import ColonWorld, colon_world
 

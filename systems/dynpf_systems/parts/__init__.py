@@ -2,6 +2,8 @@
 
 FACTS = {"task": "dynpf_systems.parts.nodes:TASK"}
 
+TOPICS = "dynpf_systems.parts.topics:TOPICS"
+
 MEASURES = "dynpf_systems.parts.measures:MEASURES"
 
 STUDIES = {

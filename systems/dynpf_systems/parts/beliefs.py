@@ -1,4 +1,4 @@
-"""What the controller looks at, an estimate as arrays, and what it does next: subtasks and one tick's motion."""
+"""What the controller looks at, estimates as arrays, and what it does next: subtasks and one tick's motion."""
 
 import math
 from typing import NamedTuple, Protocol
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dynpf.fields.laws import Margins
 from dynpf.portable import norm
 from dynpf_systems.parts.controller_config import RearrangementControllerConfig
+from dynpf_systems.parts.messages import PartsEstimate
 
 __all__ = ["Construction", "Motion", "Scene", "Subtask", "margins_of"]
 
@@ -27,13 +28,13 @@ class Scene(NamedTuple):
     held: int
 
     @classmethod
-    def of(cls, estimate: Estimate) -> "Scene":
+    def of(cls, estimate: Estimate, parts: PartsEstimate) -> "Scene":
         return cls(
             pose=np.array([estimate.x, estimate.y, estimate.theta]),
             robot_sigma=math.sqrt(max(estimate.covariance[0] + estimate.covariance[4], 0.0) / 2.0),
-            parts=np.array([(part.x, part.y) for part in estimate.parts]).reshape(-1, 2),
-            sigmas=np.sqrt(np.array([part.variance for part in estimate.parts])),
-            held=estimate.held,
+            parts=np.array([(part.x, part.y) for part in parts.parts]).reshape(-1, 2),
+            sigmas=np.sqrt(np.array([part.variance for part in parts.parts])),
+            held=parts.held,
         )
 
     def sigmas_between(self, most: float) -> FloatArray:

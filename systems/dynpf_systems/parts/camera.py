@@ -21,9 +21,12 @@ from dynpf.rng import Stream, generator
 from dynpf.vision.board import Board
 from dynpf_systems.parts.camera_model import CameraParams, Colour, projection_of
 
-__all__ = ["Camera", "DrawnDisc", "board_discs", "encode", "render"]
+__all__ = ["CAMERA_FRAME", "Camera", "DrawnDisc", "board_discs", "encode", "render"]
 
 Frame = NDArray[np.uint8]
+
+CAMERA_FRAME = "camera"
+"""The frame of reference of its images, in which nothing is placed."""
 
 _TILE_MARGIN_PX = 256  # the noise tile is larger than the frame by this, and is shifted at random within it
 _EDGE_STEPS = 32  # of the edge profile, per pixel

@@ -9,6 +9,7 @@ deviation.
 import math
 from typing import Literal
 
+import msgspec
 import numpy as np
 from dynpf_protocol.messages import Command, Estimate
 from dynpf_runtime.node import Output, Result, State, Step
@@ -20,6 +21,7 @@ from dynpf.fields.layout import Layout
 from dynpf.portable import atan2, dist, norm
 from dynpf_systems.parts.beliefs import Construction, Motion, Scene, Subtask, margins_of
 from dynpf_systems.parts.controller_config import RearrangementControllerConfig
+from dynpf_systems.parts.messages import PartsCommand, PartsEstimate
 from dynpf_systems.parts.navigation import NavigationConstruction
 from dynpf_systems.parts.product import ProductConstruction
 from dynpf_systems.parts.task import RearrangementTask, layout_of, task_of
@@ -30,11 +32,17 @@ FloatArray = NDArray[np.float64]
 
 Mode = Literal["idle", "mate", "move", "leave"]
 
+Decision = tuple[Command, bool]  # how to move, and whether to grip
+
 ANOTHER_WAY = 0.3  # rise of a potential, in metres, by which it is not the noise of the estimate
 
 
 class RearrangementController:
-    """Reads the estimate; commands velocity and gripper and, at the end, that it has finished."""
+    """Reads the estimates of robot and parts; commands velocity and gripper and, at the end, that it has finished.
+
+    It decides by estimates of the same stamp. Those of the parts come first and wake nobody: where many arrive at once,
+    the parts' may come a step before the robot's.
+    """
 
     def __init__(
         self,
@@ -67,11 +75,24 @@ class RearrangementController:
         self._home_ticks = 0
         self._wait = 0  # ticks until it is asked again what can be done ...
         self._refused = False  # ... after an answer that was: nothing
+        self._stamp_ns = -1  # of the newest estimate of the parts ...
+        self._parts: PartsEstimate | None = None  # ... which it is
 
     def step(self, step: Step) -> Result:
-        estimate = next((item.message for item in reversed(step.inputs) if isinstance(item.message, Estimate)), None)
-        command = self._stop() if estimate is None else self._decide(Scene.of(estimate))
-        return Result((Output("controller/command", command),))
+        scene = self._scene(step)
+        command, grip = self._stop() if scene is None else self._decide(scene)
+        handling = PartsCommand(mode=self._mode, target=self._target, grip=grip)
+        return Result((Output("controller/parts", handling), Output("controller/command", command)))
+
+    def _scene(self, step: Step) -> Scene | None:
+        """Return the newest estimates of robot and parts that belong together, None where there are no new ones."""
+        robots = [(one.stamp_ns, one.message) for one in step.inputs if isinstance(one.message, Estimate)]
+        parts = {} if self._parts is None else {self._stamp_ns: self._parts}
+        parts |= {one.stamp_ns: one.message for one in step.inputs if isinstance(one.message, PartsEstimate)}
+        if parts:
+            self._stamp_ns = max(parts)
+            self._parts = parts[self._stamp_ns]
+        return next((Scene.of(robot, parts[stamp]) for stamp, robot in reversed(robots) if stamp in parts), None)
 
     def freeze(self) -> State:
         subtask = self._subtask
@@ -86,6 +107,8 @@ class RearrangementController:
             "home_ticks": self._home_ticks,
             "wait": self._wait,
             "refused": self._refused,
+            "stamp_ns": self._stamp_ns,
+            "parts": None if self._parts is None else msgspec.to_builtins(self._parts),
             "construction": self._construction.freeze(),
         }
 
@@ -96,11 +119,13 @@ class RearrangementController:
         self._mode_ticks, self._home_ticks = state["mode_ticks"], state["home_ticks"]
         self._wait, self._refused = state["wait"], state["refused"]
         self._best, self._best_ticks = state["best"], state["best_ticks"]
+        self._stamp_ns = state["stamp_ns"]
+        self._parts = None if state["parts"] is None else msgspec.convert(state["parts"], PartsEstimate)
         self._construction.thaw(state["construction"])
 
     # --- events ------------------------------------------------------------------------------------------------
 
-    def _decide(self, scene: Scene) -> Command:
+    def _decide(self, scene: Scene) -> Decision:
         self._update_home(scene)
         self._mode_ticks += 1
         subtask = self._subtask
@@ -194,7 +219,7 @@ class RearrangementController:
 
     # --- laws --------------------------------------------------------------------------------------------------
 
-    def _act(self, scene: Scene) -> Command:
+    def _act(self, scene: Scene) -> Decision:
         subtask = self._subtask
         match self._mode:
             case "mate" if subtask is not None:
@@ -210,7 +235,7 @@ class RearrangementController:
             case _:
                 return self._stop()
 
-    def _mate(self, scene: Scene, subtask: Subtask) -> Command:
+    def _mate(self, scene: Scene, subtask: Subtask) -> Decision:
         """Approach the part with the gripper turned to it; close the jaws when it is close and ahead."""
         lost = scene.sigmas[subtask.part] > self._config.lost_sigma
         motion = None if lost else self._construction.mate(scene, subtask)
@@ -228,18 +253,18 @@ class RearrangementController:
         close = self._gap(scene, subtask) <= near and abs(aside) <= config.grip_angle + blur
         return self._follow(motion._replace(step=motion.step + turn), grip=close)
 
-    def _follow(self, motion: Motion, *, grip: bool) -> Command:
+    def _follow(self, motion: Motion, *, grip: bool) -> Decision:
         self._watch(motion)
         return self._velocity(motion.step, grip=grip)
 
-    def _velocity(self, step: FloatArray, *, grip: bool) -> Command:
+    def _velocity(self, step: FloatArray, *, grip: bool) -> Decision:
         vx, vy, w = (step / self._tick_s).tolist()
-        return Command(mode=self._mode, target=self._target, vx=vx, vy=vy, w=w, grip=grip)
+        return Command(vx=vx, vy=vy, w=w), grip
 
-    def _stop(self) -> Command:
+    def _stop(self) -> Decision:
         """Stand still, and hold on to what is held."""
         finished = self._home_ticks >= self._config.home_ticks
-        return Command(mode=self._mode, target=self._target, grip=self._mode == "move", finished=finished)
+        return Command(finished=finished), self._mode == "move"
 
     @property
     def _target(self) -> int:

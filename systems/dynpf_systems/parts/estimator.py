@@ -12,20 +12,9 @@ import math
 import msgspec
 import numpy as np
 from dynpf_protocol import frames
-from dynpf_protocol.messages import (
-    Command,
-    Detections,
-    Estimate,
-    Gripper,
-    HostEvent,
-    PartEstimate,
-    PoseInFrame,
-    PosesInFrame,
-    planar_pose,
-    timestamp,
-)
+from dynpf_protocol.messages import Command, Estimate, HostEvent, PoseInFrame, planar_pose, timestamp
 from dynpf_runtime.node import Output, Result, State, Step
-from dynpf_services.estimates import gap_warning, robot_transform
+from dynpf_services.estimates import gap_warning, particles_picture, robot_transform
 from dynpf_services.scenario.context import Context
 from numpy.typing import NDArray
 
@@ -33,6 +22,7 @@ from dynpf.filters.association import associate
 from dynpf.portable import log, sincos
 from dynpf.rng import Stream
 from dynpf_systems.parts.config import RearrangementConfig
+from dynpf_systems.parts.messages import Detections, Gripper, PartEstimate, PartsCommand, PartsEstimate
 from dynpf_systems.parts.robot_filters import Belief, Seen, fused, robot_filter
 from dynpf_systems.parts.task import RearrangementTask, layout_of, task_of
 
@@ -44,7 +34,7 @@ ROBOT = 0  # row of the robot among the objects to be matched; part i is row i +
 
 
 class RearrangementEstimator:
-    """Reads detections, the gripper and the last command; writes the estimate of robot and parts."""
+    """Reads detections, the gripper and the last command; writes the estimates of robot and parts."""
 
     def __init__(
         self,
@@ -74,7 +64,8 @@ class RearrangementEstimator:
         self._missed = np.zeros(count + 1, dtype=np.int64)
         self._seen = np.zeros(count, dtype=bool)
         self._located = np.zeros(count, dtype=bool)
-        self._command = Command(mode="idle")
+        self._command = Command()
+        self._handling = PartsCommand(mode="idle")
         self._stamp_ns = -1
         self._theta = 0.0
         self._contact = False
@@ -88,6 +79,8 @@ class RearrangementEstimator:
             match item.message:
                 case Command():
                     self._command = item.message
+                case PartsCommand():
+                    self._handling = item.message
                 case Gripper():
                     self._theta = math.remainder(item.message.theta, math.tau)
                     self._contact = item.message.contact
@@ -95,7 +88,7 @@ class RearrangementEstimator:
                     detections = item.message
                 case HostEvent():
                     logs.append(gap_warning(item.message, step.stamp_ns, self.name))
-        self._held = self._command.target if self._contact and self._command.grip else -1
+        self._held = self._handling.target if self._contact and self._handling.grip else -1
         elapsed_s = 0.0 if self._stamp_ns < 0 else max(step.stamp_ns - self._stamp_ns, 0) / 1e9
         self._stamp_ns = step.stamp_ns
         self._filter(detections, elapsed_s, step.number)
@@ -121,6 +114,7 @@ class RearrangementEstimator:
             "located": self._located.copy(),
             "stamp_ns": self._stamp_ns,
             "command": msgspec.to_builtins(self._command),
+            "handling": msgspec.to_builtins(self._handling),
             "theta": self._theta,
             "contact": self._contact,
             "held": self._held,
@@ -134,6 +128,7 @@ class RearrangementEstimator:
         self._seen, self._located = state["seen"].copy(), state["located"].copy()
         self._stamp_ns = state["stamp_ns"]
         self._command = msgspec.convert(state["command"], Command)
+        self._handling = msgspec.convert(state["handling"], PartsCommand)
         self._theta, self._contact = state["theta"], state["contact"]
         self._held, self._shown_ns = state["held"], state["shown_ns"]
 
@@ -249,17 +244,18 @@ class RearrangementEstimator:
             theta=self._theta,
             covariance=(xx, xy, 0.0, yx, yy, 0.0, 0.0, 0.0, self._config.encoder_variance),
             n_eff=robot.n_eff,
-            parts=parts,
-            held=self._held,
         )
         stamp = timestamp(step.stamp_ns)
         pose = PoseInFrame(timestamp=stamp, frame_id=frames.MAP, pose=planar_pose(x, y, self._theta))
-        outputs = [Output("estimator/state", estimate), Output("estimator/pose", pose)]
+        outputs = [
+            Output("estimator/parts", PartsEstimate(parts=parts, held=self._held)),  # before what wakes its readers
+            Output("estimator/state", estimate),
+            Output("estimator/pose", pose),
+        ]
         if self._shown_ns < 0 or step.stamp_ns - self._shown_ns >= round(self._config.particle_period_s * 1e9):
             self._shown_ns = step.stamp_ns
-            poses = tuple(planar_pose(px, py, self._theta) for px, py in robot.shown.T.tolist())
-            shown = PosesInFrame(timestamp=stamp, frame_id=frames.MAP, poses=poses)
-            outputs.append(Output("estimator/particles", shown))
+            shown = np.vstack((robot.shown, np.full(robot.shown.shape[1], self._theta)))
+            outputs.append(Output("estimator/particles", particles_picture(shown, stamp)))
             outputs.append(Output("estimator/transforms", robot_transform(x, y, self._theta, stamp)))
         return tuple(outputs)
 

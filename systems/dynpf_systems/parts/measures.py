@@ -8,12 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from dynpf_experiments.measures import Measures
 from dynpf_experiments.messages import RunMessages, of_type
-from dynpf_protocol.messages import Estimate, PartsState, PosesInFrame, RobotState
+from dynpf_protocol.messages import Estimate, PosesInFrame, RobotState
 from numpy.typing import NDArray
 
 from dynpf.metrics import rearrangement as metrics
 from dynpf.metrics.consistency import nees
 from dynpf_systems.parts.config import RearrangementConfig
+from dynpf_systems.parts.messages import PartsEstimate, PartsState
 from dynpf_systems.parts.task import Noise, RearrangementTask
 
 __all__ = [
@@ -34,7 +35,7 @@ HOME_TOLERANCE_M = 0.025
 SETTLED_S = 1.0
 """The robot's filter is judged from so many seconds after its first estimate on."""
 
-TOPICS = ("truth/robot", "truth/parts", "estimator/state", "estimator/particles")
+TOPICS = ("truth/robot", "truth/parts", "estimator/state", "estimator/parts", "estimator/particles")
 """Of the messages that a course is made of."""
 _KALMAN = frozenset({"extended_kalman", "unscented_kalman"})
 
@@ -102,7 +103,9 @@ def course_of(run: RunMessages, noise: Noise | None = None) -> Course | None:
     ticks = {timed.stamp_ns: tick for tick, timed in enumerate(truth)}
     thought = [timed for timed in run.topic("estimator/state") if timed.stamp_ns in ticks]
     estimates = of_type(thought, Estimate)
-    complete = all(len(one.parts) == len(task.parts) for one in estimates)
+    beside = {timed.stamp_ns: timed for timed in run.topic("estimator/parts")}
+    found = of_type([beside[timed.stamp_ns] for timed in thought if timed.stamp_ns in beside], PartsEstimate)
+    complete = len(found) == len(estimates) and all(len(one.parts) == len(task.parts) for one in found)
     clouds = of_type(run.topic("estimator/particles"), PosesInFrame)
     return Course(
         task=task,
@@ -116,8 +119,8 @@ def course_of(run: RunMessages, noise: Noise | None = None) -> Course | None:
         known=np.array([ticks[timed.stamp_ns] for timed in thought], dtype=np.intp),
         robot_estimate=np.array([(one.x, one.y) for one in estimates]).reshape(-1, 2),
         covariances=np.array([one.covariance for one in estimates]).reshape(-1, 3, 3)[:, :2, :2],
-        parts_estimate=np.array([[(part.x, part.y) for part in one.parts] for one in estimates if complete]),
-        held=np.array([one.held for one in estimates], dtype=np.int64),
+        parts_estimate=np.array([[(part.x, part.y) for part in one.parts] for one in found if complete]),
+        held=np.array([one.held for one in found] if complete else [-1] * len(estimates), dtype=np.int64),
         clouds=[np.array([(pose.position.x, pose.position.y) for pose in one.poses]).T for one in clouds],
     )
 

@@ -24,7 +24,7 @@ def _without_task(_config: WorkspaceConfig, context: Context) -> Iterator[str]:
 WORKSPACE = NodeKind(
     config=WorkspaceConfig,
     build="dynpf_systems.parts.simulator:build",
-    reads=lambda *_: {"controller/command"},
+    reads=lambda *_: {"controller/command", "controller/parts"},
     writes=lambda *_: {"truth/robot", "truth/parts", "truth/scene", "camera/image"},
     problems=_without_task,
 )
@@ -40,15 +40,15 @@ ESTIMATOR = NodeKind(
     config=RearrangementConfig,
     build="dynpf_systems.parts.estimator:build",
     reads=lambda *_: {
-        *("vision/detections", "sensors/overhead", "sensors/gripper", "controller/command"),
+        *("vision/detections", "sensors/overhead", "sensors/gripper", "controller/command", "controller/parts"),
         GAPS,
     },
-    writes=lambda *_: (*(f"estimator/{name}" for name in ("state", "pose", "particles", "transforms")), "log"),
+    writes=lambda *_: (*(f"estimator/{name}" for name in ("parts", "state", "pose", "particles", "transforms")), "log"),
 )
 
 CONTROLLER = NodeKind(
     config=RearrangementControllerConfig,
     build="dynpf_systems.parts.controller:build",
-    reads=lambda *_: {"estimator/state"},
-    writes=lambda *_: {"controller/command"},
+    reads=lambda *_: {"estimator/parts", "estimator/state"},
+    writes=lambda *_: {"controller/parts", "controller/command"},
 )

@@ -9,8 +9,7 @@ import math
 
 import msgspec
 import numpy as np
-from dynpf_protocol import frames
-from dynpf_protocol.messages import Command, CompressedImage, PartsState, PartState, RobotState, timestamp
+from dynpf_protocol.messages import Command, CompressedImage, RobotState, timestamp
 from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.scenario.context import Context
 from numpy.typing import NDArray
@@ -20,9 +19,10 @@ from dynpf.fields.layout import Layout
 from dynpf.portable import atan2, hypot, norm, sincos
 from dynpf.rng import Draws, generator
 from dynpf.se2 import wrap_angle
-from dynpf_systems.parts.camera import DrawnDisc, board_discs, encode, render
+from dynpf_systems.parts.camera import CAMERA_FRAME, DrawnDisc, board_discs, encode, render
 from dynpf_systems.parts.camera_model import CameraParams
 from dynpf_systems.parts.config import WorkspaceConfig
+from dynpf_systems.parts.messages import PartsCommand, PartsState, PartState
 from dynpf_systems.parts.scene import draw_scene
 from dynpf_systems.parts.task import NOISE, RearrangementTask, layout_of, task_of
 
@@ -61,7 +61,8 @@ class WorkspaceSimulator:
                 raise ValueError(f"part {part} shall be moved or hidden; the task has parts 0 to {len(task.parts) - 1}")
         robot, self._parts = draw_starts(task, config, generator(seed, self.name, 0, "start"))
         self._pose = np.append(robot, 0.0)
-        self._command = Command(mode="idle")
+        self._command = Command()
+        self._handling = PartsCommand(mode="idle")
         self._held = -1
         self._contacts = 0
         self._ticks = 0
@@ -69,8 +70,11 @@ class WorkspaceSimulator:
 
     def step(self, step: Step) -> Result:
         for item in step.inputs:
-            if isinstance(item.message, Command):
-                self._command = item.message
+            match item.message:
+                case Command():
+                    self._command = item.message
+                case PartsCommand():
+                    self._handling = item.message
         if self._ticks > 0:  # the first tick shows where everything starts
             self._grip(step.number)
             self._move(step.number)
@@ -91,6 +95,7 @@ class WorkspaceSimulator:
             "pose": self._pose.copy(),
             "parts": self._parts.copy(),
             "command": msgspec.to_builtins(self._command),
+            "handling": msgspec.to_builtins(self._handling),
             "held": self._held,
             "contacts": self._contacts,
             "ticks": self._ticks,
@@ -100,12 +105,13 @@ class WorkspaceSimulator:
     def thaw(self, state: State) -> None:
         self._pose, self._parts = state["pose"].copy(), state["parts"].copy()
         self._command = msgspec.convert(state["command"], Command)
+        self._handling = msgspec.convert(state["handling"], PartsCommand)
         self._held, self._contacts = state["held"], state["contacts"]
         self._ticks, self._scene_ns = state["ticks"], state["scene_ns"]
 
     def _grip(self, number: int) -> None:
         """Open or close the gripper; what its jaws close on, they pull to the contact distance, or it slips."""
-        if not self._command.grip:
+        if not self._handling.grip:
             self._held = -1
         elif self._held < 0 and (part := self._part_in_jaws()) >= 0:
             slips = generator(self._seed, self.name, number, "slip").random() < self._config.slip_probability
@@ -151,7 +157,7 @@ class WorkspaceSimulator:
         discs = self._discs(camera) if camera.board is None or self._ticks > 1 else board_discs(camera.board, camera)
         frame = render(discs, camera, self._seed, step.tick)
         return CompressedImage(
-            timestamp=timestamp(step.stamp_ns), frame_id=frames.CAMERA, data=encode(frame, camera), format="jpeg"
+            timestamp=timestamp(step.stamp_ns), frame_id=CAMERA_FRAME, data=encode(frame, camera), format="jpeg"
         )
 
     def _discs(self, camera: CameraParams) -> list[DrawnDisc]:

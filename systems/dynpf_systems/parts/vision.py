@@ -7,13 +7,14 @@ from typing import cast
 import cv2
 import msgspec
 import numpy as np
-from dynpf_protocol.messages import CompressedImage, Detection, Detections, Log, LogLevel, timestamp
+from dynpf_protocol.messages import CompressedImage, Log, LogLevel, timestamp
 from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.scenario.context import Context
 from numpy.typing import NDArray
 
 from dynpf.rng import generator
 from dynpf.vision import Board, Calibration, CalibrationError, Disc, detect_discs
+from dynpf_systems.parts.messages import Detection, Detections
 from dynpf_systems.parts.task import NOISE
 from dynpf_systems.parts.vision_config import VisionConfig
 

@@ -2,6 +2,8 @@
 
 FACTS = {"map": "dynpf_systems.rooms.nodes:MAP", "landmarks": "dynpf_systems.rooms.nodes:LANDMARKS"}
 
+TOPICS = "dynpf_systems.rooms.topics:TOPICS"
+
 MEASURES = "dynpf_systems.rooms.measures:MEASURES"
 
 STUDIES = {

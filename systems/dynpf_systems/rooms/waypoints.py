@@ -32,9 +32,9 @@ class WaypointController:
             self._reached += 1
             waypoint = self.config.waypoint(self._reached)
         if waypoint is None:
-            return Result((Output("controller/command", Command(mode="idle", finished=True)),))
+            return Result((Output("controller/command", Command(finished=True)),))
         v, w = steer(self.config, pose, waypoint)
-        return Result((Output("controller/command", Command(mode="drive", vx=v, w=w)),))
+        return Result((Output("controller/command", Command(vx=v, w=w)),))
 
     def _newest(self, step: Step) -> Estimate | None:
         newest = None

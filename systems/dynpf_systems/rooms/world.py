@@ -8,13 +8,10 @@ from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.landmarks import Landmark
 from dynpf_protocol.messages import (
     ArrowPrimitive,
-    Barrier,
     Color,
     Command,
     CylinderPrimitive,
-    Disc,
     LinePrimitive,
-    Obstacles,
     Point3,
     Pose,
     Quaternion,
@@ -38,6 +35,7 @@ from dynpf_systems.rooms.clearance import clearance_of, from_segments
 from dynpf_systems.rooms.company import People, closed_doors
 from dynpf_systems.rooms.config import Driver, RoomConfig
 from dynpf_systems.rooms.maps import NO_MAPS, Maps, maps_of
+from dynpf_systems.rooms.messages import Barrier, Disc, Obstacles
 from dynpf_systems.rooms.steering import steer
 
 __all__ = ["RoomSimulator", "build"]
@@ -126,8 +124,8 @@ class RoomSimulator:
         for received in step.inputs:
             command = received.message
             if isinstance(command, Command):
-                v, w = (command.vx, command.w) if command.mode == "drive" else (0.0, 0.0)
-                self._command = _clip(v, self.config.max_speed), _clip(w, self.config.max_turn_rate)
+                speed = _clip(command.vx, self.config.max_speed)
+                self._command = speed, _clip(command.w, self.config.max_turn_rate)
                 self._finished = self._finished or command.finished
 
     def _drive(self, driver: Driver) -> None:

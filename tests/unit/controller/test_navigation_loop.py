@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from dynpf_protocol.messages import Estimate, PartEstimate
+from dynpf_protocol.messages import Estimate
 from dynpf_runtime.node import Received, Step, state_digest
 from dynpf_systems.parts.config import WorkspaceConfig
 from dynpf_systems.parts.controller import RearrangementController
 from dynpf_systems.parts.controller_config import RearrangementControllerConfig
+from dynpf_systems.parts.messages import PartEstimate, PartsEstimate
 from dynpf_systems.parts.simulator import WorkspaceSimulator
 from dynpf_systems.parts.task import PartSpec, RearrangementTask
 
@@ -38,10 +39,10 @@ class Loop:
             self.finished = result.finished
             if self.finished:
                 break
-            self.estimate = self._estimate()
-            (output,) = self.controller.step(self._step((("estimator/state", self.estimate),))).outputs
-            self.inputs = (("controller/command", output.message),)
-            self.commands.append(output.message)
+            self.estimates = self._estimates()
+            outputs = self.controller.step(self._step(self.estimates)).outputs
+            self.inputs = tuple((output.topic, output.message) for output in outputs)
+            self.commands.append(outputs[0].message)
             self.tick += 1
             if until is not None and until(self):
                 break
@@ -59,10 +60,10 @@ class Loop:
         return self.finished and self.parts.contacts == 0 and all_home(self.where(), goals, 0.005 + 3.0 * self.sigma)
 
     def _step(self, messages):
-        received = (Received(topic, "", "", self.tick, 0, message) for topic, message in messages)
+        received = (Received(topic, "", "", self.tick, self.tick * TICK_NS, message) for topic, message in messages)
         return Step(self.tick, self.tick, self.tick * TICK_NS, tuple(received))
 
-    def _estimate(self):
+    def _estimates(self):
         random = generator(self.seed, "test", self.tick)
         robot = np.array([self.robot.x, self.robot.y]) + self.sigma * random.standard_normal(2)
         parts = []
@@ -70,20 +71,20 @@ class Loop:
             self.where() + self.sigma * random.standard_normal((len(RADII), 2))[: self.count]
         ):
             if index in self.lost:
-                old = self.estimate.parts[index]
+                old = self.estimates[0][1].parts[index]
                 parts.append(PartEstimate(x=old.x, y=old.y, variance=1.0, seen=False))
             else:
                 parts.append(PartEstimate(x=float(x), y=float(y), variance=self.sigma**2, seen=True))
         variance = self.sigma**2
-        return Estimate(
+        estimate = Estimate(
             x=float(robot[0]),
             y=float(robot[1]),
             theta=self.robot.theta,
             covariance=(variance, 0.0, 0.0, 0.0, variance, 0.0, 0.0, 0.0, 0.0),
             n_eff=1.0,
-            held=self.parts.held,
-            parts=tuple(parts),
         )
+        beside = PartsEstimate(parts=tuple(parts), held=self.parts.held)
+        return ("estimator/parts", beside), ("estimator/state", estimate)
 
     @property
     def count(self):
@@ -186,8 +187,8 @@ def test_a_thawed_controller_continues_exactly_in_every_stage():
         stages.add(loop.commands[-1].mode)
         loop.controller, old = fresh, loop.controller
         loop.run(1)
-        (output,) = old.step(loop._step((("estimator/state", loop.estimate),))).outputs
-        assert output.message == loop.commands[-1]
+        outputs = old.step(loop._step(loop.estimates)).outputs
+        assert tuple((output.topic, output.message) for output in outputs) == loop.inputs
     assert {"mate", "move"} <= stages
 
 

@@ -1,13 +1,15 @@
 """The controller's events: what is next, gripping, putting down, leaving, stalling, finishing."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
-from dynpf_protocol.messages import Estimate, PartEstimate
+from dynpf_protocol.messages import Estimate
 from dynpf_runtime.node import Received, Step, state_digest
 from dynpf_systems.parts.controller import RearrangementController
 from dynpf_systems.parts.controller_config import RearrangementControllerConfig
+from dynpf_systems.parts.messages import PartEstimate, PartsEstimate
 from dynpf_systems.parts.task import PartSpec, RearrangementTask
 
 GOALS = ((0.0, 0.55), (-0.476, -0.275), (0.476, -0.275))
@@ -20,6 +22,24 @@ AWAY = ((0.5, 0.4), (-0.3, 0.6), (-0.1, -0.6))
 def construction(request):
     """Everything here is asked of both constructions."""
     Bench.construction = request.param
+
+
+class Commanded(NamedTuple):
+    """The commands to robot and gripper of one step."""
+
+    mode: str
+    target: int
+    grip: bool
+    vx: float
+    vy: float
+    w: float
+    finished: bool
+
+    @classmethod
+    def of(cls, result):
+        assert [output.topic for output in result.outputs] == ["controller/parts", "controller/command"]
+        parts, robot = (output.message for output in result.outputs)
+        return cls(parts.mode, parts.target, parts.grip, robot.vx, robot.vy, robot.w, robot.finished)
 
 
 class Bench:
@@ -38,15 +58,20 @@ class Bench:
             theta=theta,
             covariance=covariance,
             n_eff=100.0,
-            held=held,
-            parts=tuple(PartEstimate(x=x, y=y, variance=sigma**2, seen=True) for x, y in parts),
         )
-        return self.step(Received("estimator/state", "estimator", "boot", self.tick, 0, estimate))
+        found = tuple(PartEstimate(x=x, y=y, variance=sigma**2, seen=True) for x, y in parts)
+        return self.step(self.told(PartsEstimate(parts=found, held=held)), self.told(estimate))
+
+    def told(self, message, tick=None):
+        """Return an estimate as it comes, by default of the tick to come."""
+        tick = self.tick if tick is None else tick
+        topic = "estimator/parts" if isinstance(message, PartsEstimate) else "estimator/state"
+        return Received(topic, "estimator", "boot", tick, tick * 50_000_000, message)
 
     def step(self, *inputs):
         result = self.node.step(Step(self.tick, self.tick, self.tick * 50_000_000, inputs))
         self.tick += 1
-        return result.outputs[0].message
+        return Commanded.of(result)
 
 
 def holding(robot, theta, part):
@@ -193,10 +218,60 @@ def test_without_an_estimate_it_stands_and_holds_on():
     assert not Bench().step().grip
 
 
+@pytest.fixture
+def apart():
+    """Return a controller that has decided once, and the estimates of robot and parts of the next ticks."""
+    bench = Bench()
+    bench.decide()
+
+    def estimates(tick):
+        robot = Estimate(x=0.01 * tick, y=0.0, theta=0.0, covariance=(1e-6,) * 9, n_eff=100.0)
+        found = PartsEstimate(parts=tuple(PartEstimate(x=x, y=y, variance=1e-6, seen=True) for x, y in AWAY), held=-1)
+        return bench.told(found, tick), bench.told(robot, tick)
+
+    return bench, estimates
+
+
+def moves(command):
+    return math.hypot(command.vx, command.vy) > 0.0
+
+
+def thawed(bench):
+    second = Bench()
+    second.node.thaw(bench.node.freeze())
+    second.tick = bench.tick
+    return second
+
+
+def test_the_parts_may_come_a_step_before_the_robot_that_they_belong_to(apart):
+    bench, estimates = apart
+    parts_2, robot_2 = estimates(2)
+    assert moves(bench.step(*estimates(1), parts_2))
+    second = thawed(bench)
+    command = bench.step(robot_2)
+    assert moves(command)
+    assert second.step(robot_2) == command, "the early estimate is part of the state"
+
+
+def test_estimates_of_two_ticks_are_never_taken_together(apart):
+    bench, estimates = apart
+    (parts_1, robot_1), (_, robot_2), (parts_3, _) = (estimates(tick) for tick in (1, 2, 3))
+    assert not moves(bench.step(parts_1, robot_2))
+    assert not moves(bench.step(robot_2, parts_3))
+    assert not moves(bench.step(robot_1))
+    assert not moves(bench.step(parts_3))
+
+
+def test_of_several_estimates_the_newest_counts(apart):
+    bench, estimates = apart
+    second = thawed(bench)
+    assert bench.step(*estimates(1), *estimates(2)) == second.step(*estimates(2))
+
+
 def test_a_thawed_controller_continues_as_the_first():
-    first, second = Bench(), Bench()
+    first = Bench()
     first.decide()
-    second.node.thaw(first.node.freeze())
+    second = thawed(first)
     assert first.decide(robot=(0.1, 0.1)) == second.decide(robot=(0.1, 0.1))
     assert state_digest(first.node.freeze()) == state_digest(second.node.freeze())
     assert state_digest(first.node.freeze()) != state_digest(Bench().node.freeze())

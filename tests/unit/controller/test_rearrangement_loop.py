@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from dynpf_protocol.messages import Detection, Detections, Gripper
 from dynpf_runtime.node import Received, Step
 from dynpf_systems.parts.config import Hiding, Intervention, RearrangementConfig, WorkspaceConfig
 from dynpf_systems.parts.controller import RearrangementController
 from dynpf_systems.parts.controller_config import RearrangementControllerConfig
 from dynpf_systems.parts.estimator import RearrangementEstimator
+from dynpf_systems.parts.messages import Detection, Detections, Gripper
 from dynpf_systems.parts.simulator import WorkspaceSimulator
 from dynpf_systems.parts.task import PartSpec, RearrangementTask
 
@@ -18,6 +18,7 @@ from dynpf.rng import generator
 
 TICK_S, TICK_NS = 0.05, 50_000_000
 LOW, HIGH = 0.2e-4, 5.0e-4  # m^2, the least and the most noise of PARTS
+READ = ("estimator/parts", "estimator/state")
 GOALS = [(0.55 * math.cos(angle), 0.55 * math.sin(angle)) for angle in np.radians([90, 210, 330])]
 
 
@@ -40,8 +41,8 @@ def run(seed, starts=(None, None, None), variance=LOW, **world):
         detections = ("sensors/overhead", _detect(task, robot, parts, variance, generator(seed, "sensors", tick)))
         gripper = ("sensors/gripper", Gripper(contact=parts.held >= 0, theta=robot.theta))
         estimates = estimator.step(_step(tick, (detections, gripper, *command))).outputs
-        state = tuple((output.topic, output.message) for output in estimates if output.topic == "estimator/state")
-        command = (("controller/command", controller.step(_step(tick, state)).outputs[0].message),)
+        state = tuple((output.topic, output.message) for output in estimates if output.topic in READ)
+        command = tuple((output.topic, output.message) for output in controller.step(_step(tick, state)).outputs)
         if result.finished:
             break
     return parts, tick

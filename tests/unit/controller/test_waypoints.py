@@ -61,7 +61,7 @@ def drive(node: WaypointController, pose: Pose, ticks: int) -> tuple[list[Pose],
 @given(x=st.floats(-2, 2), y=st.floats(-2, 2), theta=st.floats(-math.pi, math.pi))
 def test_every_waypoint_is_reached_in_order_within_the_limits_from_anywhere(x: float, y: float, theta: float) -> None:
     path, commands = drive(controller(speed=0.5, turn_rate=1.0), (x, y, theta), 1000)
-    assert commands[-1] == Command(mode="idle", finished=True)
+    assert commands[-1] == Command(finished=True)
     assert all(0.0 <= c.vx <= 0.5 and abs(c.w) <= 1.0 for c in commands)
     visits = [next((i for i, p in enumerate(SQUARE) if math.dist(p, pose[:2]) <= 0.15), None) for pose in path]
     rest = iter(visits)
@@ -87,14 +87,14 @@ def test_a_waypoint_behind_is_turned_to_on_the_spot() -> None:
 def test_it_keeps_saying_that_it_is_done() -> None:
     node = controller(points=((0.0, 0.0),))
     assert command(node, 0, (0.0, 0.0, 0.0)).finished
-    assert command(node, 1, (3.0, 0.0, 0.0)) == Command(mode="idle", finished=True)
+    assert command(node, 1, (3.0, 0.0, 0.0)) == Command(finished=True)
 
 
 def test_it_is_silent_without_an_estimate_and_goes_by_the_newest_of_several() -> None:
     node = controller()
     assert node.step(step(0)).outputs == ()
     (output,) = node.step(step(5, (1.0, 0.0, 0.0), (1.0, 0.0, math.pi / 2))).outputs
-    assert output.message == Command(mode="drive", vx=0.3, w=0.0)
+    assert output.message == Command(vx=0.3, w=0.0)
     assert node.step(step(4, (0.0, 0.0, 0.0))).outputs == ()  # older than what it has acted on
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from dynpf_protocol.topics import TOPICS
+from dynpf_formats.shipped import known_topics
 from dynpf_services.scenario.kinds import fact_names
 from dynpf_services.scenario.schema import RunTable
 
@@ -17,7 +17,7 @@ def test_a_committed_reference_is_up_to_date(path: Path) -> None:
 
 def test_every_topic_and_its_type_is_described_and_linked() -> None:
     page = topics()
-    for name, row in TOPICS.items():
+    for name, row in known_topics().items():
         schema = row.type.schema_name
         assert f"| `{name}` | [{schema}](#{schema.lower().replace('.', '')})" in page
         assert page.count(f"\n### {schema}\n") == 1

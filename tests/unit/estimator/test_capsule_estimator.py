@@ -9,13 +9,14 @@ from dynpf_experiments.measures import measure, summary
 from dynpf_formats.recording.reader import Recording, read_recording
 from dynpf_protocol.codec import decode
 from dynpf_protocol.errors import ScenarioError
-from dynpf_protocol.messages import CapsuleEstimate, Log, SceneUpdate
+from dynpf_protocol.messages import Log, SceneUpdate
 from dynpf_runtime.replay import replay_node
 from dynpf_services.scenario.build import build_node, build_nodes, plan_of
 from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import record_inline
 from dynpf_services.scenario.schema import Scenario
+from dynpf_systems.colon.messages import CapsuleEstimate
 from dynpf_systems.colon.tube import colon_world
 
 from dynpf.colon import UNLISTED
@@ -33,7 +34,7 @@ def run(scenario: Scenario, folder: Path) -> Recording:
 
 
 def messages(recording: Recording, topic: str) -> list[Any]:
-    return [decode(topic, one.payload) for one in recording.messages(topic)]
+    return [decode(topic, one.payload, recording.topics) for one in recording.messages(topic)]
 
 
 def estimates(recording: Recording) -> list[CapsuleEstimate]:

@@ -1,11 +1,12 @@
 """Estimators say in words which of their inputs never came, and go on."""
 
 import pytest
-from dynpf_protocol.messages import Gripper, HostEvent, Log
+from dynpf_protocol.messages import HostEvent, Log
 from dynpf_runtime.node import Node, Received, Step
 from dynpf_services.estimates import GAPS
 from dynpf_services.scenario.build import build_node
 from dynpf_services.scenario.load import load_scenario
+from dynpf_systems.parts.messages import Gripper
 
 
 @pytest.mark.parametrize("scenario", ["landmark-room", "parts-3-tracked"])

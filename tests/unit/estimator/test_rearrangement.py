@@ -1,13 +1,15 @@
 """The rearrangement estimator: identities kept through missed, extra and swapped detections; carrying; recovery."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
-from dynpf_protocol.messages import Command, Detection, Detections, Gripper
+from dynpf_protocol.messages import Command
 from dynpf_runtime.node import Received, Step, state_digest
 from dynpf_systems.parts.config import RearrangementConfig
 from dynpf_systems.parts.estimator import RearrangementEstimator
+from dynpf_systems.parts.messages import Detection, Detections, Gripper, PartEstimate, PartsCommand
 from dynpf_systems.parts.task import PartSpec, RearrangementTask
 
 from dynpf.rng import generator
@@ -24,7 +26,27 @@ ROBOT = (0.1, 0.2)
 PARTS = ((0.5, 0.4), (-0.4, 0.5), (0.1, -0.5))
 RADII = (0.10, 0.06, 0.08, 0.11)
 VARIANCE = 0.2e-4
-IDLE = Command(mode="idle")
+IDLE = (Command(), PartsCommand(mode="idle"))
+
+
+class Found(NamedTuple):
+    """The estimates of robot and parts of one step."""
+
+    x: float
+    y: float
+    covariance: tuple[float, ...]
+    parts: tuple[PartEstimate, ...]
+    held: int
+
+
+def found(outputs):
+    """Return what a step estimated, None if nothing; whatever wakes its readers comes behind what belongs to it."""
+    by_topic = {output.topic: output.message for output in outputs}
+    if "estimator/state" not in by_topic:
+        return None
+    assert list(by_topic)[:2] == ["estimator/parts", "estimator/state"]
+    parts, robot = by_topic["estimator/parts"], by_topic["estimator/state"]
+    return Found(robot.x, robot.y, robot.covariance, parts.parts, parts.held)
 
 
 class Bench:
@@ -49,7 +71,8 @@ class Bench:
         return self.step(
             ("sensors/overhead", Detections(discs=tuple(shuffled))),
             ("sensors/gripper", Gripper(contact=contact, theta=theta)),
-            ("controller/command", command),
+            ("controller/command", command[0]),
+            ("controller/parts", command[1]),
         )
 
     def step(self, *messages):
@@ -58,12 +81,12 @@ class Bench:
         result = self.node.step(Step(self.tick, self.tick, stamp, inputs))
         self.tick += 1
         self.outputs = {output.topic: output.message for output in result.outputs}
-        return self.outputs.get("estimator/state")
+        return found(result.outputs)
 
 
 def errors(estimate, robot=ROBOT, parts=PARTS):
-    found = [(estimate.x, estimate.y), *((part.x, part.y) for part in estimate.parts)]
-    return [math.dist(one, true) for one, true in zip(found, (robot, *parts), strict=True)]
+    places = [(estimate.x, estimate.y), *((part.x, part.y) for part in estimate.parts)]
+    return [math.dist(one, true) for one, true in zip(places, (robot, *parts), strict=True)]
 
 
 def test_finds_everything_by_radius_at_once_and_settles():
@@ -118,7 +141,7 @@ def test_two_parts_of_a_size_keep_their_identity_side_by_side():
     seen = []
     for tick, discs in enumerate(orders):
         item = Received("sensors/overhead", "sensors", "boot", tick, tick * TICK_NS, Detections(discs=discs))
-        estimate = node.step(Step(tick, tick, tick * TICK_NS, (item,))).outputs[0].message
+        estimate = found(node.step(Step(tick, tick, tick * TICK_NS, (item,))).outputs)
         seen.append([part.x for part in estimate.parts])
     np.testing.assert_allclose(seen, [[-0.09, 0.09]] * len(orders), atol=0.002)
 
@@ -133,7 +156,7 @@ def test_radii_read_the_wrong_way_round_swap_nobody():
         discs = [Detection(x=x, y=y, radius=radius, grey=60.0) for (x, y), radius in zip(places, radii, strict=True)]
         discs.append(Detection(x=0.0, y=0.6, radius=0.1, grey=-60.0))
         item = Received("sensors/overhead", "sensors", "boot", tick, tick * TICK_NS, Detections(discs=tuple(discs)))
-        estimate = node.step(Step(tick, tick, tick * TICK_NS, (item,))).outputs[0].message
+        estimate = found(node.step(Step(tick, tick, tick * TICK_NS, (item,))).outputs)
     np.testing.assert_allclose([part.x for part in estimate.parts], [-0.12, 0.12], atol=0.002)
 
 
@@ -156,12 +179,13 @@ def test_a_hidden_part_keeps_its_name_while_its_double_is_carried_past():
         messages = (
             ("sensors/overhead", Detections(discs=tuple(discs))),
             ("sensors/gripper", Gripper(contact=tick >= 1, theta=math.pi / 2)),
-            ("controller/command", Command(mode="move", target=1, grip=True, vx=0.3 if tick > 10 else 0.0)),
+            ("controller/command", Command(vx=0.3 if tick > 10 else 0.0)),
+            ("controller/parts", PartsCommand(mode="move", target=1, grip=True)),
         )
         if tick == 0:  # which is which, from where they are known to be
             node.thaw({**node.freeze(), "parts": np.array([hidden, held]), "variances": np.full(2, 0.01)})
         inputs = tuple(Received(topic, "peer", "boot", tick, tick * TICK_NS, message) for topic, message in messages)
-        estimate = node.step(Step(tick, tick, tick * TICK_NS, inputs)).outputs[0].message
+        estimate = found(node.step(Step(tick, tick, tick * TICK_NS, inputs)).outputs)
     assert math.dist((estimate.parts[0].x, estimate.parts[0].y), hidden) < 0.03
     assert not estimate.parts[0].seen
     assert math.dist((estimate.parts[1].x, estimate.parts[1].y), held) < 0.03
@@ -174,13 +198,13 @@ def test_a_robot_as_large_as_a_part_is_told_by_its_grey():
     for order in (discs, discs[::-1]):
         node = RearrangementEstimator(config=config, seed=1, tick_s=0.05, task=task)
         item = Received("sensors/overhead", "sensors", "boot", 0, 0, Detections(discs=order))
-        estimate = node.step(Step(0, 0, 0, (item,))).outputs[0].message
+        estimate = found(node.step(Step(0, 0, 0, (item,))).outputs)
         assert (round(estimate.x, 1), round(estimate.parts[0].x, 1)) == (-0.5, 0.5)
 
 
 def test_the_robot_is_carried_along_by_the_last_command():
     bench = Bench()
-    command = Command(mode="mate", target=0, vx=0.1, vy=-0.2)
+    command = (Command(vx=0.1, vy=-0.2), PartsCommand(mode="mate", target=0))
     for tick in range(20):
         where = (ROBOT[0] + 0.005 * tick, ROBOT[1] - 0.01 * tick)
         estimate = bench.see(robot=where, command=command)
@@ -195,7 +219,7 @@ def test_a_held_part_goes_with_the_gripper_and_helps_to_see_the_robot():
     bench, plain = Bench(), Bench()
     distance = 0.1 + 0.08 + 0.01
     theta = 0.6
-    hold = Command(mode="move", target=1, grip=True)
+    hold = (Command(), PartsCommand(mode="move", target=1, grip=True))
     held_at = (ROBOT[0] + distance * math.cos(theta), ROBOT[1] + distance * math.sin(theta))
     parts = (PARTS[0], held_at, PARTS[2])
     for _ in range(30):
@@ -211,7 +235,7 @@ def test_a_held_part_goes_with_the_gripper_and_helps_to_see_the_robot():
 
 def test_without_contact_nothing_is_held():
     bench = Bench()
-    assert bench.see(command=Command(mode="mate", target=1, grip=True)).held == -1
+    assert bench.see(command=(Command(), PartsCommand(mode="mate", target=1, grip=True))).held == -1
 
 
 def test_a_part_that_was_moved_is_found_again():

@@ -8,6 +8,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from dynpf_formats.shipped import known_topics
 from dynpf_protocol.codec import decode, encode
 from dynpf_protocol.errors import BadMessageError, UnknownTopicError
 from dynpf_protocol.messages import (
@@ -22,11 +23,12 @@ from dynpf_protocol.messages import (
     planar_pose,
     timestamp,
 )
-from dynpf_protocol.topics import TOPICS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.unit.protocol.built_messages import built, plainest
+
+TOPICS = known_topics()
 
 topics = pytest.mark.parametrize("name", TOPICS)
 
@@ -36,10 +38,10 @@ topics = pytest.mark.parametrize("name", TOPICS)
 @given(data=st.data())
 def test_every_message_of_a_topic_comes_back_equal_and_gives_the_same_bytes(name: str, data: st.DataObject) -> None:
     message = data.draw(built(TOPICS[name].type))
-    payload = encode(name, message)
-    back = decode(name, payload)
+    payload = encode(name, message, TOPICS)
+    back = decode(name, payload, TOPICS)
     assert back == message
-    assert encode(name, back) == payload
+    assert encode(name, back, TOPICS) == payload
 
 
 @settings(max_examples=300, derandomize=True, deadline=None)
@@ -82,7 +84,7 @@ def test_nan_and_infinity_are_refused_at_encoding_and_the_field_is_named(name: s
         inner[final] = bad
         # Built without validation, as a node builds its messages: a range would stop an infinity, but not a NaN.
         with pytest.raises(BadMessageError) as refused:
-            encode(name, _unchecked(kind, spoilt))
+            encode(name, _unchecked(kind, spoilt), TOPICS)
         assert name in str(refused.value)
         assert path in str(refused.value)
 
@@ -150,7 +152,7 @@ def test_what_is_not_the_topics_message_is_refused_and_told(payload: bytes, told
 def _refused(name: str, message: Any, told: str) -> None:
     payload = msgspec.json.encode(message)
     with pytest.raises(BadMessageError, match=told):
-        decode(name, payload)
+        decode(name, payload, TOPICS)
 
 
 def test_ranges_are_checked() -> None:
@@ -183,22 +185,22 @@ def test_deep_nesting_is_refused_without_exhausting_the_stack(opening: bytes) ->
 
 @topics
 def test_every_truncation_is_refused(name: str) -> None:
-    payload = encode(name, plainest(TOPICS[name].type))
+    payload = encode(name, plainest(TOPICS[name].type), TOPICS)
     for end in range(0, len(payload), max(1, len(payload) // 200)):
         with pytest.raises(BadMessageError):
-            decode(name, payload[:end])
+            decode(name, payload[:end], TOPICS)
 
 
 @topics
 def test_a_flipped_bit_gives_a_message_of_the_topic_or_a_refusal(name: str) -> None:
-    payload = encode(name, plainest(TOPICS[name].type))
+    payload = encode(name, plainest(TOPICS[name].type), TOPICS)
     refusals = 0
     for place in range(0, len(payload), max(1, len(payload) // 100)):
         for bit in range(8):
             flipped = bytearray(payload)
             flipped[place] ^= 1 << bit
             try:
-                message = decode(name, bytes(flipped))
+                message = decode(name, bytes(flipped), TOPICS)
             except BadMessageError:
                 refusals += 1
             else:
@@ -210,7 +212,7 @@ def test_a_flipped_bit_gives_a_message_of_the_topic_or_a_refusal(name: str) -> N
 @given(payload=st.binary(max_size=64), name=st.sampled_from(list(TOPICS)))
 def test_any_bytes_give_a_message_or_a_refusal(payload: bytes, name: str) -> None:
     try:
-        message = decode(name, payload)
+        message = decode(name, payload, TOPICS)
     except BadMessageError:
         return
     assert type(message) is TOPICS[name].type

@@ -6,15 +6,15 @@ from typing import Any, ClassVar
 
 import foxglove.messages
 import pytest
+from dynpf_formats.shipped import known_topics
 from dynpf_protocol.journal import JournalEntry
 from dynpf_protocol.messages import Message
 from dynpf_protocol.schemas import json_schema
-from dynpf_protocol.topics import TOPICS
 from google.protobuf.descriptor_pb2 import DescriptorProto, FieldDescriptorProto, FileDescriptorSet
 
 Schema = dict[str, Any]
 
-KINDS = sorted({row.type for row in TOPICS.values()}, key=lambda kind: kind.schema_name)
+KINDS = sorted({row.type for row in known_topics().values()}, key=lambda kind: kind.schema_name)
 FOXGLOVE = [kind for kind in KINDS if kind.schema_name.startswith("foxglove.")]
 
 

@@ -1,18 +1,22 @@
-"""The topic table is whole: every row names known nodes, says what it is for, and has a type with a schema."""
+"""The topic tables are whole: every row names known nodes, says what it is for, and has a type with a schema."""
 
 import pytest
+from dynpf_formats.shipped import known_topics, load, systems
 from dynpf_protocol.journal import JOURNAL_PREFIX
 from dynpf_protocol.messages import Message
-from dynpf_protocol.topics import HOST_NODES, LOG_NODE, NODES, TOPICS, Delivery, Topic, topic
+from dynpf_protocol.topics import HOST_NODES, LOG_NODE, NODES, Delivery, Topic, topic
+from dynpf_protocol.topics import TOPICS as TOPICS_OF_ANY
 
 from tests.unit.protocol.built_messages import plainest
+
+TOPICS = known_topics()
 
 rows = pytest.mark.parametrize("row", TOPICS.values(), ids=TOPICS)
 
 
 @rows
 def test_a_row_is_whole(row: Topic) -> None:
-    assert topic(row.name) is row
+    assert topic(row.name, TOPICS) is row
     assert row.publishers
     assert set(row.publishers) <= {*HOST_NODES, "recorder"}
     assert row.description[:1].isupper()
@@ -36,6 +40,12 @@ def test_a_type_has_a_schema_of_ours_or_of_foxglove(row: Topic) -> None:
     assert maker in {"dynpf", "foxglove"}
     assert name == row.type.__name__
     assert type(plainest(row.type)) is row.type
+
+
+def test_no_table_has_a_topic_of_another() -> None:
+    tables = [TOPICS_OF_ANY, *({row.name: row for row in load(system.TOPICS)} for system in systems())]
+    assert sum(map(len, tables)) == len(TOPICS)
+    assert len(TOPICS_OF_ANY) < len(TOPICS)
 
 
 def test_two_types_never_share_a_schema_name() -> None:

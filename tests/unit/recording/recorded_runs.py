@@ -6,10 +6,12 @@ from typing import NamedTuple
 
 from dynpf_formats.recording.header import Attachment, Provenance, RunHeader
 from dynpf_formats.recording.writer import RecordingWriter
+from dynpf_formats.shipped import known_topics
 from dynpf_protocol.codec import encode
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.journal import Consumed, JournalEntry, Produced, encode_entry
-from dynpf_protocol.messages import Detection, Detections, Diagnostics, Estimate, RobotState
+from dynpf_protocol.messages import Diagnostics, Estimate, RobotState
+from dynpf_systems.parts.messages import Detection, Detections
 
 HEADER = RunHeader(
     scenario='{"title":"Two nodes","seed":7}',
@@ -39,9 +41,10 @@ def lockstep(ticks: int = 5, boot: str = "b1", wall_ns: int = 10**18) -> list[Se
             return Envelope(node, f"{node}-{boot}", sequence, tick, stamp, wall_ns + stamp)
 
         discs = tuple(Detection(x=0.1 * tick, y=0.2, radius=0.05, grey=9.0 + part) for part in range(3))
+        overhead = encode("sensors/overhead", Detections(discs=discs), known_topics())
         sent += [
             Sent("truth/robot", envelope("simulator"), encode("truth/robot", RobotState(x=tick / 3, y=0.5, theta=0.1))),
-            Sent("sensors/overhead", envelope("sensors"), encode("sensors/overhead", Detections(discs=discs))),
+            Sent("sensors/overhead", envelope("sensors"), overhead),
             Sent(
                 "estimator/state",
                 envelope("estimator"),

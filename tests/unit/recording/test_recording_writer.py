@@ -15,13 +15,13 @@ from dynpf_formats.recording.provenance import code_digest, collect, told_where_
 from dynpf_formats.recording.reader import load, read_recording
 from dynpf_formats.recording.recover import recover
 from dynpf_formats.recording.writer import CHUNK_BYTES, FLUSH_NS, MAX_PAYLOAD, RecordingWriter
+from dynpf_formats.shipped import known_topics
 from dynpf_protocol.codec import decode
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import BadMessageError, UnknownTopicError
 from dynpf_protocol.journal import JournalEntry, encode_entry
 from dynpf_protocol.messages import Gap
 from dynpf_protocol.schemas import json_schema
-from dynpf_protocol.topics import TOPICS
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -36,7 +36,7 @@ def messages(draw: st.DrawFn) -> list[Sent]:
     numbers: dict[tuple[str, str, str], int] = {}
     sent = []
     for _ in range(draw(st.integers(0, 12))):
-        topic, node, boot = draw(st.sampled_from(sorted(TOPICS))), draw(NAMES), draw(NAMES)
+        topic, node, boot = draw(st.sampled_from(sorted(known_topics()))), draw(NAMES), draw(NAMES)
         number = numbers.get((topic, node, boot), 0)
         numbers[topic, node, boot] = number + 1
         stamp, publish = draw(st.integers(0, 2**63 - 1)), draw(st.integers(0, 2**63 - 1))
@@ -78,7 +78,7 @@ def test_other_programs_see_topics_schemas_and_senders(tmp_path: Path) -> None:
     for schema, channel, _ in seen:
         assert schema is not None
         assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
-        kind = JournalEntry if channel.topic.startswith("journal/") else TOPICS[channel.topic].type
+        kind = JournalEntry if channel.topic.startswith("journal/") else known_topics()[channel.topic].type
         assert (schema.name, schema.data) == (kind.schema_name, json_schema(kind))
     senders = {(channel.topic, channel.metadata["node"], channel.metadata["boot"]) for _, channel, _ in seen}
     assert ("truth/robot", "simulator", "simulator-b1") in senders

@@ -9,26 +9,21 @@ import pytest
 from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.landmarks import Landmark
 from dynpf_protocol.messages import (
-    Barrier,
-    Detections,
-    Disc,
-    Gripper,
     LandmarkReadings,
     LaserScan,
     LineReadings,
     Message,
-    Obstacles,
     Odometry,
-    PartsState,
-    PartState,
     PositionFix,
     RobotState,
 )
 from dynpf_runtime.node import Received, Step, decode_state, encode_state
 from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.load import load_scenario
+from dynpf_systems.parts.messages import Detections, Gripper, PartsState, PartState
 from dynpf_systems.parts.task import PartSpec, RearrangementTask
 from dynpf_systems.rooms.maps import NO_MAPS, Maps
+from dynpf_systems.rooms.messages import Barrier, Disc, Obstacles
 from dynpf_systems.rooms.nodes import SIMULATED
 from dynpf_systems.rooms.sensors.config import (
     GripperSensor,

@@ -82,7 +82,7 @@ def test_the_source_says_itself_when_it_has_finished() -> None:
     ("topic", "message", "told"),
     [
         ("estimator/state", IDLE, "BadMessageError: estimator/state: got Command, expected Estimate"),
-        ("controller/command", Command(mode="idle", vx=math.nan), "BadMessageError: controller/command: Expected `fl"),
+        ("controller/command", Command(vx=math.nan), "BadMessageError: controller/command: Expected `fl"),
     ],
 )
 def test_what_a_topic_does_not_promise_is_refused(topic: str, message: Command, told: str) -> None:

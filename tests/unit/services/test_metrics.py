@@ -12,6 +12,7 @@ from dynpf_experiments.measures import differing, measure, summary
 from dynpf_formats.recording.header import RunHeader
 from dynpf_formats.recording.reader import Recording, read_recording
 from dynpf_formats.recording.writer import RecordingWriter
+from dynpf_formats.shipped import known_topics
 from dynpf_lab.cli.main import main
 from dynpf_protocol.codec import encode
 from dynpf_protocol.envelope import Envelope
@@ -20,9 +21,6 @@ from dynpf_protocol.messages import (
     FilterHealth,
     HealthFigures,
     Message,
-    PartEstimate,
-    PartsState,
-    PartState,
     PoseInFrame,
     RobotState,
     planar_pose,
@@ -30,6 +28,7 @@ from dynpf_protocol.messages import (
 )
 from dynpf_services.scenario.load import parse_scenario
 from dynpf_services.scenario.schema import resolved_json
+from dynpf_systems.parts.messages import PartEstimate, PartsEstimate, PartsState, PartState
 
 from tests.unit.recording.recorded_runs import HEADER
 
@@ -64,20 +63,23 @@ def record(path: Path, scenario: dict[str, Any], topics: dict[str, Sequence[Mess
             node = {"truth": "simulator", "estimator": "estimator"}[topic.partition("/")[0]]
             for tick, message in enumerate(messages):
                 place = Envelope(node, "b", tick, tick, tick * PERIOD_NS, 0)
-                writer.message(topic, place, encode(topic, message))
+                writer.message(topic, place, encode(topic, message, known_topics()))
         writer.close(**{"complete": True, "reason": "finished", **ended})
     return read_recording(path)
 
 
-def estimate(x: float, y: float, theta: float = 0.0, parts: Sequence[tuple[float, float]] = ()) -> Estimate:
+def estimate(x: float, y: float, theta: float = 0.0) -> Estimate:
     return Estimate(
         x=x,
         y=y,
         theta=theta,
         covariance=(0.01, 0.0, 0.0, 0.0, 0.04, 0.0, 0.0, 0.0, 0.0025),
         n_eff=1.0,
-        parts=tuple(PartEstimate(x=px, y=py, variance=0.0, seen=True) for px, py in parts),
     )
+
+
+def located(*parts: tuple[float, float]) -> PartsEstimate:
+    return PartsEstimate(parts=tuple(PartEstimate(x=x, y=y, variance=0.0, seen=True) for x, y in parts), held=-1)
 
 
 def drive(path: Path) -> Recording:
@@ -150,9 +152,8 @@ def move(path: Path, end: tuple[float, float] = (0.98, 0.0), contacts: int = 3) 
         {
             "truth/parts": [state(x, y, contacts if place == 2 else 0) for place, (x, y) in enumerate(where)],
             "truth/robot": [RobotState(x=x - 1.0, y=y, theta=0.0) for x, y in where],
-            "estimator/state": [
-                estimate(x - 1.0 + 0.03, y + 0.04, parts=[(x + 0.06, y + 0.08), (0.0, 1.0)]) for x, y in where
-            ],
+            "estimator/state": [estimate(x - 1.0 + 0.03, y + 0.04) for x, y in where],
+            "estimator/parts": [located((x + 0.06, y + 0.08), (0.0, 1.0)) for x, y in where],
         },
     )
 
@@ -220,9 +221,8 @@ def test_a_reference_too_sparse_to_be_interpolated_is_compared_at_its_own_poses(
         for topic, stamp_s, x in said:
             message = estimate(x, 0.0) if topic == "estimator/state" else RobotState(x=x, y=0.0, theta=0.0)
             node = {"truth": "simulator", "estimator": "estimator"}[topic.partition("/")[0]]
-            writer.message(
-                topic, Envelope(node, "b", counts[topic], 0, round(stamp_s * 1e9), 0), encode(topic, message)
-            )
+            place = Envelope(node, "b", counts[topic], 0, round(stamp_s * 1e9), 0)
+            writer.message(topic, place, encode(topic, message, known_topics()))
             counts[topic] += 1
         writer.close(complete=True, reason="finished")
     measures = measure(read_recording(path))

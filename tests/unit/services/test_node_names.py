@@ -3,8 +3,8 @@
 from typing import Any
 
 import pytest
+from dynpf_formats.shipped import known_topics
 from dynpf_protocol.errors import ScenarioError
-from dynpf_protocol.topics import TOPICS
 from dynpf_runtime.graph import Graph
 from dynpf_services.scenario.build import build_nodes, plan_of
 from dynpf_services.scenario.load import override_resolved, parse_scenario
@@ -38,7 +38,9 @@ def test_a_second_node_of_a_kind_reads_what_the_first_does_and_writes_under_its_
     assert {own: row.name for own, row in other.writes.items()} == {
         own: own.replace("estimator/", "other/") for own in usual.writes
     }
-    assert {own: row.type for own, row in other.writes.items()} == {own: TOPICS[own].type for own in usual.writes}
+    assert {own: row.type for own, row in other.writes.items()} == {
+        own: known_topics()[own].type for own in usual.writes
+    }
     shared = set(usual.reads) - {"event/estimator"}
     assert {"sensors/odometry", "sensors/landmarks"} <= shared
     assert other.reads == {**{topic: topic for topic in shared}, "event/other": "event/estimator"}

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Iterable
 
+from dynpf_formats.shipped import known_topics
 from dynpf_protocol.messages import Command, Message, Odometry
-from dynpf_protocol.topics import TOPICS
 from dynpf_runtime.executor import Executor
 from dynpf_runtime.graph import Graph, NodeSpec
 from dynpf_runtime.node import Output, Received, Result, State, Step
@@ -43,7 +43,7 @@ def spec_of(node: ToyNode) -> NodeSpec:
         kind=f"toy {node.name}",
         build=lambda: node,
         reads={topic: topic for topic in node.reads},
-        writes={topic: TOPICS[topic] for topic in node.writes},
+        writes={topic: known_topics()[topic] for topic in node.writes},
     )
 
 
@@ -54,7 +54,7 @@ def graph_of(nodes: Iterable[ToyNode]) -> Graph:
 
 def executor_of(node: ToyNode, boot: str, digest_every: int) -> Executor:
     """Return an executor of a toy node in a run that has every topic of the table."""
-    return Executor(node, spec_of(node), TOPICS, boot, digest_every)
+    return Executor(node, spec_of(node), known_topics(), boot, digest_every)
 
 
 def says(topic: str, *messages: Message) -> Result:
@@ -65,4 +65,4 @@ def received(topic: str, node: str, sequence: int, stamp_ns: int = 0) -> Receive
     return Received(topic, node, "b", sequence, stamp_ns, Odometry(v=float(sequence), w=0.0))
 
 
-IDLE = Command(mode="idle")
+IDLE = Command()

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 from dynpf_protocol.errors import ScenarioError
-from dynpf_protocol.messages import CapsuleMove, CapsuleReading, CapsuleState, SceneUpdate
+from dynpf_protocol.messages import SceneUpdate
 from dynpf_runtime.node import Received, Step
 from dynpf_systems.colon.config import CapsuleConfig, CapsuleSensorsConfig
+from dynpf_systems.colon.messages import CapsuleMove, CapsuleReading, CapsuleState
 from dynpf_systems.colon.sensors import CapsuleSensors
 from dynpf_systems.colon.simulator import CapsuleSimulator
 from dynpf_systems.colon.tube import ColonConfig, ColonWorld, MapHolds

@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 from dynpf_protocol.errors import ScenarioError
-from dynpf_protocol.messages import Obstacles, RobotState
+from dynpf_protocol.messages import RobotState
 from dynpf_runtime.node import Result, Step, decode_state, encode_state
 from dynpf_systems.rooms.clearance import from_segments
 from dynpf_systems.rooms.company import closed_doors
 from dynpf_systems.rooms.config import Door, Driver, PeopleParams, RoomConfig
 from dynpf_systems.rooms.maps import Maps
+from dynpf_systems.rooms.messages import Obstacles
 from dynpf_systems.rooms.world import RoomSimulator
 
 from dynpf.maps.segments import SegmentMap

@@ -17,7 +17,7 @@ from dynpf.maps.segments import SegmentMap
 TICK_S = 0.05
 TICK_NS = 50_000_000
 LANDMARKS = (Landmark(id=6, x=2.0, y=1.0), Landmark(id=7, x=-2.0, y=1.0))
-DRIVE = Command(mode="drive", vx=0.5, w=0.4)
+DRIVE = Command(vx=0.5, w=0.4)
 
 
 def room(seed: int = 1, **config: object) -> RoomSimulator:
@@ -40,7 +40,7 @@ def state(result: Result) -> RobotState:
 def test_one_metre_and_one_radian_a_second_trace_a_circle_of_radius_one() -> None:
     # LANDMARK: constant 1 m/s and 1 rad/s is a circle of radius 1, here about (0, 1) from (0, 0, 0).
     node = room(width=10.0, height=10.0)
-    advance(node, 0, Command(mode="drive", vx=1.0, w=1.0))
+    advance(node, 0, Command(vx=1.0, w=1.0))
     for tick in range(1, 61):
         here, seconds = state(advance(node, tick)), tick * TICK_S
         assert (here.x, here.y) == pytest.approx((math.sin(seconds), 1 - math.cos(seconds)), abs=1e-12)
@@ -53,7 +53,7 @@ def test_the_twist_told_is_the_one_that_leads_to_the_next_pose() -> None:
     node = room(start=(0.5, -0.5, math.pi / 2))
     assert state(advance(node, 0)) == RobotState(x=0.5, y=-0.5, theta=math.pi / 2)
     assert state(advance(node, 1, DRIVE)) == RobotState(x=0.5, y=-0.5, theta=math.pi / 2, v=0.5, w=0.4)
-    halted = state(advance(node, 2, Command(mode="idle", vx=1.0)))
+    halted = state(advance(node, 2, Command()))
     assert (halted.theta, halted.v, halted.w) == (pytest.approx(math.pi / 2 + 0.4 * TICK_S), 0.0, 0.0)
     assert math.dist((halted.x, halted.y), (0.5, -0.5)) == pytest.approx(0.5 * TICK_S, rel=1e-3)
     assert state(advance(node, 3)) == halted
@@ -61,7 +61,7 @@ def test_the_twist_told_is_the_one_that_leads_to_the_next_pose() -> None:
 
 def test_commands_beyond_the_limits_are_cut() -> None:
     node = room(max_speed=0.3, max_turn_rate=0.2)
-    after = state(advance(node, 0, Command(mode="drive", vx=-5.0, w=9.0)))
+    after = state(advance(node, 0, Command(vx=-5.0, w=9.0)))
     assert (after.v, after.w) == (-0.3, 0.2)
 
 
@@ -84,7 +84,7 @@ def test_motion_noise_has_the_variances_of_its_parameters() -> None:
 
 def test_walls_hold_the_robot() -> None:
     node = room(width=2.0, height=2.0, robot_radius=0.2)
-    advance(node, 0, Command(mode="drive", vx=1.0))
+    advance(node, 0, Command(vx=1.0))
     last = [state(advance(node, tick)) for tick in range(1, 60)][-1]
     assert (last.x, last.y) == (0.8, 0.0)
 
@@ -97,7 +97,7 @@ def test_a_start_outside_the_room_is_refused() -> None:
 def test_it_ends_with_the_command() -> None:
     node = room()
     assert not advance(node, 0, DRIVE).finished
-    assert advance(node, 1, Command(mode="idle", finished=True)).finished
+    assert advance(node, 1, Command(finished=True)).finished
 
 
 def test_the_scene_shows_room_landmarks_and_robot_five_times_a_second() -> None:
@@ -140,16 +140,16 @@ def among_walls(maps: Maps, **config: object) -> RoomSimulator:
 @pytest.mark.parametrize("maps", MAPS.values(), ids=MAPS)
 def test_a_wall_of_the_map_holds_the_robot_and_lets_it_go(maps: Maps) -> None:
     node = among_walls(maps, robot_radius=0.2)
-    advance(node, 0, Command(mode="drive", vx=1.0))
+    advance(node, 0, Command(vx=1.0))
     for tick in range(1, 40):
         here = state(advance(node, tick))
     assert 0.74 < here.x <= 0.8 + 0.015  # the screen at x = 1, less the radius; a cell's centre may lie a bit off it
     held = here.x
-    here = state(advance(node, 40, Command(mode="drive", vx=-1.0)))
+    here = state(advance(node, 40, Command(vx=-1.0)))
     here = state(advance(node, 41))
     assert here.x < held - 0.04
     beside = among_walls(maps, robot_radius=0.2, start=(0.0, 1.0, 0.0))
-    advance(beside, 0, Command(mode="drive", vx=1.0))
+    advance(beside, 0, Command(vx=1.0))
     for tick in range(1, 30):
         here = state(advance(beside, tick))
     assert here.x > 1.4  # past the screen

@@ -10,6 +10,7 @@ from dynpf_protocol.messages import Command, CompressedImage
 from dynpf_runtime.node import Received, Step, state_digest
 from dynpf_systems.parts.camera_model import CameraParams
 from dynpf_systems.parts.config import Hiding, Intervention, WorkspaceConfig
+from dynpf_systems.parts.messages import PartsCommand
 from dynpf_systems.parts.simulator import WorkspaceSimulator, draw_starts
 from dynpf_systems.parts.task import PartSpec, RearrangementTask
 
@@ -18,7 +19,8 @@ from dynpf.vision import Board, DetectionParams, detect_discs
 
 TICK_S = 0.05
 QUIET = WorkspaceConfig(process_variance=0.0)
-IDLE = Command(mode="idle")
+IDLE = Command()
+OPEN, CLOSE = PartsCommand(mode="mate", target=0), PartsCommand(mode="move", target=0, grip=True)
 
 
 def task(*starts, robot=(0.0, 0.0)):
@@ -31,10 +33,14 @@ def simulator(of, config=QUIET, seed=1):
 
 
 def drive(node, *commands):
-    """Step through the first tick and then one tick for each command; return (robot, parts, finished) of each."""
+    """Step through the first tick and then one tick for each command; return (robot, parts, finished) of each.
+
+    A command is how the robot moves, or what its gripper does, or both; the other is to stand still, and to open.
+    """
     seen = []
-    for tick, command in enumerate((None, *commands)):
-        inputs = () if command is None else (_received(command, tick),)
+    for tick, command in enumerate(((), *commands)):
+        given = {type(one): one for one in (IDLE, OPEN, *(command if isinstance(command, tuple) else (command,)))}
+        inputs = tuple(_received(one, tick) for one in given.values()) if command else ()
         result = node.step(Step(tick, tick, tick * 50_000_000, inputs))
         by_topic = {output.topic: output.message for output in result.outputs}
         seen.append((by_topic["truth/robot"], by_topic["truth/parts"], result.finished))
@@ -42,13 +48,14 @@ def drive(node, *commands):
 
 
 def _received(command, tick):
-    return Received("controller/command", "controller", "boot", tick, tick * 50_000_000, command)
+    topic = "controller/parts" if isinstance(command, PartsCommand) else "controller/command"
+    return Received(topic, "controller", "boot", tick, tick * 50_000_000, command)
 
 
 def test_same_seed_same_bytes_and_another_seed_another_world():
     config = WorkspaceConfig()
     free = RearrangementTask(parts=(PartSpec(radius=0.06, goal=(0.0, 0.5)), PartSpec(radius=0.11, goal=(0.5, 0.0))))
-    move = Command(mode="mate", target=0, vx=0.1, vy=-0.05, w=0.3)
+    move = Command(vx=0.1, vy=-0.05, w=0.3)
     worlds = [simulator(free, config, seed) for seed in (5, 5, 6)]
     for world in worlds:
         drive(world, *[move] * 10)
@@ -60,7 +67,7 @@ def test_same_seed_same_bytes_and_another_seed_another_world():
 def test_a_thawed_world_continues_as_the_first():
     config = WorkspaceConfig()
     first, second = (simulator(task((0.4, 0.0)), config) for _ in range(2))
-    move = Command(mode="mate", target=0, vx=0.2)
+    move = Command(vx=0.2)
     drive(first, move, move)
     second.thaw(first.freeze())
     step = Step(3, 3, 150_000_000, (_received(move, 3),))
@@ -70,7 +77,7 @@ def test_a_thawed_world_continues_as_the_first():
 def test_the_robot_goes_as_commanded_plus_noise_of_the_given_variance():
     config = WorkspaceConfig(process_variance=0.06e-4)
     world = simulator(task((0.9, 0.9)), config)
-    back_and_forth = [Command(mode="mate", vx=0.2 * (-1) ** tick) for tick in range(3000)]
+    back_and_forth = [Command(vx=0.2 * (-1) ** tick) for tick in range(3000)]
     path = np.array([(robot.x, robot.y) for robot, _, _ in drive(world, *back_and_forth)])
     commanded = np.array([(command.vx * TICK_S, 0.0) for command in back_and_forth])
     noise = np.diff(path, axis=0) - commanded
@@ -82,9 +89,9 @@ def test_the_robot_goes_as_commanded_plus_noise_of_the_given_variance():
 def test_a_part_moves_only_in_the_gripper():
     near = 0.1 + 0.08 + 0.015
     world = simulator(task((near, 0.0), (-0.5, -0.5)))
-    push = Command(mode="mate", target=0, vx=0.0, vy=0.1)
-    grip = Command(mode="move", target=0, vx=-0.1, vy=0.0, w=0.2, grip=True)
-    seen = drive(world, push, Command(mode="mate", target=0, vy=-0.1), grip, grip, push)
+    push = Command(vy=0.1)
+    grip = (Command(vx=-0.1, w=0.2), CLOSE)
+    seen = drive(world, push, Command(vy=-0.1), grip, grip, push)
     where = [(parts.parts[0].x, parts.parts[0].y) for _, parts, _ in seen]
     assert [parts.held for _, parts, _ in seen] == [-1, -1, -1, 0, 0, -1]
     assert where[0] == where[1] == where[2] == (near, 0.0)
@@ -100,24 +107,23 @@ def test_a_part_moves_only_in_the_gripper():
 def test_the_jaws_reach_only_so_far(gap, angle):
     centre = 0.18 + gap
     world = simulator(task((centre * math.cos(angle), centre * math.sin(angle))))
-    assert drive(world, Command(mode="mate", target=0, grip=True))[-1][1].held == -1
+    assert drive(world, CLOSE)[-1][1].held == -1
 
 
 def test_contacts_are_counted_by_tick_and_not_for_what_is_held():
     world = simulator(task((0.19, 0.0), (0.0, 0.185)))
-    up = Command(mode="mate", target=1, vy=0.2)
-    hold = Command(mode="move", target=0, grip=True)
-    contacts = [parts.contacts for _, parts, _ in drive(world, hold, hold, up, up, IDLE)]
+    up = Command(vy=0.2)
+    contacts = [parts.contacts for _, parts, _ in drive(world, CLOSE, CLOSE, up, up, IDLE)]
     assert contacts == [0, 0, 0, 1, 2, 3]
 
 
 def test_a_wall_is_a_contact():
     world = simulator(task((0.5, 0.5), robot=(-0.895, 0.0)))
-    assert drive(world, Command(mode="mate", vx=-0.2))[-1][1].contacts == 1
+    assert drive(world, Command(vx=-0.2))[-1][1].contacts == 1
 
 
 def test_the_run_ends_when_the_controller_has_finished():
-    seen = drive(simulator(task((0.5, 0.5))), IDLE, Command(mode="idle", finished=True))
+    seen = drive(simulator(task((0.5, 0.5))), IDLE, Command(finished=True))
     assert [finished for _, _, finished in seen] == [False, False, True]
     assert seen[-1][1].finished
 
@@ -160,8 +166,7 @@ def test_the_scene_is_drawn_five_times_a_second():
 def test_someone_puts_a_part_elsewhere_even_out_of_the_gripper():
     put = Intervention(tick=3, part=0, to=(-0.5, 0.5))
     world = simulator(task((0.19, 0.0)), msgspec.structs.replace(QUIET, interventions=(put,)))
-    hold = Command(mode="move", target=0, grip=True)
-    seen = [(parts.held, parts.parts[0].x) for _, parts, _ in drive(world, hold, hold, hold, hold)]
+    seen = [(parts.held, parts.parts[0].x) for _, parts, _ in drive(world, CLOSE, CLOSE, CLOSE, CLOSE)]
     assert [held for held, _ in seen] == [-1, 0, 0, -1, -1]
     assert [x for _, x in seen[3:]] == [-0.5, -0.5]
 
@@ -183,17 +188,16 @@ def test_a_hidden_part_is_told_and_not_drawn():
 
 def test_what_slips_jumps_ahead_of_the_jaws_as_far_as_there_is_room():
     slippery = msgspec.structs.replace(QUIET, slip_probability=1.0)
-    close = Command(mode="mate", target=0, grip=True)
-    alone = drive(simulator(task((0.19, 0.0)), slippery), close)[-1][1]
+    alone = drive(simulator(task((0.19, 0.0)), slippery), CLOSE)[-1][1]
     assert (alone.held, alone.parts[0].x, alone.contacts) == (-1, pytest.approx(0.22), 0)
-    crowded = drive(simulator(task((0.19, 0.0), (0.36, 0.0)), slippery), close)[-1][1]
+    crowded = drive(simulator(task((0.19, 0.0), (0.36, 0.0)), slippery), CLOSE)[-1][1]
     assert (crowded.parts[0].x, crowded.contacts) == (pytest.approx(0.1975), 0)
 
 
 def test_it_slips_as_often_as_the_scenario_says():
     config = msgspec.structs.replace(QUIET, slip_probability=0.3, slip_distance=0.0)
-    world, close, held = simulator(task((0.19, 0.0)), config), Command(mode="mate", target=0, grip=True), 0
-    for _, parts, _ in drive(world, *[close, IDLE] * 400)[1::2]:
+    world, held = simulator(task((0.19, 0.0)), config), 0
+    for _, parts, _ in drive(world, *[CLOSE, IDLE] * 400)[1::2]:
         held += parts.held == 0
     assert held / 400 == pytest.approx(0.7, abs=4.0 * math.sqrt(0.3 * 0.7 / 400))
 

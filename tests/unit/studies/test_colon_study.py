@@ -10,7 +10,7 @@ from dynpf_experiments.drive import drive
 from dynpf_experiments.messages import of_type
 from dynpf_experiments.study import run_study, settings_from
 from dynpf_lab.cli.main import main
-from dynpf_protocol.messages import CapsuleEstimate, CapsuleReading, CapsuleState
+from dynpf_systems.colon.messages import CapsuleEstimate, CapsuleReading, CapsuleState
 from dynpf_systems.colon.studies.experiments import CASES_STUDY, PRINTED_CASES, change_of
 from dynpf_systems.colon.studies.worlds import Change, Filter, Place, Trial, follow, run, scenario_of
 from PIL import Image

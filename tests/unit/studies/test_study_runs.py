@@ -96,7 +96,7 @@ def test_a_trial_recorded_is_the_run_of_its_scenario_and_seed(
 
 
 def test_only_a_node_that_nobody_waits_for_can_be_given_its_inputs_again() -> None:
-    with pytest.raises(ValueError, match="controller reads estimator/state of estimator"):
+    with pytest.raises(ValueError, match="controller reads estimator/parts, estimator/state of estimator"):
         inputs_of(load_scenario("parts-3-tracked"), "estimator", ())
 
 

@@ -4,10 +4,11 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
-from dynpf_protocol.messages import CompressedImage, Detections, Log, Message, timestamp
+from dynpf_protocol.messages import CompressedImage, Log, Message, timestamp
 from dynpf_runtime.node import Received, Step, decode_state, encode_state
 from dynpf_systems.parts.camera import DrawnDisc, board_discs, encode, render
 from dynpf_systems.parts.camera_model import CameraParams
+from dynpf_systems.parts.messages import Detections
 from dynpf_systems.parts.vision import VisionNode
 from dynpf_systems.parts.vision_config import VisionConfig
 

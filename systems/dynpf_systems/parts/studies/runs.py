@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 from dynpf_experiments.drive import drive
-from dynpf_protocol.messages import Estimate, PartEstimate, PartsState, RobotState
+from dynpf_protocol.messages import Estimate, RobotState
 from dynpf_runtime.node import Node, Output, Result, State, Step
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.schema import Scenario
@@ -16,6 +16,7 @@ from dynpf.rng import generator
 from dynpf_systems.parts.config import FilterName, RearrangementConfig, WorkspaceConfig
 from dynpf_systems.parts.controller_config import RearrangementControllerConfig
 from dynpf_systems.parts.measures import TOPICS, Course, course_of, filter_measures, rearrangement
+from dynpf_systems.parts.messages import PartEstimate, PartsEstimate, PartsState
 from dynpf_systems.parts.task import NOISE as LEVELS
 from dynpf_systems.parts.task import Noise, PartSpec, RearrangementTask
 
@@ -164,13 +165,13 @@ class MeasuredPositions:
             theta=robot.theta,
             covariance=(variance, 0.0, 0.0, 0.0, variance, 0.0, 0.0, 0.0, 0.0),
             n_eff=1.0,
-            held=parts.held,
-            parts=tuple(
-                PartEstimate(x=part.x + dx, y=part.y + dy, variance=variance, seen=True)
-                for part, (dx, dy) in zip(parts.parts, noise[1:].tolist(), strict=True)
-            ),
         )
-        return Result((Output("estimator/state", estimate),))
+        found = tuple(
+            PartEstimate(x=part.x + dx, y=part.y + dy, variance=variance, seen=True)
+            for part, (dx, dy) in zip(parts.parts, noise[1:].tolist(), strict=True)
+        )
+        beside = PartsEstimate(parts=found, held=parts.held)
+        return Result((Output("estimator/parts", beside), Output("estimator/state", estimate)))
 
     def freeze(self) -> State:
         """Return nothing: each measurement is for itself."""

@@ -8,12 +8,12 @@ import msgspec
 import numpy as np
 from dynpf_experiments.rows import Row, Sample, summarized
 from dynpf_experiments.study import Study
-from dynpf_protocol.messages import Command, Estimate
 from dynpf_runtime.node import Node, Result, State, Step
 from dynpf_services.scenario.build import build_node
 
 from dynpf.rng import Stream
 from dynpf_systems.parts.config import RearrangementConfig
+from dynpf_systems.parts.messages import PartsCommand, PartsEstimate
 from dynpf_systems.parts.robot_filters import Seen, fused, robot_filter
 from dynpf_systems.parts.studies.figures import draw_times
 from dynpf_systems.parts.studies.runs import NOISE, PROCESS, Conditions, layout_task, parts_scenario, run_parts
@@ -98,8 +98,8 @@ def _step_times(layout: RearrangementTask, seed: int, variance: float, n: int) -
     estimator, controller = (_Clocked(build_node(scenario, name)) for name in ("estimator", "controller"))
     run_parts(layout, seed, conditions, {"estimator": estimator, "controller": controller})
     for (filtering, estimated), (deciding, decided) in zip(estimator.step_times, controller.step_times, strict=True):
-        estimate = next((one.message for one in estimated.outputs if isinstance(one.message, Estimate)), None)
-        command = next(one.message for one in decided.outputs if isinstance(one.message, Command))
+        estimate = next((one.message for one in estimated.outputs if isinstance(one.message, PartsEstimate)), None)
+        command = next(one.message for one in decided.outputs if isinstance(one.message, PartsCommand))
         if estimate is not None and (command.mode != "idle" or estimate.held >= 0):
             yield "move" if estimate.held >= 0 else "mate", filtering, deciding
 

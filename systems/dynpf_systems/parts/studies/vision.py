@@ -11,7 +11,7 @@ from dynpf_experiments.messages import RunMessages, of_type
 from dynpf_experiments.rows import Row, Sample, summarized
 from dynpf_experiments.study import Study
 from dynpf_protocol.errors import UsageError
-from dynpf_protocol.messages import CompressedImage, Detections, Log, timestamp
+from dynpf_protocol.messages import CompressedImage, Log, timestamp
 from dynpf_runtime.node import Received, Step
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.schema import Scenario
@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 
 from dynpf.rng import generator
 from dynpf.vision import Board, DetectionParams, detect_discs
-from dynpf_systems.parts.camera import DrawnDisc, board_discs, encode, render
+from dynpf_systems.parts.camera import CAMERA_FRAME, DrawnDisc, board_discs, encode, render
 from dynpf_systems.parts.camera_model import CameraParams
 from dynpf_systems.parts.config import WorkspaceConfig
 from dynpf_systems.parts.measures import TOPICS, course_of, rearrangement
+from dynpf_systems.parts.messages import Detections
 from dynpf_systems.parts.simulator import draw_starts
 from dynpf_systems.parts.studies.disc_scenes import KINDS, draw_scene, score
 from dynpf_systems.parts.studies.runs import LAYOUTS, RADII, layout_task
@@ -221,7 +222,7 @@ def frame_errors(node: VisionNode, camera: CameraParams, seed: int, number: int)
 
 def _shown(node: VisionNode, frame: NDArray[np.uint8], camera: CameraParams, number: int) -> tuple[Detections, str]:
     """Return what the node makes of a frame, and what it says."""
-    image = CompressedImage(timestamp=timestamp(0), frame_id="camera", data=encode(frame, camera), format="jpeg")
+    image = CompressedImage(timestamp=timestamp(0), frame_id=CAMERA_FRAME, data=encode(frame, camera), format="jpeg")
     received = Received("camera/image", "simulator", "", number, number, image)
     messages = [output.message for output in node.step(Step(number, number, number, (received,))).outputs]
     detections = next(message for message in messages if isinstance(message, Detections))

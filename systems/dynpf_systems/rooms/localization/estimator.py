@@ -16,13 +16,11 @@ from dynpf_protocol.messages import (
     Odometry,
     OdometryPose,
     PoseInFrame,
-    PosesInFrame,
     planar_pose,
-    planar_poses,
     timestamp,
 )
 from dynpf_runtime.node import Output, Received, Result, State, Step
-from dynpf_services.estimates import gap_warning, robot_transform
+from dynpf_services.estimates import gap_warning, particles_picture, robot_transform
 from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.schema import key_of
 from msgspec import UNSET
@@ -383,20 +381,13 @@ class LocalizationEstimator:
             outputs.append(Output("estimator/dead_reckoning", reckoned))
         if self._shown_ns is None or self._stamp_ns - self._shown_ns >= SHOWN_PERIOD_NS:
             self._shown_ns = self._stamp_ns
-            outputs.append(Output("estimator/particles", self._shown_particles()))
+            shown = self._localizer.shown(self._belief, SHOWN_PARTICLES)
+            outputs.append(Output("estimator/particles", particles_picture(shown, when)))
             outputs.append(Output("estimator/transforms", robot_transform(x, y, theta, when)))
         if self._scene_ns is None or self._stamp_ns - self._scene_ns >= SCENE_PERIOD_NS:
             self._scene_ns = self._stamp_ns
             outputs.append(Output("estimator/scene", draw_scene(x, y, theta, self._marks, when, status=health.status)))
         return outputs
-
-    def _shown_particles(self) -> PosesInFrame:
-        assert self._stamp_ns is not None
-        return PosesInFrame(
-            timestamp=timestamp(self._stamp_ns),
-            frame_id=frames.MAP,
-            poses=planar_poses(self._localizer.shown(self._belief, SHOWN_PARTICLES)),
-        )
 
     def _unknown_landmarks(self, received: Received, landmarks: Sequence[int]) -> list[Output]:
         """Return a warning for each landmark that is not in the map, the first time that it is seen."""

@@ -7,17 +7,12 @@ import numpy as np
 from dynpf_protocol import frames
 from dynpf_protocol.landmarks import Landmark
 from dynpf_protocol.messages import (
-    Detection,
-    Detections,
-    Gripper,
     LandmarkReading,
     LandmarkReadings,
     LaserScan,
     LineReading,
     LineReadings,
-    Obstacles,
     Odometry,
-    PartsState,
     PositionFix,
     RobotState,
     planar_pose,
@@ -28,7 +23,9 @@ from numpy.typing import NDArray
 from dynpf.measurement.ray import ray_discs, ray_segments
 from dynpf.portable import atan2, hypot, sincos
 from dynpf.rng import Draws
+from dynpf_systems.parts.messages import Detection, Detections, Gripper, PartsState
 from dynpf_systems.parts.task import NOISE, RearrangementTask
+from dynpf_systems.rooms.messages import Obstacles
 from dynpf_systems.rooms.sensors.config import (
     GripperSensor,
     GyroSensor,

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.landmarks import Landmark
-from dynpf_protocol.messages import Message, Obstacles, Odometry, PartsState, RobotState
+from dynpf_protocol.messages import Message, Odometry, RobotState
 from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.scenario.context import Context
 
@@ -15,8 +15,10 @@ from dynpf.maps.raycast import RayCaster
 from dynpf.measurement.ray import ray_discs, ray_segments
 from dynpf.motion.gyro import GyroOdometry
 from dynpf.rng import Draws, generator
+from dynpf_systems.parts.messages import PartsState
 from dynpf_systems.parts.task import RearrangementTask
 from dynpf_systems.rooms.maps import NO_MAPS, Maps, maps_of
+from dynpf_systems.rooms.messages import Obstacles
 from dynpf_systems.rooms.sensors.config import OdometrySensor, ScanSensor, SimulatedSensorsConfig
 from dynpf_systems.rooms.sensors.readings import (
     Floats,

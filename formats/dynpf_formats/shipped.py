@@ -1,0 +1,38 @@
+"""What comes with dynpf: the systems, each found by its name in a list of their own, and the topics that they bring.
+
+Nothing here knows a system, and what a recording or a scenario names is never imported.
+"""
+
+from collections.abc import Mapping
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+from dynpf_protocol.topics import TOPICS, Topic
+
+__all__ = ["known_topics", "load", "systems"]
+
+SYSTEMS = "dynpf_systems"
+"""The package of the systems: SYSTEMS lists its folders, each with what it brings, by import strings."""
+
+
+@cache
+def systems() -> tuple[Any, ...]:
+    """Return the packages of the systems."""
+    return tuple(import_module(f"{SYSTEMS}.{name}") for name in import_module(SYSTEMS).SYSTEMS)
+
+
+def load(text: str) -> Any:
+    """Return what an import string of ours stands for: ``package.module:name``."""
+    module, _, name = text.partition(":")
+    return getattr(import_module(module), name)
+
+
+@cache
+def known_topics() -> Mapping[str, Topic]:
+    """Return the topics of all nodes that come with dynpf, as those have them that have their usual names.
+
+    Those that any robot may have come first, then those of each system.
+    """
+    own = [row for system in systems() for row in load(system.TOPICS)]
+    return {**TOPICS, **{row.name: row for row in own}}

@@ -1,0 +1,44 @@
+"""What hosts and the recorder say."""
+
+from typing import Literal
+
+from dynpf_protocol.messages.base import Count, Message, NonNegative
+
+__all__ = [
+    "Diagnostics",
+    "Gap",
+    "HostEvent",
+]
+
+
+class HostEvent(Message, frozen=True, kw_only=True):
+    """Something that happened to a node's inputs, told to the node as an input: a gap in a topic's sequence."""
+
+    schema_name = "dynpf.HostEvent"
+    kind: Literal["gap"]
+    topic: str
+    node: str  # the sender
+    first: Count  # sequence number
+    last: Count  # sequence number
+
+
+class Gap(Message, frozen=True, kw_only=True):
+    """Sequence numbers that the recorder never received."""
+
+    schema_name = "dynpf.Gap"
+    topic: str
+    node: str  # the sender
+    boot: str
+    first: Count  # sequence number
+    last: Count  # sequence number
+
+
+class Diagnostics(Message, frozen=True, kw_only=True):
+    """Timings and counters of one process; wall-clock figures live here and nowhere else."""
+
+    schema_name = "dynpf.Diagnostics"
+    node: str
+    steps: Count  # so far
+    step_time_s: NonNegative  # s, spent in the node's own step since the last report
+    refused: dict[str, Count]  # topic -> messages refused so far
+    queue: Count  # messages waiting

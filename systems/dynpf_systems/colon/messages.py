@@ -1,0 +1,77 @@
+"""Messages of COLON: a capsule in its tube, in pixels of its maps."""
+
+from typing import Annotated
+
+from dynpf_protocol.messages.base import Angle, Count, Message, NonNegative, Piece
+from msgspec import UNSET, Meta, UnsetType
+
+__all__ = [
+    "CapsuleEstimate",
+    "CapsuleMove",
+    "CapsuleReading",
+    "CapsuleState",
+    "MapProbability",
+    "MovedWall",
+]
+
+
+class CapsuleMove(Piece, frozen=True, kw_only=True):
+    """A turn, and then the way ahead."""
+
+    rho_px: float  # px
+    turn: Angle  # rad
+
+
+class CapsuleState(Message, frozen=True, kw_only=True):
+    """The true pose of the capsule in its tube at a reading, and the name of the map that then holds."""
+
+    schema_name = "dynpf.CapsuleState"
+    reading: Count  # its number: 0 at the start, then one for each motion
+    x_px: float  # px
+    y_px: float  # px
+    theta: Angle  # rad
+    map: str
+    move: CapsuleMove | UnsetType = UNSET  # that it was told to make since the reading before; left out at the start
+
+
+class CapsuleReading(Message, frozen=True, kw_only=True):
+    """What a capsule in a tube reads where a motion has brought it."""
+
+    schema_name = "dynpf.CapsuleReading"
+    reading: Count  # its number: 0 at the start, then one for each motion
+    ranges_px: Annotated[
+        tuple[NonNegative, ...], Meta(min_length=5, max_length=5)
+    ]  # px, at -60, -30, 0, 30, 60 degrees
+    move: CapsuleMove | UnsetType = UNSET  # that it was told to make since the reading before; left out at the start
+
+
+class MapProbability(Piece, frozen=True, kw_only=True):
+    map: str  # its name, or "none of these"
+    probability: Annotated[float, Meta(ge=0.0, le=1.0)]
+
+
+class MovedWall(Piece, frozen=True, kw_only=True):
+    """A place on the wall of the reference map that has moved, and how far outwards."""
+
+    x_px: float  # px
+    y_px: float  # px
+    moved_px: float  # px
+
+
+class CapsuleEstimate(Message, frozen=True, kw_only=True):
+    """Where the capsule is, and which map of its tube holds."""
+
+    schema_name = "dynpf.CapsuleEstimate"
+    reading: Count  # that it follows
+    x_px: float  # px
+    y_px: float  # px
+    theta: Angle  # rad
+    covariance: Annotated[tuple[float, ...], Meta(min_length=9, max_length=9)]  # px^2, px rad, rad^2, row by row
+    n_eff: NonNegative  # effective sample size
+    map: str  # the likeliest; of a filter that estimates no map, the one that it was told of; of radii, the nearest
+    maps: Annotated[tuple[MapProbability, ...], Meta(max_length=64)] = ()  # posterior; empty: no map is estimated
+    changed_at: NonNegative | UnsetType = UNSET  # expected number of the reading from which on ``map`` holds
+    reference: str | UnsetType = UNSET  # the map that ``walls`` have moved from
+    walls: Annotated[tuple[MovedWall, ...], Meta(max_length=10_000)] = ()  # what explains "none of these"; else empty
+    end_radius_px: NonNegative | UnsetType = UNSET  # px, from a filter that estimates it
+    end_radius_sigma_px: NonNegative | UnsetType = UNSET  # px

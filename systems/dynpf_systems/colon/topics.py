@@ -1,0 +1,29 @@
+"""Topics of COLON, beside those that any robot may have."""
+
+from dynpf_protocol.topics import Topic
+
+from dynpf_systems.colon.messages import CapsuleEstimate, CapsuleReading, CapsuleState
+
+__all__ = ["TOPICS"]
+
+TOPICS = (
+    Topic(
+        name="truth/capsule",
+        type=CapsuleState,
+        publishers=("simulator",),
+        description="True pose of the capsule in pixels of its map, and the name of the map that holds",
+    ),
+    Topic(
+        name="sensors/capsule",
+        type=CapsuleReading,
+        publishers=("sensors",),
+        description="The capsule's last motion, as it was told to make it, and its five ranges",
+    ),
+    Topic(
+        name="estimator/capsule",
+        type=CapsuleEstimate,
+        publishers=("estimator",),
+        wakes=False,
+        description="Estimate of the capsule's pose in pixels, posterior over maps, and what has changed in them",
+    ),
+)

@@ -1,0 +1,83 @@
+"""Messages of PARTS: parts, discs that are seen, and the gripper."""
+
+from typing import Annotated, Literal
+
+from dynpf_protocol.messages.base import Angle, Count, Message, NonNegative, Piece, Positive
+from msgspec import Meta
+
+__all__ = [
+    "Detection",
+    "Detections",
+    "Gripper",
+    "PartEstimate",
+    "PartState",
+    "PartsCommand",
+    "PartsEstimate",
+    "PartsState",
+]
+
+
+class PartState(Piece, frozen=True, kw_only=True):
+    x: float  # m
+    y: float  # m
+    radius: Positive  # m
+    goal_x: float  # m
+    goal_y: float  # m
+
+
+class PartsState(Message, frozen=True, kw_only=True):
+    """The true state of every part; ``held`` is the index of the part in the gripper, or -1."""
+
+    schema_name = "dynpf.PartsState"
+    parts: Annotated[tuple[PartState, ...], Meta(max_length=64)]
+    held: Annotated[int, Meta(ge=-1, lt=64)]
+    contacts: Count  # ticks so far in which two discs, or a disc and a wall, overlapped
+    finished: bool  # the controller has said that it is done
+    hidden: Annotated[tuple[Annotated[int, Meta(ge=0, lt=64)], ...], Meta(max_length=64)] = ()  # seen by no camera
+
+
+class Detection(Piece, frozen=True, kw_only=True):
+    """A disc in workspace coordinates; ``grey`` is its median grey level less the background's."""
+
+    x: float  # m
+    y: float  # m
+    radius: Positive  # m
+    grey: float  # grey levels, 0 to 255, less the background's
+    residual: NonNegative = 0.0  # m, RMS distance of the edge points from the fitted circle
+
+
+class Detections(Message, frozen=True, kw_only=True):
+    schema_name = "dynpf.Detections"
+    discs: Annotated[tuple[Detection, ...], Meta(max_length=256)]
+
+
+class Gripper(Message, frozen=True, kw_only=True):
+    """The gripper's own sensing: contact switch and angle encoder (rad, from the x axis of the workspace)."""
+
+    schema_name = "dynpf.Gripper"
+    contact: bool
+    theta: Angle  # rad
+
+
+class PartEstimate(Piece, frozen=True, kw_only=True):
+    x: float  # m
+    y: float  # m
+    variance: NonNegative  # of each coordinate, m^2
+    seen: bool  # a detection was associated in this step
+
+
+class PartsEstimate(Message, frozen=True, kw_only=True):
+    """The estimate of every part, which belongs to the robot's of the same stamp."""
+
+    schema_name = "dynpf.PartsEstimate"
+    parts: Annotated[tuple[PartEstimate, ...], Meta(max_length=64)]
+    held: Annotated[int, Meta(ge=-1, lt=64)]  # index of the part in the gripper, or -1
+
+
+class PartsCommand(Message, frozen=True, kw_only=True):
+    """What the gripper shall do until the next command, and which stage of which part's way home this is."""
+
+    schema_name = "dynpf.PartsCommand"
+    mode: Literal["idle", "mate", "move", "leave"]
+    target: Annotated[int, Meta(ge=-1, lt=64)] = -1  # index of the part, or -1
+    grip: bool = False
