@@ -17,6 +17,7 @@ __all__ = ["PURE", "bindings", "dotted", "findings", "imported", "within"]
 PURE = (
     "dynpf",
     "protocol/dynpf_protocol",
+    "runtime/dynpf_runtime/every.py",
     "runtime/dynpf_runtime/node.py",
     "services/dynpf_services/estimates.py",
     "services/dynpf_services/nodes.py",

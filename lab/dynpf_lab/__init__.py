@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from dynpf_protocol.messages import Message
     from dynpf_protocol.topics import Topic
+    from dynpf_runtime.every import Every
     from dynpf_services.nodes import Moment, Node, Sensor
 
     from dynpf.rng import Draws
 
-__all__ = ["Draws", "Message", "Moment", "Node", "Sensor", "Topic"]
+__all__ = ["Draws", "Every", "Message", "Moment", "Node", "Sensor", "Topic"]
 
 _HOMES = {
     "Draws": "dynpf.rng",
+    "Every": "dynpf_runtime.every",
     "Message": "dynpf_protocol.messages",
     "Moment": "dynpf_services.nodes",
     "Node": "dynpf_services.nodes",

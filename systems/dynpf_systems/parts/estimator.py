@@ -24,6 +24,7 @@ from dynpf_protocol.messages import (
     planar_pose,
     timestamp,
 )
+from dynpf_runtime.every import Every
 from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.estimates import gap_warning, robot_transform
 from dynpf_services.scenario.context import Context
@@ -58,6 +59,7 @@ class RearrangementEstimator:
         self.name = name
         self._layout = layout_of(task)
         self._config = config
+        self._shown = Every(config.particle_period_s)
         self._noise = config.noise(task)
         self._seed = seed
         self._tick_s = tick_s
@@ -79,7 +81,7 @@ class RearrangementEstimator:
         self._theta = 0.0
         self._contact = False
         self._held = -1
-        self._shown_ns = -1
+        self._shown_ns: int | None = None
 
     def step(self, step: Step) -> Result:
         detections: Detections | None = None
@@ -255,7 +257,7 @@ class RearrangementEstimator:
         stamp = timestamp(step.stamp_ns)
         pose = PoseInFrame(timestamp=stamp, frame_id=frames.MAP, pose=planar_pose(x, y, self._theta))
         outputs = [Output("estimator/state", estimate), Output("estimator/pose", pose)]
-        if self._shown_ns < 0 or step.stamp_ns - self._shown_ns >= round(self._config.particle_period_s * 1e9):
+        if self._shown.due(step.stamp_ns, self._shown_ns):
             self._shown_ns = step.stamp_ns
             poses = tuple(planar_pose(px, py, self._theta) for px, py in robot.shown.T.tolist())
             shown = PosesInFrame(timestamp=stamp, frame_id=frames.MAP, poses=poses)

@@ -21,6 +21,7 @@ from dynpf_protocol.messages import (
     planar_poses,
     timestamp,
 )
+from dynpf_runtime.every import Every
 from dynpf_runtime.node import Output, Received, Result, State, Step
 from dynpf_services.estimates import gap_warning, robot_transform
 from dynpf_services.scenario.context import Context
@@ -53,8 +54,8 @@ NANOSECONDS = 10**9
 SHORTEST_NS = NANOSECONDS // 1000  # that a displacement is said to have taken
 SHOWN_PARTICLES = 200
 REHEARSED_PARTICLES = 64
-SHOWN_PERIOD_NS = NANOSECONDS // 5
-SCENE_PERIOD_NS = NANOSECONDS
+SHOWN = Every(0.2)
+SCENE = Every(1.0)
 
 
 class _Velocity(NamedTuple):
@@ -381,11 +382,11 @@ class LocalizationEstimator:
         if self._reckoned is not None:
             reckoned = PoseInFrame(timestamp=when, frame_id=frames.MAP, pose=planar_pose(*self._reckoned.tolist()))
             outputs.append(Output("estimator/dead_reckoning", reckoned))
-        if self._shown_ns is None or self._stamp_ns - self._shown_ns >= SHOWN_PERIOD_NS:
+        if SHOWN.due(self._stamp_ns, self._shown_ns):
             self._shown_ns = self._stamp_ns
             outputs.append(Output("estimator/particles", self._shown_particles()))
             outputs.append(Output("estimator/transforms", robot_transform(x, y, theta, when)))
-        if self._scene_ns is None or self._stamp_ns - self._scene_ns >= SCENE_PERIOD_NS:
+        if SCENE.due(self._stamp_ns, self._scene_ns):
             self._scene_ns = self._stamp_ns
             outputs.append(Output("estimator/scene", draw_scene(x, y, theta, self._marks, when, status=health.status)))
         return outputs

@@ -5,13 +5,14 @@ from typing import Any
 
 import msgspec
 from dynpf_protocol.messages import FilterHealth, HealthFigures, Log, LogLevel, timestamp
+from dynpf_runtime.every import Every
 from dynpf_runtime.node import Output, State
 
 from dynpf.filters.health import Health, HealthMemory, HealthParams, Signs, Status, Verdict
 
 __all__ = ["HealthWatch"]
 
-PERIOD_NS = 10**9
+JUDGED = Every(1.0)
 
 
 class HealthWatch:
@@ -26,7 +27,7 @@ class HealthWatch:
 
     def due(self, stamp_ns: int) -> bool:
         """Return whether it is time to judge though there was no update."""
-        return self._judged_ns is None or stamp_ns - self._judged_ns >= PERIOD_NS
+        return JUDGED.due(stamp_ns, self._judged_ns)
 
     def judge(self, signs: Signs, stamp_ns: int) -> list[Output]:
         """Take in the signs; return a message if the status is another than before, or not good to begin with."""
