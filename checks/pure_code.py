@@ -21,6 +21,7 @@ PURE = (
     "runtime/dynpf_runtime/node.py",
     "services/dynpf_services/estimates.py",
     "services/dynpf_services/nodes.py",
+    "services/dynpf_services/sensors",
     "systems/dynpf_systems",
 )
 

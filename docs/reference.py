@@ -397,7 +397,10 @@ def _notes(kind: type) -> dict[str, str]:
 
 
 def _own_notes(kind: type) -> dict[str, str]:
-    source = textwrap.dedent(inspect.getsource(kind))
+    try:
+        source = textwrap.dedent(inspect.getsource(kind))
+    except OSError:  # made of a list: there is no source, and the tables that it holds have their own
+        return {}
     comments = {
         token.start[0]: token.string.lstrip("# ")
         for token in tokenize.generate_tokens(io.StringIO(source).readline)

@@ -59,6 +59,7 @@ __all__ = [
     "PositionFix",
     "Quaternion",
     "RobotState",
+    "Scanner",
     "SceneEntity",
     "SceneEntityDeletion",
     "SceneUpdate",
@@ -430,6 +431,14 @@ class LandmarkReadings(Message, frozen=True, kw_only=True):
 
     schema_name = "dynpf.LandmarkReadings"
     readings: Annotated[tuple[LandmarkReading, ...], Meta(max_length=256)]
+
+
+class Scanner(Message, frozen=True, kw_only=True):
+    """What the scanner measures between whose scans follow; sent before the first of them, and where it changes."""
+
+    schema_name = "dynpf.Scanner"
+    range_min: NonNegative = 0.0  # m; a range below it tells nothing
+    range_max: Positive  # m, which a beam without return reads
 
 
 class LineReading(Part, frozen=True, kw_only=True):

@@ -9,11 +9,12 @@ from dynpf_protocol.messages import Estimate, PartEstimate, PartsState, RobotSta
 from dynpf_runtime.node import Node, Output, Result, State, Step
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.schema import Scenario
+from dynpf_services.sensors.simulated import SimulatedSensorsConfig
 from dynpf_systems.parts.config import FilterName, RearrangementConfig, WorkspaceConfig
 from dynpf_systems.parts.controller_config import RearrangementControllerConfig
+from dynpf_systems.parts.sensors import GripperSensor, OverheadSensor
 from dynpf_systems.parts.task import NOISE as LEVELS
 from dynpf_systems.parts.task import Noise, PartSpec, RearrangementTask
-from dynpf_systems.rooms.sensors.config import GripperSensor, OverheadSensor, SimulatedSensorsConfig
 
 from dynpf.rng import generator
 from dynpf_lab.measures.rearrangement import TOPICS, Course, course_of, filter_measures, rearrangement

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
+from dynpf_services.sensors.simulated import SimulatedSensorsConfig
 from dynpf_systems.rooms.config import Door
 from dynpf_systems.rooms.localization.config import LocalizationConfig
-from dynpf_systems.rooms.sensors.config import SimulatedSensorsConfig
 from msgspec import Meta
 
 from dynpf.filters.regularization import GaussianKernel

@@ -1,4 +1,4 @@
-"""PARTS: a robot brings parts to their goals under an overhead camera; kinds of nodes and tables by import string."""
+"""PARTS: a robot brings parts to their goals under a camera; kinds of nodes, tables and sensors by import string."""
 
 FACTS = {"task": "dynpf_systems.parts.nodes:TASK"}
 
@@ -8,3 +8,5 @@ KINDS = {
     ("estimator", "rearrangement"): "dynpf_systems.parts.nodes:ESTIMATOR",
     ("controller", "rearrangement"): "dynpf_systems.parts.nodes:CONTROLLER",
 }
+
+SENSORS = "dynpf_systems.parts.sensors:SENSORS"
