@@ -94,7 +94,7 @@ class After(NamedTuple):
 
 
 class ReadingKind(NamedTuple):
-    """What a filter may take of a sensor's messages, by its type.
+    """What a filter may take of a sensor's messages, by its type; without one, it takes the messages as they come.
 
     ``of`` makes it of a message, and of what the sensor that it comes ``after`` said last, else of None. ``example``
     returns the message that a robot at a pose (3,) would be sent, for a run's maps and a measurement model, None where
@@ -111,8 +111,8 @@ class ReadingKind(NamedTuple):
 class ModelKind(NamedTuple):
     """A measurement model by the table of its parameters.
 
-    It takes readings of a type, and is made of the table, of the map that it ``needs`` ("landmarks", "grid" or
-    "segments"), and where it is ``calibrated`` of the rows of the state that hold its own errors.
+    It takes readings of a type, or messages by theirs. It is made of the table, of the map that it ``needs``
+    ("landmarks", "grid" or "segments"), and where it is ``calibrated`` of the rows of the state that hold its errors.
     """
 
     table: type[msgspec.Struct]
@@ -130,7 +130,6 @@ class SensorKind(NamedTuple):
 
     name: str
     message: type[Message]
-    about: str = ""  # of a topic that is not in the table
     simulated: Simulated | None = None
     announced: Announced | None = None
     checked: Callable[[Context], Check] | None = None
@@ -144,8 +143,9 @@ class SensorKind(NamedTuple):
 
     @property
     def row(self) -> Topic:
-        """The topic's row: that of the topic table, or one of its own."""
-        own = Topic(name=self.topic, type=self.message, publishers=("sensors",), description=self.about)
+        """The topic's row: that of the topic table, or one that the message's type describes."""
+        described = (self.message.__doc__ or self.name).strip().partition("\n")[0].rstrip(".")
+        own = Topic(name=self.topic, type=self.message, publishers=("sensors",), description=described)
         return TOPICS.get(self.topic, own)
 
 

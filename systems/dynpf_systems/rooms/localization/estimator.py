@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.landmarks import Landmark
 from dynpf_protocol.messages import HostEvent, Odometry, OdometryPose
 from dynpf_runtime.node import Output, Result, State, Step
@@ -12,25 +10,22 @@ from dynpf_services.estimates import gap_warning
 from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.schema import key_of
 
-from dynpf.filters.adaptation import PoseSource
 from dynpf.filters.models import Models, Outcome
-from dynpf.filters.start import FromReadingsStart, KnownStart, Start, UniformStart, around, pose_source
 from dynpf.motion.model import Twist
 from dynpf.rng import Stream
+from dynpf_systems.rooms.localization.beginning import Beginning
 from dynpf_systems.rooms.localization.components import Moved, localizer_of, measurements_of, motion_of
 from dynpf_systems.rooms.localization.config import LocalizationConfig
 from dynpf_systems.rooms.localization.health import HealthWatch, signs_of
 from dynpf_systems.rooms.localization.intake import Intake
 from dynpf_systems.rooms.localization.localizers import Found
-from dynpf_systems.rooms.localization.odometer import NANOSECONDS, Odometer
+from dynpf_systems.rooms.localization.odometer import Odometer
 from dynpf_systems.rooms.localization.publisher import Publisher
 from dynpf_systems.rooms.localization.readings import example_readings
 from dynpf_systems.rooms.localization.user_components import Classes
 from dynpf_systems.rooms.maps import Maps, maps_of
 
 __all__ = ["LocalizationEstimator", "build"]
-
-REHEARSED_PARTICLES = 64
 
 
 class LocalizationEstimator:
@@ -61,11 +56,9 @@ class LocalizationEstimator:
         self._control = motion.control
         self._models = Models(motion.model, measurements)
         self._localizer = localizer_of(config, motion.model, measurements, maps, classes, key=key)
-        self._source = _source(config.start, maps, self._models, key)
+        self._beginning = Beginning(config.start, maps, self._models, key)
         self._intake = Intake(config, measurements, maps.landmarks, name)
-        start = config.start
-        known = np.array([start.x, start.y, start.theta]) if isinstance(start, KnownStart) else None
-        self._odometer = Odometer(round(config.odometry_delay * NANOSECONDS), known, self._correct)
+        self._odometer = Odometer(config.odometry_delay, self._beginning.pose, self._correct)
         self._publisher = Publisher(landmarks)
         self._health = HealthWatch(config.health, name)
         self._outcomes = {outcome.value: 0 for outcome in Outcome}
@@ -96,18 +89,11 @@ class LocalizationEstimator:
 
     def rehearse(self) -> None:
         """See Rehearsing; of a user's measurement models, those take part that give a reading by ``example()``."""
-        stream, start = Stream.of(self._seed, self.name, 0, "rehearsal"), self._config.start
-        if isinstance(start, KnownStart):
-            poses = around(start, REHEARSED_PARTICLES, stream)
-        else:
-            base = start.base if isinstance(start, FromReadingsStart) else start
-            anywhere = base if isinstance(base, UniformStart) else UniformStart()
-            poses = pose_source(anywhere, grid=self._maps.grid).draw(REHEARSED_PARTICLES, (), stream)
-        poses[:] = poses[:, :1]  # all in one place: what would be read there is believed
+        stream = Stream.of(self._seed, self.name, 0, "rehearsal")
+        poses = self._beginning.rehearsed(stream)  # all in one place: what would be read there is believed
         models = self._models.measurements
         readings = list(example_readings(self._config.measurement, models, self._maps, poses[:, 0]))
-        if self._source is not None:
-            self._source.draw(REHEARSED_PARTICLES, readings, stream)
+        self._beginning.rehearse(readings, stream)
         control = self._control(Twist(0.01, 0.01, 0.1))
         self._localizer.rehearse(poses, control, readings, stream)
 
@@ -132,16 +118,10 @@ class LocalizationEstimator:
         self._health.thaw(state["health"])
 
     def _begin(self, readings: Sequence[Any]) -> None:
-        """Begin to believe; a start from readings waits until there are some."""
-        start, count = self._config.start, self._config.n
-        if isinstance(start, KnownStart):
-            poses = around(start, count, self._stream("start"))
-        elif isinstance(start, UniformStart) or readings:
-            assert self._source is not None
-            poses = self._source.draw(count, readings, self._stream("start"))
-        else:
-            return
-        self._belief = self._localizer.start(poses, self._stream("start"))
+        """Begin to believe, if the readings are enough for it."""
+        if self._beginning.possible(readings):
+            poses = self._beginning.poses(self._config.n, readings, self._stream("start"))
+            self._belief = self._localizer.start(poses, self._stream("start"))
 
     def _correct(self) -> None:
         """Let the belief follow the motion, and correct it by the pending readings, if there are any."""
@@ -204,15 +184,6 @@ class LocalizationEstimator:
         """Return the next stream of this step."""
         self._draws += 1
         return Stream.of(self._seed, self.name, self._number, purpose).part(self._draws)
-
-
-def _source(start: Start, maps: Maps, models: Models, key: str) -> PoseSource | None:
-    if isinstance(start, KnownStart):
-        return None
-    try:
-        return pose_source(start, grid=maps.grid, models=models)
-    except ValueError as error:
-        raise ScenarioError(f"{key}.start: {error}") from error
 
 
 def build(config: LocalizationConfig, context: Context) -> LocalizationEstimator:

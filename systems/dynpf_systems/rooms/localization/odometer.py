@@ -36,14 +36,14 @@ class _TimedTwist(NamedTuple):
 class Odometer:
     """The clock of an estimator, and the robot's motion by its odometry up to now.
 
-    A twist holds from ``delay_ns`` after its message until the next; one that a newer message has overtaken is dropped.
+    A twist holds from ``delay_s`` after its message until the next; one that a newer message has overtaken is dropped.
     Odometry that comes as poses moves the robot from pose to pose, whatever their stamps. ``before_moving`` is called
     before the robot moves on, as long as the time is the one before. ``reckoned`` is where odometry alone puts the
     robot, (3,), None without a start.
     """
 
-    def __init__(self, delay_ns: int, start: FloatArray | None, before_moving: Callable[[], None]) -> None:
-        self._delay_ns = delay_ns
+    def __init__(self, delay_s: float, start: FloatArray | None, before_moving: Callable[[], None]) -> None:
+        self._delay_ns = round(delay_s * NANOSECONDS)
         self._before_moving = before_moving
         self.reckoned = start
         self.stamp_ns: int | None = None

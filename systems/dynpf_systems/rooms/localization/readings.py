@@ -79,15 +79,15 @@ def example_readings(
 ) -> Iterator[Any]:
     """Yield a reading for each measurement model, as it would be at ``pose`` (3,), so that it is believed.
 
-    A model with a method ``example()`` gives one itself; a user's model without is left out.
+    A model with a method ``example()`` gives one itself; one that takes messages as they come is left out without.
     """
     for table, (kind, model) in zip(tables, models.items(), strict=True):
         if hasattr(model, "example"):
             yield model.example()
             continue
         if isinstance(table, UserComponent):
-            continue
-        of, after = KINDS[kind], KINDS[kind].after
-        message = of.example(maps, pose, model)
-        if message is not None:
-            yield reading_of(message, kind, None if after is None else after.example)
+            continue  # what it makes of our readings nobody knows
+        found = KINDS.get(kind)
+        message = None if found is None else found.example(maps, pose, model)
+        if found is not None and message is not None:
+            yield found.of(message, None if found.after is None else found.after.example)
