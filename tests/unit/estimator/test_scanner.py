@@ -17,8 +17,10 @@ from dynpf_systems.rooms.maps import Maps
 from dynpf.filters.start import KnownStart
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.measurement.beam import BeamParams
+from dynpf.measurement.position import GaussianPositionParams
 
 TOPICS = {Scanner: "sensors/scanner", LaserScan: "sensors/scan"}
+BEAM = BeamParams()
 FREE = OccupancyGrid(np.full((80, 80), 0, dtype=np.uint8), 0.1, (-4.0, -4.0, 0.0))
 SCAN = LaserScan(
     timestamp=timestamp(0),
@@ -31,9 +33,9 @@ SCAN = LaserScan(
 """Of a scanner that measures up to 8 m, in a hall without walls: no beam returns."""
 
 
-def estimator(**config: Any) -> LocalizationEstimator:
+def estimator(measurement: Any = BEAM, **config: Any) -> LocalizationEstimator:
     start = KnownStart(x=0.0, y=0.0, theta=0.0, sigma_position=0.5)
-    whole = LocalizationConfig(n=50, start=start, measurement=(BeamParams(),), **config)
+    whole = LocalizationConfig(n=50, start=start, measurement=(measurement,), **config)
     return LocalizationEstimator(config=whole, seed=1, maps=Maps(grid=FREE), classes={})
 
 
@@ -46,11 +48,6 @@ def stepped(node: LocalizationEstimator, number: int, *messages: Message) -> Res
 def warnings(result: Result) -> list[str]:
     found = (output.message for output in result.outputs if isinstance(output.message, Log))
     return [message.message for message in found if message.level >= 3]
-
-
-def evidence(result: Result) -> float:
-    """Return how likely the scan was, by the health's figures."""
-    return result.outputs[0].message.health.figures.log_evidence
 
 
 def used(node: LocalizationEstimator) -> int:
@@ -96,6 +93,13 @@ def test_what_was_said_and_warned_of_is_part_of_the_state(told: bool) -> None:
     thawed.thaw(decode_state(encode_state(node.freeze())))
     assert stepped(thawed, 1, SCAN) == stepped(node, 1, SCAN)
     assert used(thawed) == 2 * told
+
+
+def test_a_filter_that_takes_no_scans_goes_on_whatever_the_scenario_says_of_them() -> None:
+    node, thawed = (estimator(GaussianPositionParams(), scan_range_max=8.0) for _ in range(2))
+    assert warnings(stepped(node, 0, Scanner(range_max=20.0), SCAN)) == []
+    thawed.thaw(decode_state(encode_state(node.freeze())))
+    assert encode_state(thawed.freeze()) == encode_state(node.freeze())
 
 
 def test_a_simulated_scanner_and_the_estimator_need_no_word_of_the_scenario(tmp_path: Path) -> None:

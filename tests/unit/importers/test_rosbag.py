@@ -383,7 +383,7 @@ def test_the_summary_of_a_real_bag_tells_what_was_chosen(tmp_path: Path, capsys:
     words = ["import", "rosbag", str(source), "--map", str(world), "-o", str(tmp_path / "log.mcap"), "--json"]
     assert main(words) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told["messages"] == {"log/odometry_pose": 638, "log/scan": 204, "log/truth": 204}
+    assert told["messages"] == {"log/odometry_pose": 638, "log/scan": 204, "log/scanner": 1, "log/truth": 204}
     assert told["settings"]["scanner_x_m"] == pytest.approx(0.194)
     assert told["attachments"] == ["files/i-108_10mm.yaml", "files/i-108_10mm.pgm"]
     files = {one.name: one.data for one in read_recording(tmp_path / "log.mcap").attachments}

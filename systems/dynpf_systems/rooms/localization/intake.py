@@ -35,7 +35,7 @@ class Intake:
         self._limits = (config.scan_range_min, config.scan_range_max)
         self._announcing = {sensor.topic: sensor.message for kind in kinds if (sensor := announcing(kind)) is not None}
         self._announced: dict[str, Message] = {}
-        if config.scan_range_max is not None:
+        if config.scan_range_max is not None and SCANNER.topic in self._announcing:
             self._announced[SCANNER.topic] = self._limited(Scanner(range_max=config.scan_range_max))
         self._unknown: list[int] = []
         self._unannounced: list[str] = []
