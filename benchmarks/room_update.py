@@ -37,7 +37,7 @@ def main(n: int) -> None:
         costs = []
         for number, epoch in enumerate(epochs[1:], start=1):
             taken, stream = [], Stream.of(1, "bench", number)
-            readings = _readings(place, config, epoch, models)
+            readings = _readings(place, epoch, models)
             for _ in range(REPEATS):
                 began, after = time.perf_counter(), belief
                 for part, held in enumerate(epoch.controls[:-1]):
@@ -49,17 +49,11 @@ def main(n: int) -> None:
         print(f"{name:<16} N = {n}: median {np.median(costs):.2f} ms, worst {max(costs):.2f} ms")
 
 
-def _readings(
-    place: World, config: LocalizationConfig, epoch: Epoch, models: Mapping[type, MeasurementModel[Any]]
-) -> list[Any]:
+def _readings(place: World, epoch: Epoch, models: Mapping[type, MeasurementModel[Any]]) -> list[Any]:
     """Return what was seen at the end of an epoch as the readings that measurement models take."""
     kinds = {TOPICS[kind]: kind for kind in models}
     seen = [("sensors/scan" if isinstance(one, LaserScan) else "sensors/landmarks", one) for one in epoch.messages]
-    return [
-        reading_of(message, kinds[topic], range_min=config.scan_range_min, range_max=place.range_max)
-        for topic, message in seen
-        if topic in kinds
-    ]
+    return [reading_of(message, kinds[topic], place.scanner) for topic, message in seen if topic in kinds]
 
 
 if __name__ == "__main__":

@@ -17,9 +17,11 @@ __all__ = ["PURE", "bindings", "dotted", "findings", "imported", "is_experiment"
 PURE = (
     "dynpf",
     "protocol/dynpf_protocol",
+    "runtime/dynpf_runtime/every.py",
     "runtime/dynpf_runtime/node.py",
     "services/dynpf_services/estimates.py",
     "services/dynpf_services/nodes.py",
+    "services/dynpf_services/sensors",
     "systems/dynpf_systems",
 )
 

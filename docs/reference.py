@@ -126,6 +126,8 @@ class Watchdog(Node, frozen=True, kw_only=True):
   Random numbers come from `moment.draws()`, keyed by seed, node and step. State is a NamedTuple with a default for each
   field, of plain values, messages and NumPy arrays; it is taken out, put back and digested without a line of yours.
 - Messages are structs with a `schema_name`; their schema, codec, journal, recording, replay and comparison follow.
+- `dynpf_lab.Every` says what is due at most once in so many seconds: `every: Every = Every(0.2)` as a parameter,
+  `self.every.due(moment.stamp_ns, state.said_ns)` in a step, and the stamp at which it was last so in the state.
 - A measurement model of yours takes messages of yours if its class attribute `reading` is their type.
 - Modules are looked for beside the scenario's file and in the folders that `--code FOLDER` names, behind everything
   that is installed: a file of yours can break nothing of ours.
@@ -404,7 +406,10 @@ def _notes(kind: type) -> dict[str, str]:
 
 
 def _own_notes(kind: type) -> dict[str, str]:
-    source = textwrap.dedent(inspect.getsource(kind))
+    try:
+        source = textwrap.dedent(inspect.getsource(kind))
+    except OSError:  # made of a list: there is no source, and the tables that it holds have their own
+        return {}
     comments = {
         token.start[0]: token.string.lstrip("# ")
         for token in tokenize.generate_tokens(io.StringIO(source).readline)

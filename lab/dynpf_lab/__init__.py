@@ -11,15 +11,17 @@ if TYPE_CHECKING:
     from dynpf_experiments.sweep import sweep
     from dynpf_protocol.messages import Message
     from dynpf_protocol.topics import Topic
+    from dynpf_runtime.every import Every
     from dynpf_services.nodes import Moment, Node, Sensor
 
     from dynpf.rng import Draws
     from dynpf_lab.notebook import Run, read, run
 
-__all__ = ["Draws", "Message", "Moment", "Node", "Run", "Sensor", "Topic", "read", "run", "sweep"]
+__all__ = ["Draws", "Every", "Message", "Moment", "Node", "Run", "Sensor", "Topic", "read", "run", "sweep"]
 
 _HOMES = {
     "Draws": "dynpf.rng",
+    "Every": "dynpf_runtime.every",
     "Message": "dynpf_protocol.messages",
     "Moment": "dynpf_services.nodes",
     "Node": "dynpf_services.nodes",

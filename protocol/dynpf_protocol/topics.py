@@ -74,6 +74,20 @@ _ROWS = (
         description="Landmark readings of an imported log",
     ),
     Topic(
+        name="log/scanner",
+        type=messages.Scanner,
+        publishers=(LOG_NODE,),
+        wakes=False,
+        description="What the scanner of an imported log measures between, before its first scan and where it changes",
+    ),
+    Topic(
+        name="log/scanner",
+        type=messages.Scanner,
+        publishers=(LOG_NODE,),
+        wakes=False,
+        description="What the scanner of an imported log measures between, before its first scan and where it changes",
+    ),
+    Topic(
         name="log/scan",
         type=messages.LaserScan,
         publishers=(LOG_NODE,),
@@ -116,6 +130,20 @@ _ROWS = (
         type=messages.LandmarkReadings,
         publishers=("sensors",),
         description="Range and bearing to the landmarks in view",
+    ),
+    Topic(
+        name="sensors/scanner",
+        type=messages.Scanner,
+        publishers=("sensors",),
+        wakes=False,
+        description="What the scanner measures between, before its first scan and where it changes",
+    ),
+    Topic(
+        name="sensors/scanner",
+        type=messages.Scanner,
+        publishers=("sensors",),
+        wakes=False,
+        description="What the scanner measures between, before its first scan and where it changes",
     ),
     Topic(
         name="sensors/scan",

@@ -21,7 +21,7 @@ from dynpf.portable import hypot
 from dynpf_formats.importers.errors import ImportFailedError
 from dynpf_formats.importers.log import Record
 from dynpf_formats.importers.poses import Pose, compose, inverse, relative, wrapped
-from dynpf_formats.importers.scans import normalized_scan
+from dynpf_formats.importers.scans import changes_alone, normalized_scan, scanner_record
 from dynpf_formats.importers.stream import LogStream, Losses
 from dynpf_formats.importers.text import finite_number, lines_of, seconds_to_ns, whole_number
 from dynpf_formats.recording.header import Attachment
@@ -82,7 +82,8 @@ def import_carmen(path: Path, *, range_max: float | None = None, attachments: tu
         "range_max_m": survey.range_max,
         "clock_backwards": survey.backwards,
     }
-    return LogStream(path.name, "carmen", settings, _records(path, survey, range_max, losses), losses, attachments)
+    records = changes_alone(_records(path, survey, range_max, losses))
+    return LogStream(path.name, "carmen", settings, records, losses, attachments)
 
 
 def _survey(path: Path, range_max: float | None) -> _Survey:
@@ -211,9 +212,10 @@ def _laser_records(laser: _Laser, survey: _Survey, range_max: float | None, loss
     if not survey.odometry and (survey.apart or not survey.corrected):
         x, y, theta = laser.robot
         yield _odometry(stamp_ns, (x, y, wrapped(theta)))
-    greatest = range_max or laser.range_max or survey.range_max
-    scan = normalized_scan(stamp_ns, mount, laser.span, laser.ranges, (0.0, greatest), losses=losses)
+    limits = (0.0, range_max or laser.range_max or survey.range_max)
+    scan = normalized_scan(stamp_ns, mount, laser.span, laser.ranges, limits, losses=losses)
     if scan is not None:
+        yield scanner_record(stamp_ns, limits)
         yield Record("log/scan", stamp_ns, scan)
 
 

@@ -11,7 +11,7 @@ __all__ = ["Reorder"]
 
 WINDOW_NS = 2 * 10**9  # how much later than a newer one a record may come
 AHEAD_NS = 60 * 10**9  # a stamp that leaps further ahead than this, beyond what passed meanwhile, is wrong
-RANKS = {"log/truth": 0, "log/odometry_pose": 1, "log/scan": 2}  # of records with the same stamp
+RANKS = {"log/truth": 0, "log/odometry_pose": 1, "log/scan": 2}  # of records of the same stamp
 
 BACKWARDS = "records whose clock went backwards"
 LEAPT = "records whose clock leapt ahead"
@@ -21,7 +21,7 @@ class _Waiting(NamedTuple):
     stamp_ns: int
     rank: int
     number: int
-    record: Record
+    records: tuple[Record, ...]
 
 
 class Reorder:
@@ -39,8 +39,12 @@ class Reorder:
         self._arrival_ns = 0
         self._told_ns = -1
 
-    def take(self, record: Record, arrival_ns: int) -> Iterator[Record]:
-        """Take in a record that the bag's clock dates to ``arrival_ns``; yield what is now in order."""
+    def take(self, records: tuple[Record, ...], arrival_ns: int) -> Iterator[Record]:
+        """Take in a record that the bag's clock dates to ``arrival_ns``; yield what is now in order.
+
+        It is the last of ``records``; those before it go along with it.
+        """
+        record = records[-1]
         stamp_ns = record.stamp_ns
         place = f"{record.topic} at {stamp_ns * 1e-9:.3f} s"
         if self._newest_ns is not None:
@@ -53,7 +57,7 @@ class Reorder:
                 return
         if self._newest_ns is None or stamp_ns >= self._newest_ns:
             self._newest_ns, self._arrival_ns = stamp_ns, arrival_ns
-        heapq.heappush(self._heap, _Waiting(stamp_ns, RANKS[record.topic], self._number, record))
+        heapq.heappush(self._heap, _Waiting(stamp_ns, RANKS[record.topic], self._number, records))
         self._number += 1
         yield from self._release(self._newest_ns - WINDOW_NS)
 
@@ -65,4 +69,4 @@ class Reorder:
         while self._heap and (before_ns is None or self._heap[0].stamp_ns < before_ns):
             waiting = heapq.heappop(self._heap)
             self._told_ns = waiting.stamp_ns
-            yield waiting.record
+            yield from waiting.records

@@ -24,7 +24,7 @@ from dynpf_formats.importers.log import Record
 from dynpf_formats.importers.maps import map_of_message
 from dynpf_formats.importers.ordered import Reorder
 from dynpf_formats.importers.poses import Pose, compose, inverse
-from dynpf_formats.importers.scans import normalized_scan
+from dynpf_formats.importers.scans import changes_alone, normalized_scan, scanner_record
 from dynpf_formats.importers.stream import LogStream, Losses
 from dynpf_formats.importers.transforms import OPTICAL, TransformTree, matrix, planar
 from dynpf_formats.recording.header import Attachment
@@ -42,6 +42,9 @@ TRUE = re.compile(r"truth|ground|(^|[/_])gt([/_]|$)|vicon|mocap|optitrack", re.I
 BASES = ("base_footprint", "base_link", "base")
 TF = "tf"
 """Where odometry comes from, if it is not a topic of its own: the transform from the odometry frame to the base."""
+
+Limits = tuple[float, float]
+"""What a scanner measures between, m."""
 
 
 class BagChoice(msgspec.Struct, frozen=True, kw_only=True):
@@ -100,7 +103,7 @@ def import_rosbag(
             "truth_shift_s": choice.truth_shift,
             "topics_left_out": {name: bag.topics[name] for name in sorted(bag.topics.keys() - taken)},
         }
-    records = _records(path, plan, choice, losses)
+    records = changes_alone(_records(path, plan, choice, losses))
     return LogStream(path.name, "rosbag", settings, records, losses, attachments)
 
 
@@ -245,13 +248,13 @@ def _records(path: Path, plan: _Plan, choice: BagChoice, losses: Losses) -> Iter
         order = Reorder(losses)
         reader = _Reader(plan, choice, losses)
         for message in bag.messages(topics, losses):
-            for record in reader.read(message):
-                yield from order.take(record, message.arrival_ns)
+            for records in reader.read(message):
+                yield from order.take(records, message.arrival_ns)
         yield from order.rest()
 
 
 class _Reader:
-    """Turns one message after the other into records."""
+    """Turns one message after the other into records, such as belong together in one tuple."""
 
     def __init__(self, plan: _Plan, choice: BagChoice, losses: Losses) -> None:
         self._plan = plan
@@ -262,7 +265,7 @@ class _Reader:
         self._to_map = inverse(choice.truth_offset)
         self._told: Record | None = None  # the last odometry
 
-    def read(self, message: Message) -> Iterator[Record]:
+    def read(self, message: Message) -> Iterator[tuple[Record, ...]]:
         plan, content = self._plan, message.content
         if message.topic in plan.transforms:
             for transform in content.transforms:
@@ -284,9 +287,11 @@ class _Reader:
             if stamp_ns is not None and place is not None:
                 x, y, theta = compose(self._to_map, place)
                 truth = RobotState(x=x, y=y, theta=theta)
-                yield Record("log/truth", max(stamp_ns + self._shift_ns, 0), truth)
+                yield (Record("log/truth", max(stamp_ns + self._shift_ns, 0), truth),)
 
-    def _odometry(self, message: Message, header: Any, position: Any, orientation: Any, base: Pose) -> Iterator[Record]:
+    def _odometry(
+        self, message: Message, header: Any, position: Any, orientation: Any, base: Pose
+    ) -> Iterator[tuple[Record, ...]]:
         stamp_ns, place = self._stamp(message, header), self._planar(message, position, orientation)
         if stamp_ns is None or place is None:
             return
@@ -296,17 +301,18 @@ class _Reader:
             self._losses.add("odometry told again", _place(message))
             return
         self._told = record
-        yield record
+        yield (record,)
 
-    def _scan(self, message: Message) -> Iterator[Record]:
+    def _scan(self, message: Message) -> Iterator[tuple[Record, ...]]:
         stamp_ns = self._stamp(message, message.content.header)
         if stamp_ns is None:
             return
-        scan = self._flattened(message, stamp_ns) if self._plan.is_cloud else self._laser(message, stamp_ns)
-        if scan is not None:
-            yield Record("log/scan", stamp_ns, scan)
+        found = self._flattened(message, stamp_ns) if self._plan.is_cloud else self._laser(message, stamp_ns)
+        if found is not None:
+            scan, limits = found
+            yield scanner_record(stamp_ns, limits), Record("log/scan", stamp_ns, scan)
 
-    def _laser(self, message: Message, stamp_ns: int) -> LaserScan | None:
+    def _laser(self, message: Message, stamp_ns: int) -> tuple[LaserScan, Limits] | None:
         content = message.content
         numbers = (content.angle_min, content.angle_increment, content.range_min, content.range_max)
         start, step, least, greatest = (float(one) for one in numbers)
@@ -319,9 +325,9 @@ class _Reader:
         end = start + step * (len(ranges) - 1)
         if self._plan.mount[2, 2] < 0.0:  # it hangs upside down: its left is the robot's right
             start, end = -start, -end
-        return normalized_scan(stamp_ns, self._mount, (start, end), ranges, (least, greatest), losses=self._losses)
+        return self._normalized(stamp_ns, (start, end), ranges, (least, greatest))
 
-    def _flattened(self, message: Message, stamp_ns: int) -> LaserScan | None:
+    def _flattened(self, message: Message, stamp_ns: int) -> tuple[LaserScan, Limits] | None:
         params = self._choice.flatten
         try:
             points = points_of(message.content)
@@ -330,8 +336,13 @@ class _Reader:
             return None
         ranges = flatten(points, self._plan.mount, self._mount, params)
         half = params.field_of_view / 2
-        limits = (0.0, params.range_max)
-        return normalized_scan(stamp_ns, self._mount, (-half, half), ranges, limits, losses=self._losses)
+        return self._normalized(stamp_ns, (-half, half), ranges, (params.range_min, params.range_max))
+
+    def _normalized(
+        self, stamp_ns: int, span: tuple[float, float], ranges: FloatArray, limits: Limits
+    ) -> tuple[LaserScan, Limits] | None:
+        scan = normalized_scan(stamp_ns, self._mount, span, ranges, limits, losses=self._losses)
+        return None if scan is None else (scan, limits)
 
     def _stamp(self, message: Message, header: Any) -> int | None:
         seconds, nanoseconds = int(header.stamp.sec), int(header.stamp.nanosec)

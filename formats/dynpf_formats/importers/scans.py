@@ -1,13 +1,21 @@
-"""Range scans of others as ours: every range a number of metres, a beam that tells nothing reads the maximum."""
+"""Range scans of others as ours: every range a number of metres, a beam that tells nothing reads the maximum.
+
+What a scanner measures between stands in a record of its own, before its first scan and where it changes.
+"""
+
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from dynpf_protocol import frames
-from dynpf_protocol.messages import LaserScan, planar_pose, timestamp
+from dynpf_protocol.messages import LaserScan, Message, Scanner, planar_pose, timestamp
 from numpy.typing import ArrayLike
 
+from dynpf_formats.importers.log import Record
 from dynpf_formats.importers.stream import Losses
 
-__all__ = ["MOST_BEAMS", "normalized_scan"]
+__all__ = ["MOST_BEAMS", "SCANNER", "changes_alone", "normalized_scan", "scanner_record"]
+
+SCANNER = "log/scanner"
 
 MOST_BEAMS = 100_000  # of one LaserScan message
 
@@ -48,3 +56,20 @@ def normalized_scan(
         end_angle=span[1],
         ranges=tuple(values.tolist()),
     )
+
+
+def scanner_record(stamp_ns: int, limits: tuple[float, float]) -> Record:
+    """Return what a scanner says of itself that gives ranges between ``limits``, metres."""
+    least, greatest = limits
+    return Record(SCANNER, stamp_ns, Scanner(range_min=max(least, 0.0), range_max=greatest))
+
+
+def changes_alone(records: Iterable[Record]) -> Iterator[Record]:
+    """Yield records, those of the scanner only where they say something new."""
+    said: Message | None = None
+    for record in records:
+        if record.topic == SCANNER:
+            if record.message == said:
+                continue
+            said = record.message
+        yield record

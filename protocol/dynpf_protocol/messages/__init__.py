@@ -62,6 +62,7 @@ from dynpf_protocol.messages.sensed import (
     Odometry,
     OdometryPose,
     PositionFix,
+    Scanner,
 )
 
 __all__ = [
@@ -101,6 +102,7 @@ __all__ = [
     "PositionFix",
     "Quaternion",
     "RobotState",
+    "Scanner",
     "SceneEntity",
     "SceneEntityDeletion",
     "SceneUpdate",

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from msgspec import UNSET, Meta, UnsetType
 
-from dynpf_protocol.messages.base import Angle, Message, NonNegative, Piece
+from dynpf_protocol.messages.base import Angle, Message, NonNegative, Piece, Positive
 
 __all__ = [
     "LandmarkReading",
@@ -14,6 +14,7 @@ __all__ = [
     "Odometry",
     "OdometryPose",
     "PositionFix",
+    "Scanner",
 ]
 
 
@@ -47,6 +48,14 @@ class LandmarkReadings(Message, frozen=True, kw_only=True):
 
     schema_name = "dynpf.LandmarkReadings"
     readings: Annotated[tuple[LandmarkReading, ...], Meta(max_length=256)]
+
+
+class Scanner(Message, frozen=True, kw_only=True):
+    """What the scanner measures between whose scans follow; sent before the first of them, and where it changes."""
+
+    schema_name = "dynpf.Scanner"
+    range_min: NonNegative = 0.0  # m; a range below it tells nothing
+    range_max: Positive  # m, which a beam without return reads
 
 
 class LineReading(Piece, frozen=True, kw_only=True):

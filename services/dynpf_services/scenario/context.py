@@ -10,6 +10,7 @@ from dynpf_services.scenario.user_code import check_allowed, find_class
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from dynpf_services.scenario.kinds import Surroundings
     from dynpf_services.scenario.schema import Scenario
 
 __all__ = ["Context"]
@@ -48,6 +49,11 @@ class Context:
             return None
         opened = fact_kind(key).opened
         return self.fact(key) if opened is None else opened(self)
+
+    def surroundings(self) -> "list[tuple[Surroundings, Any]]":
+        """Return what tables of the run say of the world about a robot, each with its table."""
+        tables = ((fact_kind(key).surroundings, value) for key, value in self.scenario.facts.items())
+        return [(world, value) for world, value in tables if world is not None and value is not None]
 
     def beside(self, node: str) -> Any:
         """Return the configuration of another node of the same robot, None where there is none of that name."""

@@ -12,11 +12,32 @@ from dynpf_formats.shipped import load, systems
 from dynpf_protocol.messages import Message
 from dynpf_protocol.topics import Topic
 
+from dynpf.se2 import FloatArray
+
 if TYPE_CHECKING:
     from dynpf_services.scenario.context import Context
     from dynpf_services.scenario.schema import Scenario
+    from dynpf_services.sensors.kind import SensorKind
 
-__all__ = ["FactKind", "NodeKind", "Take", "fact_kind", "fact_names", "node_kind", "node_kinds", "section_of"]
+__all__ = [
+    "FactKind",
+    "NodeKind",
+    "Surroundings",
+    "Take",
+    "fact_kind",
+    "fact_names",
+    "node_kind",
+    "node_kinds",
+    "section_of",
+    "sensor_kind",
+    "sensor_kinds",
+]
+
+KINDS = {
+    ("sensors", "simulated"): "dynpf_services.sensors.simulated:KIND",
+    ("sensors", "log"): "dynpf_services.sensors.log:KIND",
+}
+"""The kinds of nodes that belong to no system: they have the sensors of all."""
 
 Take = Callable[[str, str], bytes]
 """Gives a file: called with the path that the scenario names, and with the file's name seen from that path's folder."""
@@ -40,6 +61,19 @@ class NodeKind(NamedTuple):
     problems: Callable[[Any, "Context"], Iterator[str]] = lambda _config, _context: iter(())
 
 
+class Surroundings(NamedTuple):
+    """What a table says of the world that a robot is in, as far as a sensor's beams meet it.
+
+    ``walls`` returns those of the table, (S, 4), x1, y1, x2 and y2; ``discs`` what stands about by a message of the
+    true state, (D, 3), x, y and radius; metres.
+    """
+
+    walls: Callable[[Any], FloatArray]
+    topic: str  # of the true state
+    type: type[Message]
+    discs: Callable[[Any], FloatArray]
+
+
 class FactKind(NamedTuple):
     """A table that nodes share, such as a map: its type, and the files that it names.
 
@@ -56,6 +90,7 @@ class FactKind(NamedTuple):
     check: Callable[["Context"], None] = lambda _context: None
     problems: Callable[[Any, "Scenario"], Iterator[str]] = lambda _value, _scenario: iter(())
     opened: Callable[["Context"], Any] | None = None  # what it stands for; absent: itself
+    surroundings: Surroundings | None = None  # absent: it tells of none
     key: str = ""  # below the table's own, at which a file is named
     listed: bool = False  # the table is a list of files
 
@@ -79,7 +114,7 @@ def node_kinds(section: str | None) -> Mapping[str, str]:
     under the name "".
     """
     found: dict[str, str] = {}
-    listed = [(where, name, text) for system in systems() for (where, name), text in system.KINDS.items()]
+    listed = [(where, name, text) for (where, name), text in _kinds().items()]
     names = [name for _, name, _ in listed]
     for where, name, text in listed:
         if section is None:
@@ -98,5 +133,20 @@ def node_kind(text: str) -> NodeKind:
 
 def section_of(text: str) -> str:
     """Return the section to which a kind of node belongs, by its import string; "" for a kind of the user's."""
-    found = ((section, known) for system in systems() for (section, _), known in system.KINDS.items())
-    return next((section for section, known in found if known == text), "")
+    return next((section for (section, _), known in _kinds().items() if known == text), "")
+
+
+@cache
+def sensor_kinds() -> "tuple[SensorKind, ...]":
+    """Return the sensors that the systems list."""
+    return tuple(kind for system in systems() if hasattr(system, "SENSORS") for kind in load(system.SENSORS))
+
+
+def sensor_kind(name: str) -> "SensorKind":
+    """Return a sensor by its name."""
+    return next(kind for kind in sensor_kinds() if kind.name == name)
+
+
+@cache
+def _kinds() -> Mapping[tuple[str, str], str]:
+    return {**KINDS, **{key: text for system in systems() for key, text in system.KINDS.items()}}

@@ -318,11 +318,9 @@ def _take_from_log(raw: dict[str, Any], log: LogFacts) -> None:
 
 
 def _tell_filter(table: Any, robot: str, log: LogFacts) -> None:
-    """Fill in where the filter of a robot starts, and what its scanner reads without return, if its table is one's."""
+    """Fill in where the filter of a robot starts, if its table is one's."""
     if not isinstance(table, dict) or table.get("kind") != "localization":
         return
-    if log.range_max is not None:
-        table.setdefault("scan_range_max", log.range_max)
     start, known = table.get("start"), log.starts.get(robot)
     if known is not None and isinstance(start, dict) and start.get("kind") == "known":
         for key, value in zip(("x", "y", "theta"), known, strict=True):

@@ -1,6 +1,5 @@
 """The log that a run plays: an imported recording, or what a recorded run had played of one."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +41,6 @@ class PlayedLog:
             landmarks=_landmarks(path, landmarks[0]) if landmarks else [],
             starts=_starts(self.records),
             files={one.name.removeprefix(FOLDER): one.data for one in recording.attachments if is_file(one)},
-            range_max=_range_max(recording.header.scenario),
         )
 
 
@@ -72,22 +70,6 @@ def _start(records: list[LogRecord], robot: str) -> tuple[float, float, float] |
                 x, y, theta = compose(np.array([x, y, theta]), relative(last, first)).tolist()
                 return x, y, theta
     return None
-
-
-def _range_max(origin: str) -> float | None:
-    """Return what a beam without return reads, metres, where the importer, or the run that played the log, told it."""
-    try:
-        told = msgspec.json.decode(origin)
-    except (msgspec.DecodeError, RecursionError):
-        return None
-    settings = _table(_table(told, "import"), "settings") or _table(told, "estimator")
-    found = settings.get("range_max_m", settings.get("scan_range_max"))
-    return float(found) if isinstance(found, int | float) else None
-
-
-def _table(value: Any, key: str) -> Mapping[str, Any]:
-    found = value.get(key) if isinstance(value, dict) else None
-    return found if isinstance(found, dict) else {}
 
 
 def _landmarks(path: Path, data: bytes) -> list[dict[str, Any]]:

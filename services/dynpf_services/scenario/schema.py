@@ -113,14 +113,13 @@ class LogFacts(NamedTuple):
     """What an imported log brings to a scenario.
 
     Its content digest, its landmarks, the reference pose at its start by the robot's name ("" if there is one alone),
-    the files of its map by their names, and the range that a beam without return reads.
+    and the files of its map by their names.
     """
 
     digest: str
     landmarks: Sequence[Mapping[str, Any]]
     starts: Mapping[str, tuple[float, float, float]] = {}
     files: Mapping[str, bytes] = {}
-    range_max: float | None = None
 
     @property
     def map(self) -> str | None:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from dynpf_protocol import frames
 from dynpf_protocol.messages import Color, HostEvent, Log, LogLevel, PoseInFrame, PosesInFrame, SceneUpdate, timestamp
+from dynpf_runtime.every import Every
 from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.estimates import gap_warning, particles_picture, robot_transform
 from dynpf_services.scenario.context import Context
@@ -25,8 +26,8 @@ from dynpf_systems.colon.tube import ColonWorld, colon_world
 __all__ = ["CapsuleEstimator", "build"]
 
 SHOWN_PARTICLES = 200
-SHOWN_PERIOD_NS = 200_000_000
-SCENE_PERIOD_NS = 1_000_000_000
+SHOWN = Every(0.2)
+SCENE = Every(1.0)
 CAPSULE_COLOR = Color(r=0.8, g=0.15, b=0.25)
 WALL_COLOR = Color(r=0.55, g=0.3, b=0.65)
 MOVED_COLOR = Color(r=0.9, g=0.6, b=0.1)
@@ -53,8 +54,8 @@ class CapsuleEstimator:
         self._belief: Any = self._filter.start(self._known, Stream.of(seed, self.name, 0, "start"))
         self._reading = -1
         self._map: str | None = None
-        self._shown_ns = -SHOWN_PERIOD_NS
-        self._scene_ns = -SCENE_PERIOD_NS
+        self._shown_ns: int | None = None
+        self._scene_ns: int | None = None
 
     def step(self, step: Step) -> Result:
         """Take the readings in; answer with what is found after the last of them, if there was any."""
@@ -107,13 +108,13 @@ class CapsuleEstimator:
     def _report(self, located: Located, stamp_ns: int) -> list[Output]:
         pose = PoseInFrame(timestamp=timestamp(stamp_ns), frame_id=frames.MAP, pose=drawn_pose(*located.pose.tolist()))
         outputs = [Output("estimator/capsule", self._estimate(located)), Output("estimator/pose", pose)]
-        if stamp_ns - self._shown_ns >= SHOWN_PERIOD_NS:
+        if SHOWN.due(stamp_ns, self._shown_ns):
             self._shown_ns = stamp_ns
             outputs.append(Output("estimator/particles", self._particles(stamp_ns)))
             placed = pose.pose.position
             transform = robot_transform(placed.x, placed.y, float(located.pose[2]), pose.timestamp)
             outputs.append(Output("estimator/transforms", transform))
-        if stamp_ns - self._scene_ns >= SCENE_PERIOD_NS:
+        if SCENE.due(stamp_ns, self._scene_ns):
             self._scene_ns = stamp_ns
             outputs.append(Output("estimator/scene", self._scene(located, stamp_ns)))
         return outputs

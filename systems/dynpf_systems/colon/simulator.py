@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 from dynpf_protocol.messages import Color, SceneUpdate, timestamp
+from dynpf_runtime.every import Every
 from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.scenario.context import Context
 
@@ -17,7 +18,7 @@ from dynpf_systems.colon.tube import ColonWorld, colon_world
 
 __all__ = ["CapsuleSimulator", "build"]
 
-SCENE_PERIOD_NS = 200_000_000
+SCENE = Every(0.2)
 WALL_COLOR = Color(r=0.35, g=0.35, b=0.35)
 CAPSULE_COLOR = Color(r=0.15, g=0.4, b=0.8)
 
@@ -37,7 +38,7 @@ class CapsuleSimulator:
         self._goals = world.route.poses()
         self._reading = -1
         self._pose = np.array(world.route.start)
-        self._scene_ns = -SCENE_PERIOD_NS
+        self._scene_ns: int | None = None
 
     def step(self, step: Step) -> Result:
         self._reading += 1
@@ -52,7 +53,7 @@ class CapsuleSimulator:
             **({} if motion is None else {"move": CapsuleMove(rho_px=motion.rho, turn=motion.turn)}),
         )
         outputs = [Output("truth/capsule", state)]
-        if step.stamp_ns - self._scene_ns >= SCENE_PERIOD_NS:
+        if SCENE.due(step.stamp_ns, self._scene_ns):
             self._scene_ns = step.stamp_ns
             outputs.append(Output("truth/scene", self._scene(step.stamp_ns)))
         return Result(tuple(outputs), finished=self._reading >= len(self._route.motions))

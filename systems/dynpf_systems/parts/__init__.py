@@ -21,3 +21,5 @@ KINDS = {
     ("estimator", "rearrangement"): "dynpf_systems.parts.nodes:ESTIMATOR",
     ("controller", "rearrangement"): "dynpf_systems.parts.nodes:CONTROLLER",
 }
+
+SENSORS = "dynpf_systems.parts.sensors:SENSORS"

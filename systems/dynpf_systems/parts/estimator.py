@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from dynpf_protocol import frames
 from dynpf_protocol.messages import Command, Estimate, HostEvent, PoseInFrame, planar_pose, timestamp
+from dynpf_runtime.every import Every
 from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.estimates import gap_warning, particles_picture, robot_transform
 from dynpf_services.scenario.context import Context
@@ -48,6 +49,7 @@ class RearrangementEstimator:
         self.name = name
         self._layout = layout_of(task)
         self._config = config
+        self._shown = Every(config.particle_period_s)
         self._noise = config.noise(task)
         self._seed = seed
         self._tick_s = tick_s
@@ -70,7 +72,7 @@ class RearrangementEstimator:
         self._theta = 0.0
         self._contact = False
         self._held = -1
-        self._shown_ns = -1
+        self._shown_ns: int | None = None
 
     def step(self, step: Step) -> Result:
         detections: Detections | None = None
@@ -252,7 +254,7 @@ class RearrangementEstimator:
             Output("estimator/state", estimate),
             Output("estimator/pose", pose),
         ]
-        if self._shown_ns < 0 or step.stamp_ns - self._shown_ns >= round(self._config.particle_period_s * 1e9):
+        if self._shown.due(step.stamp_ns, self._shown_ns):
             self._shown_ns = step.stamp_ns
             shown = np.vstack((robot.shown, np.full(robot.shown.shape[1], self._theta)))
             outputs.append(Output("estimator/particles", particles_picture(shown, stamp)))

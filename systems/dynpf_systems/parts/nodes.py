@@ -4,16 +4,21 @@ from collections.abc import Iterator
 
 from dynpf_services.estimates import GAPS
 from dynpf_services.scenario.context import Context
-from dynpf_services.scenario.kinds import FactKind, NodeKind
+from dynpf_services.scenario.kinds import FactKind, NodeKind, Surroundings
 
 from dynpf_systems.parts.config import RearrangementConfig, WorkspaceConfig
 from dynpf_systems.parts.controller_config import RearrangementControllerConfig
-from dynpf_systems.parts.task import RearrangementTask
+from dynpf_systems.parts.messages import PartsState
+from dynpf_systems.parts.task import RearrangementTask, discs_of, walls_of
 from dynpf_systems.parts.vision_config import VisionConfig
 
 __all__ = ["CONTROLLER", "ESTIMATOR", "TASK", "VISION", "WORKSPACE"]
 
-TASK = FactKind(RearrangementTask, about="Parts and their goals (PARTS)")
+TASK = FactKind(
+    RearrangementTask,
+    about="Parts and their goals (PARTS)",
+    surroundings=Surroundings(walls_of, "truth/parts", PartsState, discs_of),
+)
 
 
 def _without_task(_config: WorkspaceConfig, context: Context) -> Iterator[str]:

@@ -10,6 +10,7 @@ import math
 import msgspec
 import numpy as np
 from dynpf_protocol.messages import Command, CompressedImage, RobotState, timestamp
+from dynpf_runtime.every import Every
 from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.scenario.context import Context
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ __all__ = ["WorkspaceSimulator", "build", "draw_starts"]
 
 FloatArray = NDArray[np.float64]
 
-SCENE_PERIOD_NS = 200_000_000
+SCENE = Every(0.2)
 DRAWS = 200  # of one disc before all are drawn anew
 RESTARTS = 200
 
@@ -66,7 +67,7 @@ class WorkspaceSimulator:
         self._held = -1
         self._contacts = 0
         self._ticks = 0
-        self._scene_ns = -SCENE_PERIOD_NS
+        self._scene_ns: int | None = None
 
     def step(self, step: Step) -> Result:
         for item in step.inputs:
@@ -82,7 +83,7 @@ class WorkspaceSimulator:
         self._ticks += 1
         self._contacts += _touching(self._pose[:2], self._parts, self._held, self._layout)
         outputs = [Output("truth/robot", self._robot_state()), Output("truth/parts", self._parts_state())]
-        if step.stamp_ns - self._scene_ns >= SCENE_PERIOD_NS:
+        if SCENE.due(step.stamp_ns, self._scene_ns):
             self._scene_ns = step.stamp_ns
             scene = draw_scene(self._pose, self._parts, self._layout, timestamp(step.stamp_ns))
             outputs.append(Output("truth/scene", scene))

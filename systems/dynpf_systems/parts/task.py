@@ -1,4 +1,4 @@
-"""Facts of a run that several nodes share: the rearrangement task and the landmarks."""
+"""The rearrangement task, a fact of a run that several nodes share."""
 
 from typing import Annotated, Literal, NamedTuple
 
@@ -9,8 +9,20 @@ from dynpf_services.scenario.context import Context
 from msgspec import Meta
 
 from dynpf.fields.layout import Layout
+from dynpf.se2 import FloatArray
+from dynpf_systems.parts.messages import PartsState
 
-__all__ = ["NOISE", "Noise", "NoiseLevel", "PartSpec", "RearrangementTask", "layout_of", "task_of"]
+__all__ = [
+    "NOISE",
+    "Noise",
+    "NoiseLevel",
+    "PartSpec",
+    "RearrangementTask",
+    "discs_of",
+    "layout_of",
+    "task_of",
+    "walls_of",
+]
 
 Positive = Annotated[float, Meta(gt=0.0)]
 Point = tuple[float, float]
@@ -71,3 +83,14 @@ def layout_of(task: RearrangementTask) -> Layout:
         robot_radius=task.robot_radius,
         reach=task.reach,
     )
+
+
+def walls_of(task: RearrangementTask) -> FloatArray:
+    """Return the walls of a task's workspace, (4, 4): x1, y1, x2, y2; metres."""
+    x, y = task.width / 2, task.height / 2
+    return np.array([(-x, -y, x, -y), (x, -y, x, y), (x, y, -x, y), (-x, y, -x, -y)])
+
+
+def discs_of(state: PartsState) -> FloatArray:
+    """Return the parts as discs, (p, 3): x, y, radius; metres."""
+    return np.array([(part.x, part.y, part.radius) for part in state.parts]).reshape(-1, 3)

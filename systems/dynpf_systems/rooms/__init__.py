@@ -15,8 +15,8 @@ STUDIES = {
 
 KINDS = {
     ("simulator", "room"): "dynpf_systems.rooms.nodes:ROOM",
-    ("sensors", "simulated"): "dynpf_systems.rooms.nodes:SIMULATED",
-    ("sensors", "log"): "dynpf_systems.rooms.nodes:LOG",
     ("estimator", "localization"): "dynpf_systems.rooms.nodes:LOCALIZATION",
     ("controller", "waypoints"): "dynpf_systems.rooms.nodes:WAYPOINTS",
 }
+
+SENSORS = "dynpf_systems.rooms.sensors:SENSORS"

@@ -1,6 +1,6 @@
-"""Robots in rooms: the simulated room, its sensors, logs of real robots, localization in a map, and waypoints."""
+"""Robots in rooms: the simulated room, localization in a map, and waypoints."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 
 import msgspec
 from dynpf_protocol.landmarks import Landmark
@@ -11,14 +11,11 @@ from dynpf_services.scenario.kinds import FactKind, NodeKind, Take
 
 from dynpf_systems.rooms.config import RoomConfig, WaypointsConfig
 from dynpf_systems.rooms.localization.config import LocalizationConfig
-from dynpf_systems.rooms.localization.readings import reading_topics
+from dynpf_systems.rooms.localization.readings import TOPICS, announcing, reading_types
 from dynpf_systems.rooms.maps import MapConfig, maps_of, named_file, open_maps
-from dynpf_systems.rooms.sensors.config import LogSensorsConfig, SimulatedSensorsConfig
+from dynpf_systems.rooms.sensors.odometry import ODOMETRY, ODOMETRY_POSE
 
-__all__ = ["LANDMARKS", "LOCALIZATION", "LOG", "MAP", "ROOM", "SIMULATED", "WAYPOINTS"]
-
-SENSED = ("odometry", "odometry_pose", "landmarks", "scan")
-"""What logs have records of."""
+__all__ = ["LANDMARKS", "LOCALIZATION", "MAP", "ROOM", "WAYPOINTS"]
 
 
 def _take_map(path: str, config: MapConfig, take: Take) -> None:
@@ -67,37 +64,16 @@ ROOM = NodeKind(
 )
 
 
-def _truth_read(_config: SimulatedSensorsConfig, context: Context) -> set[str]:
-    return {"truth/robot", "truth/obstacles" if context.fact("task") is None else "truth/parts"}
-
-
-def _sensed(config: SimulatedSensorsConfig, _context: Context) -> set[str]:
-    return {f"sensors/{name}" for name in config.__struct_fields__ if getattr(config, name) is not None}
-
-
-SIMULATED = NodeKind(
-    config=SimulatedSensorsConfig,
-    build="dynpf_systems.rooms.sensors.simulated:build",
-    reads=_truth_read,
-    writes=_sensed,
-)
-
-LOG = NodeKind(
-    config=LogSensorsConfig,
-    build="dynpf_systems.rooms.sensors.log:build",
-    reads=lambda *_: {f"log/{name}" for name in SENSED},
-    writes=lambda *_: {f"sensors/{name}" for name in SENSED},
-    plays_log=True,
-)
-
-
-def _readings(config: LocalizationConfig, context: Context) -> set[str | type[Message]]:
-    topics = reading_topics(config.measurement, context.user_class)
-    return {"sensors/odometry", "sensors/odometry_pose", GAPS, *topics}
+def _readings(config: LocalizationConfig, context: Context) -> Set[str | type[Message]]:
+    types = reading_types(config.measurement, context.user_class)
+    read = {ODOMETRY.topic, ODOMETRY_POSE.topic, GAPS}
+    read |= {sensor.topic for kind in types if (sensor := announcing(kind)) is not None}
+    return read.union(TOPICS.get(kind, kind) for kind in types)
 
 
 def _needs(config: LocalizationConfig, context: Context) -> dict[str | type[Message], str]:
-    return dict.fromkeys(reading_topics(config.measurement, context.user_class), "measurement")
+    types = reading_types(config.measurement, context.user_class)
+    return {TOPICS.get(kind, kind): "measurement" for kind in types}
 
 
 LOCALIZATION = NodeKind(

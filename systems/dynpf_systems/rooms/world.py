@@ -24,6 +24,7 @@ from dynpf_protocol.messages import (
     planar_pose,
     timestamp,
 )
+from dynpf_runtime.every import Every
 from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.scenario.context import Context
 
@@ -40,7 +41,7 @@ from dynpf_systems.rooms.steering import steer
 
 __all__ = ["RoomSimulator", "build"]
 
-SCENE_PERIOD_NS = 200_000_000
+SCENE = Every(0.2)
 LOOP, PAIRS = 1, 2  # how Foxglove's lines connect their points
 WALL_COLOR = Color(r=0.35, g=0.35, b=0.35)
 LANDMARK_COLOR = Color(r=0.85, g=0.55, b=0.1)
@@ -85,7 +86,7 @@ class RoomSimulator:
         self._command = (0.0, 0.0)  # forward speed and turning rate
         self._twist = (0.0, 0.0, 0.0)  # true forward speed and turning rate, and rate of turning on the spot besides
         self._finished = False
-        self._scene_ns = -SCENE_PERIOD_NS
+        self._scene_ns: int | None = None
         self._reached = 0  # of the driver's waypoints
         self._doors = closed_doors(config.doors, 0.0, self._pose[:2])
         self._people = self._drawn_people(maps)
@@ -109,7 +110,7 @@ class RoomSimulator:
         outputs = [Output("truth/robot", RobotState(x=x, y=y, theta=theta, v=v, w=w))]
         if self._has_company:
             outputs.append(Output("truth/obstacles", self._obstacles()))
-        if step.stamp_ns - self._scene_ns >= SCENE_PERIOD_NS:
+        if SCENE.due(step.stamp_ns, self._scene_ns):
             self._scene_ns = step.stamp_ns
             outputs.append(Output("truth/scene", self._scene(timestamp(step.stamp_ns))))
         return Result(tuple(outputs), finished=self._finished)

@@ -186,7 +186,7 @@ def test_what_does_not_fit_together_is_told(estimator: dict[str, Any], told: str
         ("map", {"start": "from_readings"}, "estimator.start: a uniform start needs a box"),
         ("map", {"adaptation": "augmented"}, "estimator.restart: a uniform start needs a box"),
         ("landmarks", {}, r"estimator.measurement.0 needs \[\[landmarks\]\]; this run has none"),
-        ("sensors", {"measurement": "likelihood_field"}, "estimator.scan_range_max: missing"),
+        ("sensors", {"measurement": "likelihood_field"}, "reads sensors/scan, which no node of this run writes"),
         ("sensors", {"measurement": "position"}, "reads sensors/position, which no node of this run writes"),
     ],
 )

@@ -14,7 +14,7 @@ from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import read_recording
 from dynpf_lab.cli.main import main
 from dynpf_protocol.codec import decode
-from dynpf_protocol.messages import LaserScan, OdometryPose, RobotState, heading
+from dynpf_protocol.messages import LaserScan, OdometryPose, RobotState, Scanner, heading
 
 REAL = Path(__file__).parents[3] / "../shared/data/carmen"
 real = pytest.mark.skipif(not REAL.is_dir(), reason=f"the CARMEN logs are not at {REAL}")
@@ -51,10 +51,11 @@ def poses(found: list[Record], topic: str) -> list[tuple[float, float, float]]:
 
 
 def test_a_raw_log_comes_in_file_order_with_its_own_times_and_poses(tmp_path: Path) -> None:
-    first, scan, last = records(tmp_path, RAW)
+    first, scanner, scan, last = records(tmp_path, RAW)
     assert first == Record("log/odometry_pose", 10_500_000_000, OdometryPose(x=1.0, y=2.0, theta=0.5))
     assert last.stamp_ns == 10_550_000_000
     assert last.message == OdometryPose(x=1.1, y=2.0, theta=pytest.approx(7.0 - math.tau))
+    assert scanner == Record("log/scanner", 10_600_000_000, Scanner(range_max=20.0))
     assert (scan.topic, scan.stamp_ns) == ("log/scan", 10_600_000_000)
     assert isinstance(scan.message, LaserScan)
     assert scan.message.ranges == (1.5, 2.5, 20.0, 20.0)
@@ -84,7 +85,10 @@ def test_raw_odometry_is_restored_from_a_corrected_log_whatever_time_its_restart
         pytest.approx((3.0, -1.0, -math.pi / 2 + math.pi / 2)),
     ]
     assert poses(found, "log/truth") == [(5.0, 5.0, pytest.approx(math.pi / 2)), (9.0, 9.0, 0.0)]
-    assert [one.topic for one in found].index("log/truth") + 1 == [one.topic for one in found].index("log/scan")
+    topics = [one.topic for one in found]
+    at = topics.index("log/truth")
+    assert topics[at : at + 3] == ["log/truth", "log/scanner", "log/scan"]
+    assert topics.count("log/scanner") == 1
 
 
 def test_without_odom_lines_the_laser_lines_give_odometry(tmp_path: Path) -> None:
@@ -102,7 +106,8 @@ def test_a_robotlaser_line_tells_its_own_geometry_and_is_taken_before_the_same_f
     path = tmp_path / "log.txt"
     path.write_text(flaser(180) + line)
     log = import_carmen(path)
-    odometry, scan = log.records
+    odometry, scanner, scan = log.records
+    assert scanner.message == Scanner(range_max=30.0)
     assert odometry == Record("log/odometry_pose", 7_250_000_000, OdometryPose(x=0.0, y=0.0, theta=1.57))
     assert isinstance(scan.message, LaserScan)
     assert (scan.message.start_angle, scan.message.end_angle) == (-1.0, 1.0)
@@ -116,6 +121,16 @@ def test_a_robotlaser_line_tells_its_own_geometry_and_is_taken_before_the_same_f
     }
 
 
+def test_where_the_range_changes_within_a_log_the_scanner_is_told_again(tmp_path: Path) -> None:
+    def line(range_max: float, at: float) -> str:
+        poses = "0.2 0.3 0.0 0 0 0.0 0.1 0.2 0.3 0.4 0.5"
+        return f"ROBOTLASER1 0 -1.0 2.0 1.0 {range_max} 0.01 0 2 1.0 2.0 0 {poses} {at} host {at}\n"
+
+    found = records(tmp_path, "".join(line(*one) for one in ((30, 1), (30, 2), (20, 3), (20, 4), (30, 5))))
+    told = [(one.stamp_ns // 10**9, one.message.range_max) for one in found if one.topic == "log/scanner"]
+    assert told == [(1, 30.0), (3, 20.0), (5, 30.0)]
+
+
 def test_the_true_pose_of_a_simulated_log_is_the_reference(tmp_path: Path) -> None:
     found = records(tmp_path, RAW + "TRUEPOS 1 2 0.5 3 4 0.6 10.7 host 10.9\n")
     assert poses(found, "log/truth") == [(1.0, 2.0, 0.5)]
@@ -126,7 +141,7 @@ def test_lines_that_cannot_be_read_are_left_out_and_counted(tmp_path: Path) -> N
     bad = "ODOM 1.0 nan 0.5 0.1 0 0 10.5 host 10.6\nFLASER 400 1.0 2.0\nODOM 1 2\nODOM 0 0 0 0 0 0 -1 h 0\n"
     path.write_text(RAW + bad + "FLASER 2 1.0 x 0 0 0 0 0 0 1 h 1\n")
     log = import_carmen(path)
-    assert len(list(log.records)) == 3
+    assert len(list(log.records)) == 4
     (lost,) = log.losses.told().values()
     assert (lost.count, lost.first) == (5, "log.txt:7: y is 'nan'; expected a finite number")
 
@@ -164,7 +179,7 @@ def test_the_command_tells_what_it_wrote_and_twice_the_same(tmp_path: Path, caps
     for output in (first, second):
         assert main(["import", "carmen", str(source), "-o", str(output), "--json"]) == 0
     told = json.loads(capsys.readouterr().out.splitlines()[0])
-    assert told["messages"] == {"log/odometry_pose": 4, "log/scan": 2, "log/truth": 2}
+    assert told["messages"] == {"log/odometry_pose": 4, "log/scan": 2, "log/scanner": 1, "log/truth": 2}
     assert told["dropped"] == {"NEFF lines": {"count": 1, "first": "log:5"}}
     assert (told["start_ns"], told["duration_s"]) == (10**9, 3.0)
     assert content_digest(read_recording(first)) == content_digest(read_recording(second))

@@ -20,7 +20,7 @@ from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import read_recording
 from dynpf_lab.cli.main import main
 from dynpf_protocol.codec import decode
-from dynpf_protocol.messages import LaserScan, OdometryPose, RobotState, heading
+from dynpf_protocol.messages import LaserScan, OdometryPose, RobotState, Scanner, heading
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 
@@ -65,13 +65,15 @@ def test_records_come_in_the_order_of_their_own_stamps(tmp_path: Path) -> None:
     assert [(one.topic, one.stamp_ns - S) for one in found] == [
         ("log/odometry_pose", 0),
         ("log/truth", T // 4),
+        ("log/scanner", T // 4),
         ("log/scan", T // 4),
         ("log/odometry_pose", T // 2),
         ("log/scan", T),
     ]
     assert found[0].message == OdometryPose(x=1.0, y=2.0, theta=pytest.approx(0.5))
     assert found[1].message == RobotState(x=3.0, y=4.0, theta=pytest.approx(1.0))
-    scan = found[2].message
+    assert found[2].message == Scanner(range_min=pytest.approx(0.1), range_max=10.0)
+    scan = found[3].message
     assert isinstance(scan, LaserScan)
     assert (scan.start_angle, scan.end_angle) == (-1.0, 1.0)
     assert scan.ranges == (1.0, 2.0, 10.0, 10.0, 10.0)
@@ -80,6 +82,27 @@ def test_records_come_in_the_order_of_their_own_stamps(tmp_path: Path) -> None:
     assert heading(mount.orientation) == pytest.approx(math.pi / 2)
     assert lost(log) == {"beams that are not a number": 1, "beams below the least range": 1}
     assert log.settings["topics_left_out"] == {"/rosout_like": "geometry_msgs/msg/PoseStamped"}
+
+
+def test_a_scanner_whose_range_changes_is_told_again_in_the_order_of_the_stamps(tmp_path: Path) -> None:
+    # Of the second and third scan the later one arrives first: by arrival the last one's range would be known already.
+    scans = [(0, 0, 10.0), (3, 3, 10.0), (2, 4, 5.0), (5, 5, 5.0)]
+    said = [
+        ("/scan", S + arrival * T // 10, bags.scan(S + at * T // 10, [1.0] * 5, range_max=range_max))
+        for at, arrival, range_max in scans
+    ]
+    found = [one for one in taken(import_rosbag(bag(tmp_path, [*LOG[:3], *said]))) if "scan" in one.topic]
+    told = [(one.topic, (one.stamp_ns - S) * 10 // T, getattr(one.message, "range_max", None)) for one in found]
+    assert told == [
+        ("log/scanner", 0, 10.0),
+        ("log/scan", 0, None),
+        ("log/scanner", 2, 5.0),
+        ("log/scan", 2, None),
+        ("log/scanner", 3, 10.0),
+        ("log/scan", 3, None),
+        ("log/scanner", 5, 5.0),
+        ("log/scan", 5, None),
+    ]
 
 
 def test_every_format_gives_the_same_recording_and_so_does_every_import(tmp_path: Path) -> None:
@@ -128,7 +151,7 @@ def test_odometry_comes_from_tf_where_there_is_no_topic_of_it(tmp_path: Path) ->
         ("/scan", S + 9, bags.scan(S + 9, [1.0])),
     ]
     log = import_rosbag(bag(tmp_path, said))
-    first, scan = taken(log)
+    first, _, scan = taken(log)
     assert first == Record("log/odometry_pose", S, OdometryPose(x=1.0, y=0.0, theta=pytest.approx(0.25)))
     assert isinstance(scan.message, LaserScan)
     assert scan.message.pose.position.x == pytest.approx(0.2)
@@ -360,7 +383,7 @@ def test_the_summary_of_a_real_bag_tells_what_was_chosen(tmp_path: Path, capsys:
     words = ["import", "rosbag", str(source), "--map", str(world), "-o", str(tmp_path / "log.mcap"), "--json"]
     assert main(words) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told["messages"] == {"log/odometry_pose": 638, "log/scan": 204, "log/truth": 204}
+    assert told["messages"] == {"log/odometry_pose": 638, "log/scan": 204, "log/scanner": 1, "log/truth": 204}
     assert told["settings"]["scanner_x_m"] == pytest.approx(0.194)
     assert told["attachments"] == ["files/i-108_10mm.yaml", "files/i-108_10mm.pgm"]
     files = {one.name: one.data for one in read_recording(tmp_path / "log.mcap").attachments}

@@ -54,6 +54,7 @@ def test_poses_become_the_reference_of_a_log_in_the_place_of_its_own(tmp_path: P
     recording = read_recording(second)
     found = [(one.topic, one.stamp_ns // 10**8) for one in recording.messages()]
     assert found == [
+        ("log/scanner", 10),
         ("log/scan", 10),
         ("log/truth", 15),
         ("log/truth", 20),

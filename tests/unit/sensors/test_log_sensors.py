@@ -12,13 +12,15 @@ from dynpf_protocol.messages import (
     Message,
     Odometry,
     OdometryPose,
+    Scanner,
     planar_pose,
     timestamp,
 )
 from dynpf_runtime.node import Received, Step, decode_state, encode_state
+from dynpf_services.scenario.context import Context
+from dynpf_services.scenario.schema import Scenario
+from dynpf_services.sensors.log import LogSensors
 from dynpf_systems.rooms.localization.readings import reading_of
-from dynpf_systems.rooms.sensors.config import LogSensorsConfig
-from dynpf_systems.rooms.sensors.log import LogSensors
 
 from dynpf.measurement import RangeBearingReadings
 
@@ -27,12 +29,13 @@ TOPICS = {
     OdometryPose: "log/odometry_pose",
     LandmarkReadings: "log/landmarks",
     LaserScan: "log/scan",
+    Scanner: "log/scanner",
 }
 
 
 def sensors() -> LogSensors:
     landmarks = (Landmark(id=6, x=0.0, y=0.0), Landmark(id=7, x=1.0, y=0.0))
-    return LogSensors(config=LogSensorsConfig(), landmarks=landmarks)
+    return LogSensors(Context(Scenario(title="A log", facts={"landmarks": landmarks}), "sensors"))
 
 
 def step(*messages: Message) -> Step:
@@ -58,6 +61,7 @@ def test_good_records_pass_unchanged_and_in_order() -> None:
     messages = (
         Odometry(v=0.1, w=-0.2),
         LandmarkReadings(readings=(reading(6), reading(7))),
+        Scanner(range_min=0.1, range_max=8.0),
         scan(1.0, 2.0),
         Odometry(v=0, w=0),
         OdometryPose(x=1.0, y=2.0, theta=3.0),
@@ -66,6 +70,7 @@ def test_good_records_pass_unchanged_and_in_order() -> None:
     assert [output.topic for output in result.outputs] == [
         "sensors/odometry",
         "sensors/landmarks",
+        "sensors/scanner",
         "sensors/scan",
         "sensors/odometry",
         "sensors/odometry_pose",
@@ -78,7 +83,7 @@ def test_readings_of_what_is_not_on_the_map_are_dropped_and_counted() -> None:
     (output,) = node.step(step(LandmarkReadings(readings=(reading(3), reading(7), reading(99))))).outputs
     assert output.message == LandmarkReadings(readings=(reading(7),))
     assert node.step(step(LandmarkReadings(readings=(reading(3),)))).outputs == ()
-    assert node.freeze() == {"unknown": 3, "refused": 0}
+    assert node.freeze() == {"left_out": {"landmarks": {"not on the map": 3}}}
 
 
 def test_a_landmark_that_moves_is_not_on_the_map_and_passes_with_its_place() -> None:
@@ -94,22 +99,25 @@ def test_a_landmark_that_moves_is_not_on_the_map_and_passes_with_its_place() -> 
 
 
 @pytest.mark.parametrize(
-    "bad",
+    ("sensor", "bad"),
     [
-        Odometry(v=math.nan, w=0.0),
-        Odometry(v=0.0, w=math.inf),
-        scan(),
-        scan(1.0, math.nan),
-        scan(1.0, -0.1),
-        LandmarkReadings(readings=(reading(6, distance=-1.0),)),
-        LandmarkReadings(readings=(reading(6, distance=math.inf),)),
-        LandmarkReadings(readings=(reading(6, bearing=math.nan),)),
+        ("odometry", Odometry(v=math.nan, w=0.0)),
+        ("odometry", Odometry(v=0.0, w=math.inf)),
+        ("odometry_pose", OdometryPose(x=0.0, y=math.nan, theta=0.0)),
+        ("scanner", Scanner(range_max=math.inf)),
+        ("scanner", Scanner(range_min=2.0, range_max=1.0)),
+        ("scan", scan()),
+        ("scan", scan(1.0, math.nan)),
+        ("scan", scan(1.0, -0.1)),
+        ("landmarks", LandmarkReadings(readings=(reading(6, distance=-1.0),))),
+        ("landmarks", LandmarkReadings(readings=(reading(6, distance=math.inf),))),
+        ("landmarks", LandmarkReadings(readings=(reading(6, bearing=math.nan),))),
     ],
 )
-def test_what_no_sensor_could_have_read_is_refused_and_counted(bad: Message) -> None:
+def test_what_no_sensor_could_have_read_is_refused_and_counted(sensor: str, bad: Message) -> None:
     node = sensors()
     assert node.step(step(bad)).outputs == ()
-    assert node.freeze() == {"unknown": 0, "refused": 1}
+    assert node.freeze() == {"left_out": {sensor: {"refused": 1}}}
 
 
 def test_bearings_are_brought_within_half_a_turn() -> None:
@@ -122,4 +130,5 @@ def test_counts_survive_freezing() -> None:
     node, fresh = sensors(), sensors()
     node.step(step(LandmarkReadings(readings=(reading(3),)), Odometry(v=math.nan, w=0.0)))
     fresh.thaw(decode_state(encode_state(node.freeze())))
-    assert fresh.freeze() == node.freeze() == {"unknown": 1, "refused": 1}
+    left_out = {"landmarks": {"not on the map": 1}, "odometry": {"refused": 1}}
+    assert fresh.freeze() == node.freeze() == {"left_out": left_out}

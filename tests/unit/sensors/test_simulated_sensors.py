@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -16,27 +17,23 @@ from dynpf_protocol.messages import (
     Odometry,
     PositionFix,
     RobotState,
+    Scanner,
 )
 from dynpf_runtime.node import Received, Step, decode_state, encode_state
 from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.load import load_scenario
+from dynpf_services.scenario.schema import Scenario
+from dynpf_services.sensors.simulated import KIND, SimulatedSensors, SimulatedSensorsConfig
 from dynpf_systems.parts.messages import Detections, Gripper, PartsState, PartState
+from dynpf_systems.parts.sensors import GripperSensor, OverheadSensor
 from dynpf_systems.parts.task import PartSpec, RearrangementTask
 from dynpf_systems.rooms.maps import NO_MAPS, Maps
 from dynpf_systems.rooms.messages import Barrier, Disc, Obstacles
-from dynpf_systems.rooms.nodes import SIMULATED
-from dynpf_systems.rooms.sensors.config import (
-    GripperSensor,
-    GyroSensor,
-    LandmarkSensor,
-    LineSensor,
-    OdometrySensor,
-    OverheadSensor,
-    PositionSensor,
-    ScanSensor,
-    SimulatedSensorsConfig,
-)
-from dynpf_systems.rooms.sensors.simulated import SimulatedSensors
+from dynpf_systems.rooms.sensors.landmarks import LandmarkSensor
+from dynpf_systems.rooms.sensors.lines import LineSensor
+from dynpf_systems.rooms.sensors.odometry import GyroSensor, OdometrySensor
+from dynpf_systems.rooms.sensors.position import PositionSensor
+from dynpf_systems.rooms.sensors.scan import ScanSensor
 
 from dynpf.maps.segments import SegmentMap
 
@@ -60,12 +57,19 @@ def step(tick: int, *messages: Message) -> Step:
     return Step(tick, tick, tick * TICK_NS, inputs)
 
 
-def sensors(config: SimulatedSensorsConfig, seed: int = 1) -> SimulatedSensors:
-    return SimulatedSensors(config=config, seed=seed, tick_s=0.05, task=TASK, landmarks=LANDMARKS)
+def sensors(config: Any, seed: int = 1) -> SimulatedSensors:
+    return SimulatedSensors(config, run_with(seed=seed, task=TASK, landmarks=LANDMARKS))
+
+
+def run_with(maps: Maps = NO_MAPS, seed: int = 1, **facts: object) -> Context:
+    """Return a run with some shared tables, and with these maps whatever the tables say."""
+    return Context(Scenario(title="A run", seed=seed, tick_s=0.05, facts=facts), "sensors", {"maps": maps})
 
 
 def outputs(node: SimulatedSensors, ticks: Iterable[int], *messages: Message) -> list[Message]:
-    return [output.message for tick in ticks for output in node.step(step(tick, *messages)).outputs]
+    """Return what the node reads; what it says of its scanner before is left out."""
+    said = [output.message for tick in ticks for output in node.step(step(tick, *messages)).outputs]
+    return [message for message in said if not isinstance(message, Scanner)]
 
 
 def assert_normal(samples: np.ndarray, mean: float, std: float) -> None:
@@ -179,7 +183,7 @@ def test_detections_come_in_no_telling_order() -> None:
 def test_absent_sensors_are_off_and_undeclared() -> None:
     config = SimulatedSensorsConfig(odometry=OdometrySensor())
     node = sensors(config)
-    assert {*SIMULATED.writes(config, Context(load_scenario("room-scan"), "sensors"))} == {"sensors/odometry"}
+    assert {*KIND.writes(config, Context(load_scenario("room-scan"), "sensors"))} == {"sensors/odometry"}
     assert [type(m) for m in outputs(node, [0], robot(), parts((0.5, 0.5, 0.06)))] == [Odometry]
 
 
@@ -213,7 +217,7 @@ def test_robot_alone_gives_no_overhead_reading_before_the_parts_are_known() -> N
 def test_a_sensor_without_its_facts_is_refused_by_name(sensor: str) -> None:
     kinds = {"gripper": GripperSensor, "overhead": OverheadSensor, "scan": ScanSensor, "landmarks": LandmarkSensor}
     with pytest.raises(ScenarioError, match=sensor):
-        SimulatedSensors(config=SimulatedSensorsConfig(**{sensor: kinds[sensor]()}), seed=1, tick_s=0.05)
+        SimulatedSensors(SimulatedSensorsConfig(**{sensor: kinds[sensor]()}), run_with())
 
 
 def test_a_thawed_node_continues_exactly_and_another_seed_does_not() -> None:
@@ -238,13 +242,30 @@ def test_a_thawed_node_continues_exactly_and_another_seed_does_not() -> None:
     assert encode_state(second.freeze()) == encode_state(first.freeze())
 
 
+def test_a_scanner_says_what_it_measures_between_once_before_its_first_scan() -> None:
+    config = SimulatedSensorsConfig(odometry=OdometrySensor(), scan=ScanSensor(range_min=0.2, range_max=3.0, every=2))
+    node = sensors(config)
+    topics = [[output.topic for output in node.step(step(tick, robot())).outputs] for tick in range(3)]
+    assert topics == [
+        ["sensors/odometry", "sensors/scanner", "sensors/scan"],
+        ["sensors/odometry"],
+        ["sensors/odometry", "sensors/scan"],
+    ]
+    first = sensors(config).step(step(0, robot())).outputs[1].message
+    assert first == Scanner(range_min=0.2, range_max=3.0)
+    thawed = sensors(config)
+    thawed.thaw(decode_state(encode_state(node.freeze())))
+    assert [output.topic for output in thawed.step(step(4, robot())).outputs] == topics[1]
+    assert [output.topic for output in thawed.step(step(5, robot())).outputs] == topics[2]
+
+
 # --- in a map ------------------------------------------------------------------------------------------------------
 
 SQUARE = SegmentMap([(-2, -2, 2, -2), (2, -2, 2, 2), (2, 2, -2, 2), (-2, 2, -2, -2), (1, -0.5, 1, 0.5)])
 
 
-def in_map(config: SimulatedSensorsConfig, maps: Maps) -> SimulatedSensors:
-    return SimulatedSensors(config=config, seed=1, tick_s=0.05, maps=maps)
+def in_map(config: Any, maps: Maps) -> SimulatedSensors:
+    return SimulatedSensors(config, run_with(maps))
 
 
 def test_lines_are_the_parts_of_walls_that_nothing_hides() -> None:
@@ -311,10 +332,10 @@ HALL = SegmentMap([(4, -3, 4, 3), (-4, -3, -4, 3), (-4, 3, 4, 3), (-4, -3, 4, -3
 
 def in_hall(sensor: ScanSensor, *messages: Message) -> list[float]:
     """Return the ranges ahead, to the left and behind, from the middle of the hall."""
-    node = SimulatedSensors(config=SimulatedSensorsConfig(scan=sensor), seed=1, tick_s=0.05, maps=Maps(segments=HALL))
+    node = in_map(SimulatedSensorsConfig(scan=sensor), Maps(segments=HALL))
     topics = {RobotState: "truth/robot", Obstacles: "truth/obstacles"}
     inputs = tuple(Received(topics[type(m)], "simulator", "b", 0, 0, m) for m in (robot(), *messages))
-    (output,) = node.step(Step(0, 0, 0, inputs)).outputs
+    _, output = node.step(Step(0, 0, 0, inputs)).outputs
     assert isinstance(output.message, LaserScan)
     ranges = output.message.ranges
     return [ranges[len(ranges) // 2], ranges[3 * len(ranges) // 4], ranges[0]]
@@ -344,7 +365,7 @@ def _fields(sensor: ScanSensor) -> dict[str, object]:
 
 def test_the_noise_of_a_depth_camera_grows_with_the_square_of_the_range() -> None:
     sensor = ScanSensor(beams=2, field_of_view=0.1, range_max=8.0, range_std=0.01, range_std_per_square_metre=0.005)
-    node = SimulatedSensors(config=SimulatedSensorsConfig(scan=sensor), seed=1, tick_s=0.05, maps=Maps(segments=HALL))
+    node = in_map(SimulatedSensorsConfig(scan=sensor), Maps(segments=HALL))
     ranges = [m.ranges[0] for m in outputs(node, range(4000), robot()) if isinstance(m, LaserScan)]
     true = 4.0 / math.cos(0.05)
     assert_normal(np.array(ranges), true, 0.01 + 0.005 * true**2)

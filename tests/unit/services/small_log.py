@@ -9,5 +9,4 @@ FACTS = LogFacts(
     landmarks=[{"id": 6, "x": 1.0, "y": 2.0}],
     starts={"": (1.0, 2.0, 0.5)},
     files={"house.yaml": YAML, "house.pgm": IMAGE},
-    range_max=10.0,
 )

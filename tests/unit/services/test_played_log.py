@@ -1,4 +1,4 @@
-"""What an imported log brings to a run: the start at its first record, its map, its scanner's range."""
+"""What an imported log brings to a run: the start at its first record, its map."""
 
 import math
 from pathlib import Path
@@ -51,13 +51,12 @@ def test_the_start_is_where_the_robot_was_at_the_first_record(log: PlayedLog) ->
     assert log.facts.starts[""] == pytest.approx((4.0, 5.0, 0.0))
 
 
-def test_map_range_and_start_come_from_the_log(log: PlayedLog, tmp_path: Path) -> None:
+def test_map_and_start_come_from_the_log(log: PlayedLog, tmp_path: Path) -> None:
     for name in ("house.yaml", "house.pgm"):
         (tmp_path / name).unlink()
     scenario = scenario_of(tmp_path, log)
     assert scenario.map.file == "house.yaml"
     assert scenario.files["house.yaml"].data == YAML
-    assert scenario.estimator.scan_range_max == 60.0
     assert (scenario.estimator.start.x, scenario.estimator.start.theta) == pytest.approx((4.0, 0.0))
 
 
@@ -66,9 +65,7 @@ def test_a_map_of_the_scenario_s_own_stands_against_the_log_s(log: PlayedLog, tm
     with pytest.raises(ScenarioError, match=r"'other.yaml' cannot be read: No such file"):
         scenario_of(tmp_path, log, text=own)
     (tmp_path / "other.yaml").write_bytes(YAML.replace(b"0.5", b"0.25"))
-    scenario = scenario_of(tmp_path, log, "estimator.scan_range_max=30", text=own)
-    assert scenario.map.file == "other.yaml"
-    assert scenario.estimator.scan_range_max == 30
+    assert scenario_of(tmp_path, log, text=own).map.file == "other.yaml"
 
 
 def test_without_odometry_the_start_is_the_first_reference(tmp_path: Path) -> None:

@@ -56,7 +56,11 @@ def test_odometry_tells_nothing_of_the_way_that_is_withheld(log: LaserLog) -> No
     assert isinstance(left[at].message, LaserScan)
     assert left[:at] == list(log.records[:at])
     # Steps after it are those of the log, and the first of them begins where odometry was before it.
-    poses = [(k, np.array([m.x, m.y, m.theta])) for k, (*_, m, _) in enumerate(left) if isinstance(m, OdometryPose)]
+    poses = [
+        (k, np.array([m.x, m.y, m.theta]))
+        for k, m in enumerate(record.message for record in left)
+        if isinstance(m, OdometryPose)
+    ]
     told = {one.number: one.message for one in log.records if isinstance(one.message, OdometryPose)}
     numbers = [left[k].number for k, _ in poses]
     first = next(k for k, (place, _) in enumerate(poses) if place > at)

@@ -32,15 +32,8 @@ from dynpf.filters.resampling import Resampling
 from dynpf.filters.search import Search, SearchStart
 from dynpf.filters.start import UniformStart, pose_source
 from dynpf.filters.unscented import UnscentedKalman, UnscentedKalmanParams
-from dynpf.measurement.beam import BeamModel, BeamParams
-from dynpf.measurement.likelihood_field import LikelihoodField, LikelihoodFieldParams
-from dynpf.measurement.lines import PolarLines, PolarLinesParams
 from dynpf.measurement.model import GaussianMeasurement, MeasurementModel
-from dynpf.measurement.position import GaussianPosition, GaussianPositionParams
-from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, SensorRows
-from dynpf.measurement.range_vector import RangeVectorModel, RangeVectorParams
-from dynpf.measurement.scan_lines import ScanLines, ScanLinesParams
-from dynpf.measurement.unknown_landmarks import UnknownLandmarks, UnknownLandmarksParams
+from dynpf.measurement.range_bearing import SensorRows
 from dynpf.motion.arcs import Arcs, ArcsParams
 from dynpf.motion.calibration import BEARING_BIAS, RANGE_SCALE, CalibratedArcs
 from dynpf.motion.capsule import CapsuleMotion, CapsuleStep, CapsuleStepParams
@@ -53,7 +46,7 @@ from dynpf.portable import hypot
 from dynpf.se2 import arc_chord, arc_displacement
 from dynpf_systems.rooms.localization.config import GradientFlowTable, LocalizationConfig, SirParams
 from dynpf_systems.rooms.localization.localizers import CloudFilter, GaussianLocalizer, Localizer, ParticleLocalizer
-from dynpf_systems.rooms.localization.readings import READINGS, TOPICS, is_message
+from dynpf_systems.rooms.localization.readings import MODELS, TOPICS, is_message
 from dynpf_systems.rooms.localization.user_components import Classes, made, required_methods
 from dynpf_systems.rooms.maps import Maps
 
@@ -210,35 +203,17 @@ def _kind(table: Any) -> str:
 def _measurement(
     table: Any, key: str, maps: Maps, classes: Classes, rows: SensorRows | None
 ) -> tuple[type, MeasurementModel[Any]]:
-    def needed(what: str) -> Any:
-        found = getattr(maps, what)
-        if found is None:
-            raise ScenarioError(f"{key} needs {_NEEDED[what]}; this run has none")
-        return found
-
     if isinstance(table, UserComponent):
         return _own_measurement(table, key, maps, classes)
-    model: MeasurementModel[Any]
-    match table:
-        case RangeBearingParams():
-            model = RangeBearing(table, needed("landmarks"), rows)
-        case UnknownLandmarksParams():
-            model = UnknownLandmarks(table, needed("landmarks"))
-        case LikelihoodFieldParams():
-            model = LikelihoodField(table, needed("grid"))
-        case BeamParams():
-            model = BeamModel(table, needed("grid"))
-        case RangeVectorParams():
-            model = RangeVectorModel(table, needed("grid"))
-        case PolarLinesParams():
-            model = PolarLines(table, needed("segments"))
-        case ScanLinesParams():
-            model = ScanLines(table, needed("segments"))
-        case GaussianPositionParams():
-            model = GaussianPosition(table)
-        case _:
-            raise TypeError(f"{key}: {type(table).__name__} is no table of a measurement model")
-    return READINGS[type(table)], model
+    kind = MODELS[type(table)]
+    arguments = [table]
+    if kind.needs:
+        arguments.append(getattr(maps, kind.needs))
+        if arguments[-1] is None:
+            raise ScenarioError(f"{key} needs {_NEEDED[kind.needs]}; this run has none")
+    if kind.calibrated:
+        arguments.append(rows)
+    return kind.reading, kind.make(*arguments)
 
 
 def _own_measurement(

@@ -1,6 +1,8 @@
 """What a scenario says about the estimator, in the table ``[estimator]``; ``kind`` chooses which one runs; SI units."""
 
-from typing import Annotated
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import msgspec
 from dynpf_services.scenario.user_component import UserComponent
@@ -17,14 +19,7 @@ from dynpf.filters.resampling import Multinomial, Residual, Stratified, Systemat
 from dynpf.filters.search import SearchStart
 from dynpf.filters.start import FromReadingsStart, KnownStart, UniformStart
 from dynpf.filters.unscented import UnscentedKalmanParams
-from dynpf.measurement.beam import BeamParams
-from dynpf.measurement.likelihood_field import LikelihoodFieldParams
-from dynpf.measurement.lines import PolarLinesParams
-from dynpf.measurement.position import GaussianPositionParams
 from dynpf.measurement.range_bearing import RangeBearingParams
-from dynpf.measurement.range_vector import RangeVectorParams
-from dynpf.measurement.scan_lines import ScanLinesParams
-from dynpf.measurement.unknown_landmarks import UnknownLandmarksParams
 from dynpf.motion.arcs import ArcsParams
 from dynpf.motion.calibration import CalibrationParams
 from dynpf.motion.capsule import CapsuleStepParams
@@ -32,6 +27,7 @@ from dynpf.motion.gradient_flow import GradientFlowParams
 from dynpf.motion.linear import LinearGaussianParams
 from dynpf.motion.odometry import OdometryParams
 from dynpf.motion.velocity import VelocityParams
+from dynpf_systems.rooms.localization.readings import MODELS
 
 __all__ = [
     "LocalizationConfig",
@@ -65,17 +61,10 @@ MotionTable = (
     | GradientFlowTable
     | UserComponent
 )
-MeasurementTable = (
-    RangeBearingParams
-    | UnknownLandmarksParams
-    | LikelihoodFieldParams
-    | BeamParams
-    | RangeVectorParams
-    | PolarLinesParams
-    | ScanLinesParams
-    | GaussianPositionParams
-    | UserComponent
-)
+if TYPE_CHECKING:
+    MeasurementTable: TypeAlias = Any
+else:
+    MeasurementTable = reduce(or_, [*MODELS, UserComponent])  # whatever models the sensors list
 ResamplingTable = Systematic | Stratified | Residual | Multinomial | UserComponent
 ProposalTable = Prior | Optimal | LocalLinearization | Auxiliary | UserComponent
 RegularizationTable = GaussianKernel | UserComponent
@@ -96,8 +85,8 @@ class LocalizationConfig(
     # twice from one place errs alike, so it would be believed too much.
     min_travel: NonNegative = 0.0  # m
     min_turn: NonNegative = 0.0  # rad
-    scan_range_min: NonNegative = 0.0  # m; a range below it tells nothing
-    scan_range_max: Positive | None = None  # m, which a beam without return reads; absent: the simulated scanner's
+    scan_range_min: NonNegative | None = None  # m; a range below it tells nothing; absent: what the scanner says
+    scan_range_max: Positive | None = None  # m, which a beam without return reads; absent: what the scanner says
     motion: MotionTable = ArcsParams()
     calibration: CalibrationParams | None = None  # for arcs; absent: odometry is taken as it comes
     measurement: Annotated[tuple[MeasurementTable, ...], Meta(min_length=1, max_length=16)] = (RangeBearingParams(),)

@@ -1,17 +1,22 @@
 """The estimator's judgement of itself, at each update and, while there is none, once a second."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
 from dynpf_protocol.messages import FilterHealth, HealthFigures, Log, LogLevel, timestamp
+from dynpf_runtime.every import Every
 from dynpf_runtime.node import Output, State
 
 from dynpf.filters.health import Health, HealthMemory, HealthParams, Signs, Status, Verdict
+from dynpf.filters.models import Outcome
+from dynpf_systems.rooms.localization.localizers import Found
+from dynpf_systems.rooms.localization.readings import size_of
 
-__all__ = ["HealthWatch"]
+__all__ = ["HealthWatch", "signs_of"]
 
-PERIOD_NS = 10**9
+JUDGED = Every(1.0)
 
 
 class HealthWatch:
@@ -26,7 +31,7 @@ class HealthWatch:
 
     def due(self, stamp_ns: int) -> bool:
         """Return whether it is time to judge though there was no update."""
-        return self._judged_ns is None or stamp_ns - self._judged_ns >= PERIOD_NS
+        return JUDGED.due(stamp_ns, self._judged_ns)
 
     def judge(self, signs: Signs, stamp_ns: int) -> list[Output]:
         """Take in the signs; return a message if the status is another than before, or not good to begin with."""
@@ -51,6 +56,23 @@ class HealthWatch:
         level = LogLevel.INFO if verdict.status in {Status.TRACKING, Status.UNCERTAIN} else LogLevel.WARNING
         text = f"the estimate is {verdict.status}: {verdict.reason}"
         return Output("log", Log(timestamp=timestamp(stamp_ns), level=level, message=text, name=self._name))
+
+
+def signs_of(found: Found, readings: Sequence[Any], modes: tuple[float, ...] | None) -> Signs:
+    """Return the signs of what an update of some readings has found, in a belief with some modes."""
+    sizes = [size_of(reading) for reading in readings]
+    outright = sum(int(size) for size, outcome in zip(sizes, found.outcomes, strict=True) if outcome is Outcome.REFUSED)
+    return Signs(
+        covariance=found.estimate.covariance,
+        n_eff=found.share,
+        n=1,
+        log_evidence=found.log_evidence,
+        readings=found.readings,
+        refused=max(outright, sum(int(size) for size in sizes) - found.readings),
+        modes=modes,
+        jump=found.jump,
+        unfit=found.unfit,
+    )
 
 
 def _report(verdict: Verdict) -> FilterHealth:

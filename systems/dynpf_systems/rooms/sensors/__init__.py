@@ -1,1 +1,11 @@
-"""The sensors of robots in rooms: simulated from the true state, or played from a log."""
+"""The sensors of robots in rooms: a module for each, and the list of them, in which a step reads them."""
+
+from dynpf_systems.rooms.sensors.landmarks import LANDMARKS
+from dynpf_systems.rooms.sensors.lines import LINES
+from dynpf_systems.rooms.sensors.odometry import ODOMETRY, ODOMETRY_POSE
+from dynpf_systems.rooms.sensors.position import POSITION
+from dynpf_systems.rooms.sensors.scan import SCAN, SCANNER
+
+__all__ = ["SENSORS"]
+
+SENSORS = (ODOMETRY, ODOMETRY_POSE, LANDMARKS, SCANNER, SCAN, LINES, POSITION)

@@ -6,7 +6,7 @@ import numpy as np
 from dynpf_formats.recording.reader import Recording
 from dynpf_protocol.codec import decode
 from dynpf_protocol.errors import UsageError
-from dynpf_protocol.messages import LaserScan, RobotState
+from dynpf_protocol.messages import LaserScan, RobotState, Scanner
 from dynpf_services.scenario.recorded import recorded_scenario
 from dynpf_services.scenario.schema import Scenario
 
@@ -17,7 +17,6 @@ from dynpf.measurement.beam_fit import BeamFit, fit_beam
 from dynpf.se2 import FloatArray, Floats, compose
 from dynpf_systems.rooms.localization.config import LocalizationConfig
 from dynpf_systems.rooms.maps import open_maps
-from dynpf_systems.rooms.sensors.config import SimulatedSensorsConfig
 
 __all__ = ["fit_recording", "fit_scans"]
 
@@ -65,9 +64,11 @@ def fit_scans(
 
 
 def _range_max(recording: Recording, scenario: Scenario) -> float:
-    sensors, estimator = scenario.sensors, scenario.estimator
-    if isinstance(sensors, SimulatedSensorsConfig) and sensors.scan is not None:
-        return sensors.scan.range_max
+    """Return the greatest range that the run's scanner has told, else that of its estimator."""
+    told = [decode(one.topic, one.payload) for one in recording.messages("sensors/scanner")]
+    if greatest := [scanner.range_max for scanner in told if isinstance(scanner, Scanner)]:
+        return max(greatest)
+    estimator = scenario.estimator
     if isinstance(estimator, LocalizationConfig) and estimator.scan_range_max is not None:
         return estimator.scan_range_max
     raise UsageError(f"{recording.path}: does not tell the scanner's greatest range")

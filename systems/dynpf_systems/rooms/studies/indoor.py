@@ -119,7 +119,7 @@ def fitted(settings: IndoorSettings) -> BeamFit:
         raise UsageError("the study needs a grid map")
     epochs = played(Path(settings.log)).epochs[::5] if settings.log else way_of(settings, FIT_SEED).epochs
     taken = ((truth, scan.angles, scan.ranges) for truth, scan in scans(place, epochs))
-    return fit_scans(grid, taken, place.range_max, _beam(place))
+    return fit_scans(grid, taken, place.scanner.range_max, _beam(place))
 
 
 def _beam(place: World) -> BeamParams:

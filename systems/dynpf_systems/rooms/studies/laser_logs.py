@@ -1,6 +1,6 @@
 """Logs with laser scans for studies: those known by name, and recordings that were imported."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -14,16 +14,17 @@ from dynpf_formats.importers.maps import map_attachments
 from dynpf_formats.importers.stream import LogStream
 from dynpf_formats.recording.attachments import FOLDER, attached
 from dynpf_formats.recording.header import Attachment
-from dynpf_protocol.codec import decode
+from dynpf_protocol.codec import decode, encode
 from dynpf_protocol.errors import UsageError
-from dynpf_protocol.messages import LaserScan, Message, OdometryPose, RobotState
+from dynpf_protocol.messages import LaserScan, Message, OdometryPose, RobotState, Scanner
+from dynpf_runtime.source import LogRecord
 from dynpf_services.scenario.played_log import PlayedLog
 from dynpf_services.scenario.schema import LogFacts
 
 from dynpf.se2 import wrap_angle
 from dynpf_systems.rooms.studies.logs import LaserSource, sources
 
-__all__ = ["LaserLog", "Record", "imported_log", "log_named", "read_laser_log", "split"]
+__all__ = ["LaserLog", "Record", "encoded", "imported_log", "log_named", "read_laser_log", "split"]
 
 _INSTEAD = "--set \"logs=['IN.mcap']\" takes recordings that dynpf import has made"
 
@@ -36,6 +37,7 @@ class Record(NamedTuple):
     stamp_ns: int
     message: Message
     truth: tuple[float, float, float] | None  # of a scan; where the reference does not tell it, None
+    scanner: Scanner | None = None  # of a scan: what its scanner has told of itself before
 
 
 class LaserLog(NamedTuple):
@@ -49,6 +51,12 @@ class LaserLog(NamedTuple):
     def scans(self) -> list[int]:
         """Return which of the records are scans of which the true pose is known."""
         return [index for index, record in enumerate(self.records) if record.truth is not None]
+
+    @property
+    def scanner(self) -> Scanner | None:
+        """Return the scanner that measures farthest; None where there are no scans of one that has told its range."""
+        told = [record.scanner for record in self.records if record.scanner is not None]
+        return max(told, key=lambda scanner: scanner.range_max, default=None)
 
 
 @cache
@@ -96,7 +104,7 @@ def imported_log(name: str, stream: LogStream) -> LaserLog:
     """Return a log as an importer gives it."""
     messages = [(one.topic, one.stamp_ns, one.message) for one in stream.records]
     files = {one.name.removeprefix(FOLDER): one.data for one in stream.attachments}
-    facts = LogFacts("", [], {}, files, stream.settings.get("range_max_m"))
+    facts = LogFacts("", [], {}, files)
     return _laser_log(name, messages, facts)
 
 
@@ -113,12 +121,30 @@ def _laser_log(name: str, messages: Sequence[tuple[str, int, Message]], facts: L
         x, y, theta = (float(np.interp(stamp - stamps[0], since, values)) for values in (*poses[:, :2].T, headings))
         return x, y, float(wrap_angle(theta))
 
-    records = [
-        Record(number, topic, stamp, message, truth(stamp) if isinstance(message, LaserScan) else None)
-        for number, (topic, stamp, message) in enumerate(messages)
-        if isinstance(message, LaserScan | OdometryPose)
-    ]
+    records = []
+    scanner: Scanner | None = None
+    for number, (topic, stamp, message) in enumerate(messages):
+        match message:
+            case Scanner():
+                scanner = message
+            case LaserScan():
+                records.append(Record(number, topic, stamp, message, truth(stamp), scanner))
+            case OdometryPose():
+                records.append(Record(number, topic, stamp, message, None))
     return LaserLog(name, tuple(records), facts)
+
+
+def encoded(records: Iterable[Record]) -> Iterator[LogRecord]:
+    """Yield records, any of a log's, as sensors play them; the scanner tells of itself before the first of its scans.
+
+    Encoded as they are played: most runs end long before the log does.
+    """
+    told: Scanner | None = None
+    for record in records:
+        if record.scanner is not None and record.scanner != told:
+            told = record.scanner
+            yield LogRecord("log/scanner", record.stamp_ns, encode("log/scanner", told))
+        yield LogRecord(record.topic, record.stamp_ns, encode(record.topic, record.message))
 
 
 def split(log: LaserLog, resolution: float = 0.05) -> LaserLog:

@@ -7,10 +7,8 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 from dynpf_experiments.drive import drive
-from dynpf_protocol.codec import encode
 from dynpf_protocol.messages import Estimate, LaserScan, Message, OdometryPose
 from dynpf_runtime.node import Received
-from dynpf_runtime.source import LogRecord
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import LogContent
 from dynpf_services.scenario.schema import Scenario
@@ -18,7 +16,7 @@ from dynpf_services.scenario.schema import Scenario
 from dynpf.filters.start import KnownStart, UniformStart
 from dynpf.se2 import FloatArray, compose, relative, wrap_angle
 from dynpf_systems.rooms.localization.config import LocalizationConfig
-from dynpf_systems.rooms.studies.laser_logs import LaserLog, Record
+from dynpf_systems.rooms.studies.laser_logs import LaserLog, Record, encoded
 
 __all__ = ["Moment", "UpdateCount", "kidnapped", "play", "scenario_for"]
 
@@ -136,9 +134,7 @@ def play(
             scan_ns = -1
         return bool(moments) and enough(len(moments), moments[-1].updates)
 
-    # Encoded as they are played: most runs end long before the log does.
-    played = (LogRecord(one.topic, one.stamp_ns, encode(one.topic, one.message)) for one in records)
-    drive(scenario, _TOPICS, LogContent(played), stopped=stopped)
+    drive(scenario, _TOPICS, LogContent(encoded(records)), stopped=stopped)
     return moments
 
 

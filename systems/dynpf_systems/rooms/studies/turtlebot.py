@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import msgspec
 from dynpf_experiments.rows import Row, Sample, summarized
 from dynpf_experiments.study import Study
+from dynpf_services.sensors.simulated import SimulatedSensorsConfig
 from msgspec import Meta
 
 from dynpf.filters.regularization import GaussianKernel
@@ -19,7 +20,6 @@ from dynpf.measurement.scan_lines import ScanLinesParams
 from dynpf.measurement.split_and_merge import SplitAndMergeParams, extract_lines
 from dynpf_systems.rooms.config import Door
 from dynpf_systems.rooms.localization.config import LocalizationConfig
-from dynpf_systems.rooms.sensors.config import SimulatedSensorsConfig
 from dynpf_systems.rooms.studies.figures import Shown, draw
 from dynpf_systems.rooms.studies.ways import (
     Epoch,

@@ -10,7 +10,6 @@ import msgspec
 import numpy as np
 from dynpf_experiments.drive import drive, follow_inputs, inputs_of
 from dynpf_experiments.messages import RunMessages, of_type, planar_poses
-from dynpf_protocol.codec import encode
 from dynpf_protocol.errors import UsageError
 from dynpf_protocol.messages import (
     Estimate,
@@ -21,12 +20,13 @@ from dynpf_protocol.messages import (
     OdometryPose,
     PosesInFrame,
     RobotState,
+    Scanner,
 )
 from dynpf_runtime.node import Node, Step
-from dynpf_runtime.source import LogRecord
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import LogContent
 from dynpf_services.scenario.schema import Scenario
+from dynpf_services.sensors.simulated import SimulatedSensorsConfig
 
 from dynpf.filters.start import KnownStart
 from dynpf.measurement.scan import Scan
@@ -39,9 +39,8 @@ from dynpf_systems.rooms.localization.config import LocalizationConfig
 from dynpf_systems.rooms.localization.estimator import LocalizationEstimator
 from dynpf_systems.rooms.localization.readings import reading_of
 from dynpf_systems.rooms.maps import Maps, open_maps
-from dynpf_systems.rooms.sensors.config import SimulatedSensorsConfig
 from dynpf_systems.rooms.steering import Route
-from dynpf_systems.rooms.studies.laser_logs import LaserLog, Record, log_named
+from dynpf_systems.rooms.studies.laser_logs import LaserLog, Record, encoded, log_named
 from dynpf_systems.rooms.studies.laser_runs import UpdateCount
 
 __all__ = [
@@ -69,12 +68,12 @@ _SENSED = ("truth/robot", "sensors/odometry", "sensors/scan", "sensors/landmarks
 
 
 class World(NamedTuple):
-    """A scenario and its maps."""
+    """A scenario, its maps, and what its scanner measures between."""
 
     name: str
     scenario: Scenario
     maps: Maps
-    range_max: float  # m, which a beam without return reads
+    scanner: Scanner
 
 
 class Epoch(NamedTuple):
@@ -117,8 +116,10 @@ def world(name: str, overrides: tuple[str, ...] = ()) -> World:
     scenario = load_scenario(name, overrides=overrides)
     marks = scenario.landmarks or None
     assert isinstance(scenario.sensors, SimulatedSensorsConfig)
-    assert scenario.sensors.scan is not None
-    return World(name, scenario, open_maps(scenario.map, marks, lambda _: b""), scenario.sensors.scan.range_max)
+    scan = scenario.sensors.scan
+    assert scan is not None
+    scanner = Scanner(range_min=scan.range_min, range_max=scan.range_max)
+    return World(name, scenario, open_maps(scenario.map, marks, lambda _: b""), scanner)
 
 
 def record(place: World, seed: int, updates: int, panels: Sequence[Door] = ()) -> Way:
@@ -213,7 +214,7 @@ def follow(way: Way, config: LocalizationConfig, *, shown: bool = False) -> Trac
     if way.steps:
         run = follow_inputs(scenario, "estimator", way.steps, topics)
     else:
-        log = LogContent(LogRecord(one.topic, one.stamp_ns, encode(one.topic, one.message)) for one in way.records)
+        log = LogContent(encoded(way.records))
         others: dict[str, Node] = {}
         if way.maps is not None:
             others["estimator"] = LocalizationEstimator(config=config, seed=scenario.seed, maps=way.maps, classes={})
@@ -273,7 +274,7 @@ def scans(place: World, epochs: Sequence[Epoch]) -> Iterator[tuple[FloatArray, S
     for epoch in epochs:
         for message in epoch.messages:
             if isinstance(message, LaserScan):
-                yield epoch.truth, reading_of(message, Scan, range_max=place.range_max)
+                yield epoch.truth, reading_of(message, Scan, place.scanner)
 
 
 class Drive(NamedTuple):
@@ -302,8 +303,8 @@ def played(path: Path, scenario: str = "laser-log", moved_m: float = 0.25, turne
     Raises UsageError where it has no map or no reference.
     """
     log = log_named(str(path))
-    facts = log.facts
-    if facts.map is None or facts.range_max is None:
+    facts, scanner = log.facts, log.scanner
+    if facts.map is None or scanner is None:
         raise UsageError(f"{path}: holds no map or no scans; dynpf import carmen|rosbag --map makes such a recording")
     chosen = (f"estimator.min_travel={moved_m}", f"estimator.min_turn={turned_rad}")
     resolved = load_scenario(scenario, overrides=chosen, log=facts)
@@ -324,4 +325,4 @@ def played(path: Path, scenario: str = "laser-log", moved_m: float = 0.25, turne
             epochs.append(Epoch(one.stamp_ns, controls, (one.message,), np.array(one.truth)))
             starts.append(index)
             taken = odometry
-    return Drive(World(path.stem, resolved, maps, float(facts.range_max)), log, epochs, starts)
+    return Drive(World(path.stem, resolved, maps, scanner), log, epochs, starts)
