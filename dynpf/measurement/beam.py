@@ -104,10 +104,7 @@ class BeamModel:
         x, y, theta = (np.ascontiguousarray(row, dtype=np.float32) for row in particles[:3])
         total = np.empty(x.size, dtype=np.float32)
         caster = self.caster
-        kernels.beam.sum_over_beams(
-            *(x, y, theta, table.angles, table.log_densities, table.per_length),
-            *(caster.tables, caster.size, caster.frame, table.sensor, table.range_max, total),
-        )
+        kernels.beam.sum_over_beams(x, y, theta, table, caster.tables, caster.size, caster.frame, total)
         if self.params.tempering != 1.0:
             total *= np.float32(self.params.tempering)
         return total
