@@ -12,7 +12,7 @@ from dynpf.filters.cloud import Cloud
 from dynpf.filters.estimate import Mode, modes
 from dynpf.maps.raycast import RayCaster
 from dynpf.portable import hypot
-from dynpf.se2 import Floats
+from dynpf.types import Floats
 
 __all__ = [
     "ANGLES",

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dynpf.filters.resampling import Indices
-from dynpf.se2 import Floats
+from dynpf.types import Floats
 
 __all__ = ["Beams", "Bulges", "Displacements", "Evidence", "Stops", "WallNoise"]
 

@@ -36,15 +36,12 @@ from dynpf.maps.raycast import RayCaster
 from dynpf.motion.capsule import CapsuleMotion, CapsuleStep, CapsuleStepParams
 from dynpf.params import validated
 from dynpf.rng import Stream
-from dynpf.se2 import FloatArray, Floats
+from dynpf.types import Count, FloatArray, Floats, NonNegative, OpenShare, Positive, Share
 
 __all__ = ["UNLISTED", "Belief", "Finding", "Hypotheses", "HypothesesParams", "SearchParams"]
 
 UNLISTED = "none of these"
 
-Share = Annotated[float, Meta(ge=0.0, le=1.0)]
-Positive = Annotated[float, Meta(gt=0.0)]
-NonNegative = Annotated[float, Meta(ge=0.0)]
 OutlierShare = Annotated[float, Meta(gt=0.0, lt=0.9)]
 
 
@@ -54,10 +51,10 @@ class SearchParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     To believe all of the first readings would lock onto one of many places that look alike, often the reverse heading.
     """
 
-    n: Annotated[int, Meta(ge=1)] = 5000
+    n: Count = 5000
     sigma: Positive = 30.0  # of a range
     outliers: OutlierShare = 0.05
-    kept: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.2  # share of the effective particles that a reading leaves
+    kept: OpenShare = 0.2  # share of the effective particles that a reading leaves
     jitter: NonNegative = 4.0  # by which copies are set apart
     settled: Annotated[float, Meta(gt=0.5, le=1.0)] = 0.97  # weight of one cluster that ends the search
     place: Positive = 20.0  # how far a cluster may be spread then
@@ -70,7 +67,7 @@ class HypothesesParams(
 ):
     """Lengths in map units (px)."""
 
-    n: Annotated[int, Meta(ge=1)] = 100  # particles
+    n: Count = 100  # particles
     motion: CapsuleStepParams = CapsuleStepParams()
     sigma_map: Positive = 1.0  # of a range, in a map that is right: particles are no denser
     sigma_range: NonNegative = 0.0  # of the sensor's noise
@@ -82,7 +79,7 @@ class HypothesesParams(
     spacing: Positive = 25.0  # of the nodes along the wall
     roughness: Positive = 3.0  # of where a moved wall is about what its nodes say
     growth: NonNegative = 1.0  # of how far a moved wall moves on within a step
-    moved: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.3  # share of the wall that has moved in an unlisted map
+    moved: OpenShare = 0.3  # share of the wall that has moved in an unlisted map
     bulge: Share = 0.7  # probability that an unlisted map is the reference map with a bulge: a bell along the wall
     bulge_height: Positive = 40.0
     bulge_deviation: Positive = 15.0  # of its height

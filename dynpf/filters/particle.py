@@ -22,7 +22,7 @@ from dynpf.measurement.model import MeasurementModel
 from dynpf.motion.model import MotionModel, Twist
 from dynpf.params import validated
 from dynpf.rng import Stream
-from dynpf.se2 import Floats
+from dynpf.types import Floats
 
 __all__ = ["ParticleFilter", "Report", "Survivors", "Weighed"]
 

@@ -12,11 +12,9 @@ from dynpf import kernels
 from dynpf.maps.segments import SegmentMap
 from dynpf.params import validated
 from dynpf.portable import log, sincos
-from dynpf.se2 import Floats
+from dynpf.types import Floats, NonNegative, Positive
 
 __all__ = ["Lines", "PolarLines", "PolarLinesParams"]
-
-Positive = Annotated[float, Meta(gt=0.0)]
 
 
 class Lines(NamedTuple):
@@ -66,7 +64,7 @@ class PolarLinesParams(
     sigma_rho: Positive = 0.1  # m
     sigma_alpha: Positive = 0.1  # rad
     # m: by how much a line may be longer than a segment of the map and still be taken for it.
-    length_tolerance: Annotated[float, Meta(ge=0.0)] = 0.2
+    length_tolerance: NonNegative = 0.2
     # m: by how much a line of known middle may reach beyond the segment, tolerance aside; absent: places do not matter.
     sigma_along: Positive | None = None
     # Share of lines that are of nothing in the map: with none, a line too long for every segment rules all out.

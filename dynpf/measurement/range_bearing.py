@@ -14,12 +14,10 @@ from dynpf.params import validated
 from dynpf.portable import hypot, sincos
 from dynpf.portable.functions import as_values
 from dynpf.rng import Stream
-from dynpf.se2 import FloatArray, Floats, wrap_angle
+from dynpf.se2 import wrap_angle
+from dynpf.types import FloatArray, Floats, NonNegative, Positive, Rate
 
 __all__ = ["RangeBearing", "RangeBearingParams", "RangeBearingReadings", "SensorRows"]
-
-Positive = Annotated[float, Meta(gt=0.0)]
-NonNegative = Annotated[float, Meta(ge=0.0)]
 
 
 class RangeBearingReadings(NamedTuple):
@@ -53,7 +51,7 @@ class RangeBearingParams(
     outlier_fraction: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.01
     outlier_range: Positive = 10.0  # m: an outlier's range is uniform up to here, its bearing over the circle
     # Exponent of the likelihood: readings in quick succession share their error, so each counts for less.
-    tempering: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.35
+    tempering: Rate = 0.35
 
 
 class SensorRows(NamedTuple):

@@ -11,12 +11,9 @@ from dynpf import kernels
 from dynpf.maps.landmarks import LandmarkMap
 from dynpf.measurement.range_bearing import RangeBearingReadings, SightingNoise
 from dynpf.params import validated
-from dynpf.se2 import Floats
+from dynpf.types import Floats, NonNegative, Positive, Rate
 
 __all__ = ["UnknownLandmarks", "UnknownLandmarksParams", "UnlabelledReadings"]
-
-Positive = Annotated[float, Meta(gt=0.0)]
-NonNegative = Annotated[float, Meta(ge=0.0)]
 
 
 class UnlabelledReadings(NamedTuple):
@@ -43,7 +40,7 @@ class UnknownLandmarksParams(
     outlier_fraction: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.05
     outlier_range: Positive = 10.0  # m: an outlier's range is uniform up to here, its bearing over the circle
     # Exponent of the likelihood: readings in quick succession share their error, so each counts for less.
-    tempering: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.35
+    tempering: Rate = 0.35
 
 
 class UnknownLandmarks:

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from dynpf.colon.beams import Noise
 from dynpf.colon.evidence import Beams, Bulges, Displacements, Stops, WallNoise
 from dynpf.colon.wall import Wall
-from dynpf.se2 import FloatArray, Floats
+from dynpf.types import FloatArray, Floats
 
 __all__ = ["beam_density", "bulged", "changed", "follow_walls", "listed"]
 

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from dynpf.fields.laws import Margins
 from dynpf.portable import norm
+from dynpf.types import FloatArray
 from dynpf_systems.parts.controller_config import RearrangementControllerConfig
 
 __all__ = ["Construction", "Motion", "Scene", "Subtask", "margins_of"]
-
-FloatArray = NDArray[np.float64]
 
 
 class Scene(NamedTuple):

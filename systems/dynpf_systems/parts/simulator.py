@@ -13,13 +13,13 @@ from dynpf_protocol import frames
 from dynpf_protocol.messages import Command, CompressedImage, PartsState, PartState, RobotState, timestamp
 from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.scenario.context import Context
-from numpy.typing import NDArray
 
 from dynpf.fields.clearance import disc_clearances
 from dynpf.fields.layout import Layout
 from dynpf.portable import atan2, hypot, norm, sincos
 from dynpf.rng import Draws, generator
 from dynpf.se2 import wrap_angle
+from dynpf.types import FloatArray
 from dynpf_systems.parts.camera import DrawnDisc, board_discs, encode, render
 from dynpf_systems.parts.camera_model import CameraParams
 from dynpf_systems.parts.config import WorkspaceConfig
@@ -28,7 +28,6 @@ from dynpf_systems.parts.task import NOISE, RearrangementTask, layout_of, task_o
 
 __all__ = ["WorkspaceSimulator", "build", "draw_starts"]
 
-FloatArray = NDArray[np.float64]
 
 SCENE_PERIOD_NS = 200_000_000
 DRAWS = 200  # of one disc before all are drawn anew

@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from dynpf.types import NonNegative
 from dynpf.vision import (
     Board,
     Calibration,
@@ -33,7 +34,7 @@ class VisionConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     calibration: Annotated[tuple[Pair, ...], Meta(min_length=6)] | Board | None = None
     """Known points as [u_px, v_px, x_m, y_m], or the board that the first frame shows (`simulator.camera.board`). One
     of them has to be given."""
-    position_noise_m: Annotated[float, Meta(ge=0.0)] | None = None
+    position_noise_m: NonNegative | None = None
     """Standard deviation of Gaussian noise added to each coordinate: the measurement noise that PARTS assumes, which a
     sharp frame lacks. Absent: that of the task's noise; without a task, none."""
 
