@@ -113,7 +113,7 @@ _CASTS_BY_REASON = {
         dynpf/kernels/rays.py: _aim
     """,
     "its only caller, changed, bounds the place, also if it is NaN": """
-        dynpf/kernels/colon.py: between_cells changed
+        dynpf/kernels/colon_walls.py: _between_cells changed
     """,
     "whole already, or a ray's row, of which `_aim` bounds intercept and slope, and the grid the column": """
         dynpf/kernels/rays.py: _leap _finish

@@ -4,7 +4,7 @@ import numpy as np
 
 from dynpf import kernels
 from dynpf.portable.functions import as_values
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 
 __all__ = ["negative_eigenvalue", "semidefinite_root"]
 

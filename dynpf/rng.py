@@ -15,11 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynpf import kernels
 from dynpf.portable import log
+from dynpf.types import Float32s, FloatArray
 
 __all__ = ["Draws", "Stream", "generator"]
 
-FloatArray = NDArray[np.float64]
-Float32s = NDArray[np.float32]
 Size = int | tuple[int, ...]
 # Kernels take both numbers of a stream as signed words.
 _POSITIVE = 2**63 - 1

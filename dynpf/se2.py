@@ -7,9 +7,10 @@ shape (3, ...), so that each coordinate of many poses is contiguous.
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynpf.portable import atan2, cos, sin, sinc, sincos
+from dynpf.types import FloatArray, Floats
 
 __all__ = [
     "FloatArray",
@@ -21,10 +22,6 @@ __all__ = [
     "relative",
     "wrap_angle",
 ]
-
-FloatArray = NDArray[np.float64]
-Floats = NDArray[np.floating[Any]]
-"""Floats of either precision: particles and weights are float32 in the built-in models."""
 
 
 def wrap_angle(angle: ArrayLike) -> Any:

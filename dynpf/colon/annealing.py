@@ -15,7 +15,8 @@ from dynpf.filters.cloud import Cloud, effective_sample_size, gathered, weighted
 from dynpf.filters.regularization import GaussianKernel
 from dynpf.filters.resampling import Indices, systematic
 from dynpf.rng import Stream
-from dynpf.se2 import Floats, circular_mean, wrap_angle
+from dynpf.se2 import circular_mean, wrap_angle
+from dynpf.types import Floats
 
 __all__ = ["Annealed", "annealed", "bearable_share"]
 

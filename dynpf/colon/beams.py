@@ -1,6 +1,7 @@
 """The capsule's five ranges: what a map lets expect, and how likely that makes what was read."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,17 +12,26 @@ from dynpf.filters.cloud import Cloud
 from dynpf.filters.estimate import Mode, modes
 from dynpf.maps.raycast import RayCaster
 from dynpf.portable import hypot
-from dynpf.se2 import Floats
+from dynpf.types import Floats
 
-__all__ = ["ANGLES", "Noise", "checked_ranges", "dominant_mode", "expected_ranges", "listed_log_likelihood"]
+__all__ = [
+    "ANGLES",
+    "Noise",
+    "checked_ranges",
+    "dominant_mode",
+    "expected_in_each",
+    "expected_ranges",
+    "listed_log_likelihood",
+]
 
 
 class Noise(NamedTuple):
-    """Standard deviations of most ranges and of a few, px, and the share that is anything up to the cap."""
+    """Standard deviations of most ranges and of a few, and the share that is anything up to the cap; px."""
 
     sigma: float
     wide: float
     outliers: float
+    range_max: float = RANGE_MAX
 
     @classmethod
     def of(cls, sigma_map: float, sigma_range: float, outliers: float) -> "Noise":
@@ -43,15 +53,21 @@ def checked_ranges(ranges: Floats) -> Floats:
 
 def expected_ranges(caster: RayCaster, poses: Floats) -> Floats:
     """Return the ranges (B, N) that poses (3, N) or particles let expect in a map."""
+    return expected_in_each((caster,), poses)[0]
+
+
+def expected_in_each(casters: Sequence[RayCaster], poses: Floats) -> list[Floats]:
+    """Return the ranges (B, N) that poses (3, N) or particles let expect in each of several maps."""
     directions = (poses[2] + ANGLES[:, None]).ravel()
     x, y = np.tile(poses[0], ANGLES.size), np.tile(poses[1], ANGLES.size)
-    return caster.ranges(x, y, directions, RANGE_MAX).reshape(ANGLES.size, poses.shape[1])
+    shape = ANGLES.size, poses.shape[1]
+    return [caster.ranges(x, y, directions, RANGE_MAX).reshape(shape) for caster in casters]
 
 
 def listed_log_likelihood(expected: Floats, read: Floats, noise: Noise) -> Floats:
     """Return the log-likelihood (N,) of ranges (B,) where ``expected`` (B, N) are right, up to their noise."""
     log_likelihood = np.empty(expected.shape[1], dtype=np.float32)
-    kernels.colon.listed(expected, read, *noise, RANGE_MAX, log_likelihood)
+    kernels.colon.listed(expected, read, noise, log_likelihood)
     return log_likelihood
 
 

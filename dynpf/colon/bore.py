@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.portable import hypot, whole
-from dynpf.se2 import FloatArray, Floats
+from dynpf.types import FloatArray, Floats
 
 __all__ = ["bore"]
 

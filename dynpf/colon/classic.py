@@ -13,7 +13,7 @@ from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.measurement.range_vector import RangeVector, RangeVectorModel, RangeVectorParams
 from dynpf.motion.capsule import CapsuleMotion, CapsuleStep, CapsuleStepParams
 from dynpf.rng import Stream
-from dynpf.se2 import FloatArray, Floats
+from dynpf.types import FloatArray, Floats
 
 __all__ = ["Classic", "ClassicFinding"]
 

@@ -23,12 +23,9 @@ from dynpf.maps.raycast import RayCaster
 from dynpf.motion.capsule import CapsuleMotion, CapsuleStep, CapsuleStepParams
 from dynpf.params import validated
 from dynpf.rng import Stream
-from dynpf.se2 import FloatArray, Floats
+from dynpf.types import Count, FloatArray, Floats, NonNegative, Positive
 
 __all__ = ["EndRadius", "EndRadiusParams", "RadiusFinding"]
-
-Positive = Annotated[float, Meta(gt=0.0)]
-NonNegative = Annotated[float, Meta(ge=0.0)]
 
 
 class EndRadiusParams(
@@ -36,7 +33,7 @@ class EndRadiusParams(
 ):
     """Lengths in map units (px)."""
 
-    n: Annotated[int, Meta(ge=1)] = 100
+    n: Count = 100
     motion: CapsuleStepParams = CapsuleStepParams()
     sigma_map: Positive = 2.0  # of a range, in a map that is right and between two that are
     sigma_range: NonNegative = 0.0  # of the sensor's noise

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dynpf import portable
-from dynpf.se2 import Floats
+from dynpf.types import Floats
 
 __all__ = ["exp", "log"]
 

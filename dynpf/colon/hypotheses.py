@@ -17,9 +17,17 @@ from msgspec import Meta
 from dynpf import kernels, portable
 from dynpf.colon import exact
 from dynpf.colon.annealing import annealed, bearable_share
-from dynpf.colon.beams import ANGLES, Noise, checked_ranges, dominant_mode, expected_ranges, listed_log_likelihood
+from dynpf.colon.beams import (
+    ANGLES,
+    Noise,
+    checked_ranges,
+    dominant_mode,
+    expected_in_each,
+    expected_ranges,
+    listed_log_likelihood,
+)
+from dynpf.colon.evidence import Beams, Bulges, Displacements, Evidence, Stops, WallNoise
 from dynpf.colon.wall import Wall
-from dynpf.colon.world import RANGE_MAX
 from dynpf.filters.cloud import Cloud, gathered, uniform_cloud, weighted_cloud
 from dynpf.filters.estimate import pose_estimate
 from dynpf.filters.resampling import Indices, systematic
@@ -28,15 +36,12 @@ from dynpf.maps.raycast import RayCaster
 from dynpf.motion.capsule import CapsuleMotion, CapsuleStep, CapsuleStepParams
 from dynpf.params import validated
 from dynpf.rng import Stream
-from dynpf.se2 import FloatArray, Floats
+from dynpf.types import Count, FloatArray, Floats, NonNegative, OpenShare, Positive, Share
 
 __all__ = ["UNLISTED", "Belief", "Finding", "Hypotheses", "HypothesesParams", "SearchParams"]
 
 UNLISTED = "none of these"
 
-Share = Annotated[float, Meta(ge=0.0, le=1.0)]
-Positive = Annotated[float, Meta(gt=0.0)]
-NonNegative = Annotated[float, Meta(ge=0.0)]
 OutlierShare = Annotated[float, Meta(gt=0.0, lt=0.9)]
 
 
@@ -46,10 +51,10 @@ class SearchParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     To believe all of the first readings would lock onto one of many places that look alike, often the reverse heading.
     """
 
-    n: Annotated[int, Meta(ge=1)] = 5000
+    n: Count = 5000
     sigma: Positive = 30.0  # of a range
     outliers: OutlierShare = 0.05
-    kept: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.2  # share of the effective particles that a reading leaves
+    kept: OpenShare = 0.2  # share of the effective particles that a reading leaves
     jitter: NonNegative = 4.0  # by which copies are set apart
     settled: Annotated[float, Meta(gt=0.5, le=1.0)] = 0.97  # weight of one cluster that ends the search
     place: Positive = 20.0  # how far a cluster may be spread then
@@ -62,7 +67,7 @@ class HypothesesParams(
 ):
     """Lengths in map units (px)."""
 
-    n: Annotated[int, Meta(ge=1)] = 100  # particles
+    n: Count = 100  # particles
     motion: CapsuleStepParams = CapsuleStepParams()
     sigma_map: Positive = 1.0  # of a range, in a map that is right: particles are no denser
     sigma_range: NonNegative = 0.0  # of the sensor's noise
@@ -74,7 +79,7 @@ class HypothesesParams(
     spacing: Positive = 25.0  # of the nodes along the wall
     roughness: Positive = 3.0  # of where a moved wall is about what its nodes say
     growth: NonNegative = 1.0  # of how far a moved wall moves on within a step
-    moved: Annotated[float, Meta(gt=0.0, lt=1.0)] = 0.3  # share of the wall that has moved in an unlisted map
+    moved: OpenShare = 0.3  # share of the wall that has moved in an unlisted map
     bulge: Share = 0.7  # probability that an unlisted map is the reference map with a bulge: a bell along the wall
     bulge_height: Positive = 40.0
     bulge_deviation: Positive = 15.0  # of its height
@@ -127,20 +132,6 @@ class Finding(NamedTuple):
     displacement: FloatArray
 
 
-class _Evidence(NamedTuple):
-    """Log-likelihoods (K + 1, N) under every hypothesis; the rest (B, N): see ``kernels.colon.changed``."""
-
-    log_likelihood: Floats
-    blame: Floats
-    stopped_at: Floats
-    noise: Floats
-    places: Indices
-    shares: Floats
-    log_shapes: Floats
-    heights: Floats
-    height_variances: Floats
-
-
 class Hypotheses:
     """A filter over poses and maps; it has no state: beliefs go in and come out."""
 
@@ -162,6 +153,7 @@ class Hypotheses:
         self._motion = CapsuleStep(params.motion)
         self._casters = tuple(RayCaster(grid) for grid in self.grids)
         self._noise = Noise.of(params.sigma_map, params.sigma_range, params.outliers)
+        self._wall_noise = WallNoise(*self._noise, params.roughness, params.sigma_range, params.bulge_roughness)
         self._search_noise = Noise.of(params.search.sigma, params.sigma_range, params.search.outliers)
 
     def start(self, poses: Floats, *, known: bool = True) -> Belief:
@@ -243,11 +235,10 @@ class Hypotheses:
         """Mix bulges that are known of with any that have only just begun, of probability (N,): by their moments."""
         params = self.params
         begun = np.append(self._begun(belief), exact.log(np.array([1.0 - params.bulge + 1e-30])))
-        bulges = belief.log_shapes.copy(), belief.heights.copy(), belief.height_variances.copy()
+        bulges = Bulges(belief.log_shapes.copy(), belief.heights.copy(), belief.height_variances.copy())
         variance, growth = params.bulge_deviation * params.bulge_deviation, params.growth * params.growth
-        kernels.colon.bulges_given_way(*bulges, fresh, begun, params.bulge_height, variance, growth)
-        log_shapes, heights, variances = bulges
-        return belief._replace(log_shapes=log_shapes, heights=heights, height_variances=variances)
+        kernels.colon_bulges.bulges_given_way(bulges, fresh, begun, params.bulge_height, variance, growth)
+        return belief._replace(log_shapes=bulges.log_shapes, heights=bulges.heights, height_variances=bulges.variances)
 
     def _unmoved(self, reference: int, count: int) -> tuple[Floats, Floats, Floats]:
         """Return displacements, covariance and chances where nothing is known of the walls of a map."""
@@ -285,7 +276,7 @@ class Hypotheses:
     def _follow(self, belief: Belief, read: Floats, stream: Stream) -> tuple[Belief, Finding]:
         """Update a belief of which the pose is known."""
 
-        def likelihood(particles: Floats, ancestors: Indices) -> tuple[Floats, tuple[Floats, _Evidence]]:
+        def likelihood(particles: Floats, ancestors: Indices) -> tuple[Floats, tuple[Floats, Evidence]]:
             evidence = self._evidence(particles, belief, ancestors, read)
             maps = np.empty_like(evidence.log_likelihood)
             total = np.empty(maps.shape[1], dtype=np.float32)
@@ -297,82 +288,30 @@ class Hypotheses:
         learned = self._learn(belief, found.cloud, found.ancestors, evidence, maps)
         return learned, self._finding(learned)
 
-    def _evidence(self, particles: Floats, belief: Belief, ancestors: Indices, read: Floats) -> _Evidence:
+    def _evidence(self, particles: Floats, belief: Belief, ancestors: Indices, read: Floats) -> Evidence:
         """Return what the ranges say under every hypothesis at particles whose walls are the ancestors'."""
-        wall, shape = self.walls[belief.reference], (ANGLES.size, particles.shape[1])
-        expected = [expected_ranges(caster, particles) for caster in self._casters]
-        log_likelihood = np.empty((len(self.names), particles.shape[1]), dtype=np.float32)
+        count, wall = particles.shape[1], self.walls[belief.reference]
+        expected = expected_in_each(self._casters, particles)
+        log_likelihood = np.empty((len(self.names), count), dtype=np.float32)
         for index, ranges in enumerate(expected):
-            log_likelihood[index] = listed_log_likelihood(ranges, read, self._noise)
+            kernels.colon.listed(ranges, read, self._noise, log_likelihood[index])
         column, row = self.grids[0].to_cells(particles[0], particles[1])
-        blame, stopped_at, noise, facings, still, shares = (np.empty(shape, dtype=np.float32) for _ in range(6))
-        generic = np.empty(particles.shape[1], dtype=np.float32)
-        places = np.empty(shape, dtype=np.int32)
-        kernels.colon.changed(
-            (column - 0.5).astype(np.float32),
-            (row - 0.5).astype(np.float32),
-            particles[2],
-            ANGLES,
-            read,
-            expected[belief.reference],
-            wall.beyond,
-            wall.node,
-            wall.share,
-            wall.following,
-            belief.displacement,
-            ancestors,
-            belief.covariance,
-            belief.chances,
-            self._noise.sigma,
-            self._noise.wide,
-            self.params.roughness,
-            self.params.sigma_range,
-            self._noise.outliers,
-            RANGE_MAX,
-            generic,
-            blame,
-            stopped_at,
-            noise,
-            facings,
-            still,
-            places,
-            shares,
-        )
-        bulges = belief.log_shapes[ancestors], belief.heights[ancestors], belief.height_variances[ancestors]
-        kernels.colon.bulged(
-            stopped_at,
-            noise + np.float32(self.params.bulge_roughness * self.params.bulge_roughness),
-            facings,
-            still,
-            places,
-            shares,
-            wall.following,
-            wall.shapes,
-            wall.near,
-            self._noise.outliers,
-            RANGE_MAX,
-            generic,
-            log_likelihood[-1],
-            *bulges,
-        )
-        return _Evidence(log_likelihood, blame, stopped_at, noise, places, shares, *bulges)
+        x, y = (column - 0.5).astype(np.float32), (row - 0.5).astype(np.float32)
+        beams = Beams(x, y, particles[2], ANGLES, read, expected[belief.reference])
+        displacements = Displacements(belief.displacement, ancestors, belief.covariance, belief.chances)
+        shapeless, stops = np.empty(count, dtype=np.float32), Stops.empty(ANGLES.size, count)
+        kernels.colon_walls.changed(beams, wall, displacements, self._wall_noise, shapeless, stops)
+        bulges = Bulges(belief.log_shapes[ancestors], belief.heights[ancestors], belief.height_variances[ancestors])
+        kernels.colon_bulges.bulged(stops, wall, self._wall_noise, shapeless, log_likelihood[-1], bulges)
+        return Evidence(log_likelihood, stops, bulges)
 
-    def _learn(self, belief: Belief, cloud: Cloud, ancestors: Indices, evidence: _Evidence, maps: Floats) -> Belief:
+    def _learn(self, belief: Belief, cloud: Cloud, ancestors: Indices, evidence: Evidence, maps: Floats) -> Belief:
         """Return the belief at the particles' new poses: maps (K + 1, N) are settled, walls follow the beams."""
         displacement = belief.displacement[ancestors]
         covariance, chances = belief.covariance.copy(), belief.chances.copy()
-        kernels.colon.follow_walls(
-            evidence.blame,
-            evidence.stopped_at,
-            evidence.noise,
-            evidence.places,
-            evidence.shares,
-            self.walls[belief.reference].following,
-            cloud.weights * maps[-1] * exact.exp(evidence.log_shapes[:, -1]) + np.float32(1e-30),
-            displacement,
-            covariance,
-            chances,
-        )
+        unlisted = cloud.weights * maps[-1] * exact.exp(evidence.bulges.log_shapes[:, -1]) + np.float32(1e-30)
+        following = self.walls[belief.reference].following
+        kernels.colon_walls.follow_walls(evidence.stops, following, unlisted, displacement, covariance, chances)
         return belief._replace(
             cloud=cloud,
             maps=maps,
@@ -380,9 +319,9 @@ class Hypotheses:
             displacement=displacement,
             covariance=covariance,
             chances=chances,
-            log_shapes=evidence.log_shapes,
-            heights=evidence.heights,
-            height_variances=evidence.height_variances,
+            log_shapes=evidence.bulges.log_shapes,
+            heights=evidence.bulges.heights,
+            height_variances=evidence.bulges.variances,
         )
 
     def _search(self, belief: Belief, read: Floats, stream: Stream) -> tuple[Belief, Finding]:
@@ -416,15 +355,11 @@ class Hypotheses:
         changed_at = float(np.sum(joint[likeliest] * belief.since[likeliest]) / joint[likeliest].sum())
         unlisted = (joint[-1] + 1e-30) / np.sum(joint[-1] + 1e-30)
         displacement = np.empty(belief.chances.size)
-        kernels.colon.displaced(
-            unlisted,
-            belief.log_shapes,
-            belief.heights,
-            belief.displacement,
-            belief.chances,
+        bulges, shapes = (
+            Bulges(belief.log_shapes, belief.heights, belief.height_variances),
             self.walls[belief.reference].shapes,
-            displacement,
         )
+        kernels.colon_bulges.displaced(unlisted, bulges, belief.displacement, belief.chances, shapes, displacement)
         return Finding(
             best.mean,
             best.covariance,

@@ -5,7 +5,7 @@ from dynpf.colon.outline import Bulge, Family, RoundEnd, Tube, tube
 from dynpf.maps.bitmap import decode_bitmap
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.rng import generator
-from dynpf.se2 import Floats
+from dynpf.types import Floats
 
 __all__ = ["NAMES", "drawn_map", "tube_map"]
 

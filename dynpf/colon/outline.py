@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.portable import cos, exp, hypot, sin, whole
 from dynpf.rng import Draws, generator
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 
 __all__ = ["HEIGHT", "UNIT", "WIDTH", "Bulge", "Family", "RoundEnd", "Tube", "tube"]
 

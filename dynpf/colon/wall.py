@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from dynpf.maps.distance import distance_field
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.portable import exp, hypot, whole
+from dynpf.types import Float32s, Int32s
 
 __all__ = ["Wall"]
 
-Float32s = NDArray[np.float32]
-Int32s = NDArray[np.int32]
 
 _BULGES = 2  # places of bulges to a node
 _REACH = 2.5  # standard deviations of a bell after which nothing is left of it

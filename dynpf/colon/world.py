@@ -1,11 +1,10 @@
 """COLON's experiment: the route, the maps of its five cases, and a capsule that moves and reads five ranges."""
 
 import math
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.maps.raycast import RayCaster
@@ -14,7 +13,7 @@ from dynpf.motion.capsule import CapsuleMotion
 from dynpf.params import validated
 from dynpf.portable import atan2, hypot, sincos
 from dynpf.rng import Draws, generator
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray, NonNegative, Share
 
 __all__ = [
     "BEAMS",
@@ -37,8 +36,6 @@ BEAMS = tuple(math.radians(degrees) for degrees in (-60.0, -30.0, 0.0, 30.0, 60.
 """Directions of the five range finders, rad from the heading."""
 RANGE_MAX = 500.0
 """px: where ranges are capped."""
-
-NonNegative = Annotated[float, Meta(ge=0.0)]
 
 
 class Route(NamedTuple):
@@ -105,7 +102,7 @@ class Capsule(
     sigma: NonNegative = 0.0  # px, of x and of y, a motion
     sigma_theta: NonNegative = 0.0  # rad a motion
     sigma_range: NonNegative = 0.0  # px
-    outlier_fraction: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0  # share of ranges that are anything up to the cap
+    outlier_fraction: Share = 0.0  # share of ranges that are anything up to the cap
 
 
 class Run(NamedTuple):

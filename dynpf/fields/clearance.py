@@ -11,6 +11,7 @@ from dynpf import kernels
 from dynpf.fields.layout import Layout
 from dynpf.portable import norm, product, sincos
 from dynpf.portable.functions import as_values
+from dynpf.types import FloatArray
 
 __all__ = [
     "allowed_steps",
@@ -21,7 +22,6 @@ __all__ = [
     "wall_clearances",
 ]
 
-FloatArray = NDArray[np.float64]
 
 TOLERANCE = 1e-10  # metres
 

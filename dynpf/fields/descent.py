@@ -8,7 +8,6 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynpf.fields.clearance import allowed_steps, carrying_bounds, project_step, robot_bounds
 from dynpf.fields.laws import Margins, Pace
@@ -16,10 +15,10 @@ from dynpf.fields.layout import Layout
 from dynpf.fields.navigation import Potential
 from dynpf.fields.speed import descent_step, limit_step, step_length, swing_basis
 from dynpf.portable import norm, product
+from dynpf.types import FloatArray
 
 __all__ = ["approach_step", "carry_step", "dock_step"]
 
-FloatArray = NDArray[np.float64]
 
 SHARES = (1.0, 0.5, 0.25)  # of the length, of the steps tried in the gradient's place
 

@@ -1,18 +1,13 @@
 """The velocity field of a robot that descends gamma^k / beta among discs, for a filter that knows where it is bound."""
 
-from typing import Annotated
-
 import msgspec
 import numpy as np
-from msgspec import Meta
 
 from dynpf.params import validated
-from dynpf.se2 import Floats
+from dynpf.types import Floats, NonNegative, Positive
 
 __all__ = ["DescentFlow", "DescentFlowParams"]
 
-Positive = Annotated[float, Meta(gt=0.0)]
-NonNegative = Annotated[float, Meta(ge=0.0)]
 
 CONTACT_FLOOR = 1e-2  # of the squared contact distance: from an overlap, too, a direction leads away
 GOAL_FLOOR = 1e-12  # m^2

@@ -13,10 +13,9 @@ from dynpf.fields.layout import Layout
 from dynpf.fields.potentials import mate_part_gradient, move_part_gradient
 from dynpf.fields.speed import descent_step, limit_step, step_length, swing_basis
 from dynpf.portable import norm, product, sincos
+from dynpf.types import FloatArray
 
 __all__ = ["Margins", "Pace", "leave_step", "mate_step", "move_step"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.portable import sincos
+from dynpf.types import FloatArray
 
 __all__ = ["Layout"]
-
-FloatArray = NDArray[np.float64]
 
 
 class Layout(NamedTuple):

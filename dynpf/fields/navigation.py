@@ -17,6 +17,7 @@ from dynpf import kernels
 from dynpf.directions import directions
 from dynpf.fields.layout import Layout
 from dynpf.portable import norm, whole
+from dynpf.types import FloatArray
 
 __all__ = [
     "ANGLES",
@@ -29,7 +30,6 @@ __all__ = [
     "spare",
 ]
 
-FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 
 ANGLES = 2.0 * np.pi / 36 * np.arange(36)

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from dynpf.fields.layout import Layout
 from dynpf.portable import norm
+from dynpf.types import FloatArray
 
 __all__ = ["blocked_goals", "free_place"]
 
-FloatArray = NDArray[np.float64]
 
 GRID = 0.02  # metres between the places that are tried
 

@@ -11,10 +11,10 @@ saddle points; with a smaller one, obstacles win far from the goal. Metres and r
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynpf.fields.layout import Layout
 from dynpf.portable import log, norm, sincos
+from dynpf.types import FloatArray
 
 __all__ = [
     "log_mate_part",
@@ -26,7 +26,6 @@ __all__ = [
     "steepest_part",
 ]
 
-FloatArray = NDArray[np.float64]
 
 # A factor of beta is held above this fraction of the squared contact distance: an estimate that overlaps an
 # obstacle still yields a direction that leads away from it.

@@ -5,13 +5,11 @@ used. The speed is constant far from the goal and falls in proportion to the dis
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynpf.portable import norm, sincos
+from dynpf.types import FloatArray
 
 __all__ = ["descent_step", "limit_step", "step_length", "swing_basis"]
-
-FloatArray = NDArray[np.float64]
 
 
 def step_length(distance_to_go: float, longest: float, slow_distance: float) -> float:

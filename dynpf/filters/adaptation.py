@@ -14,7 +14,7 @@ from dynpf.filters.estimate import turn_bins
 from dynpf.params import validated
 from dynpf.portable import exp, log, log1p, logaddexp, normal_quantile
 from dynpf.rng import Stream
-from dynpf.se2 import Floats
+from dynpf.types import Count, Floats, Positive, Rate, Share
 
 if TYPE_CHECKING:
     from dynpf.filters.search import Places
@@ -37,10 +37,7 @@ __all__ = [
     "tells_nothing",
 ]
 
-Positive = Annotated[float, Meta(gt=0.0)]
 CellM = Annotated[float, Meta(ge=1e-3)]
-Share = Annotated[float, Meta(ge=0.0, le=1.0)]
-Rate = Annotated[float, Meta(gt=0.0, le=1.0)]
 
 
 class Sizing(Protocol):
@@ -58,8 +55,8 @@ class KldParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     cell_x: CellM = 0.5  # m
     cell_y: CellM = 0.5  # m
     cell_heading: Annotated[float, Meta(ge=1e-3)] = math.radians(10.0)  # rad, rounded: a whole number makes the circle
-    n_min: Annotated[int, Meta(ge=1)] = 100
-    n_max: Annotated[int, Meta(ge=1)] = 100_000
+    n_min: Count = 100
+    n_max: Count = 100_000
 
     def __post_init__(self) -> None:
         if self.n_min > self.n_max:

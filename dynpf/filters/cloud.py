@@ -7,7 +7,7 @@ import numpy as np
 
 from dynpf import kernels
 from dynpf.portable import log
-from dynpf.se2 import Floats
+from dynpf.types import Floats
 
 __all__ = ["Cloud", "effective_sample_size", "gathered", "normalized_weights", "uniform_cloud", "weighted_cloud"]
 

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynpf import kernels
 from dynpf.portable import hypot
-from dynpf.se2 import FloatArray, Floats, circular_mean, wrap_angle
+from dynpf.se2 import circular_mean, wrap_angle
+from dynpf.types import FloatArray, Floats
 
 __all__ = [
     "Mode",

@@ -13,7 +13,7 @@ from dynpf.measurement.model import GaussianMeasurement
 from dynpf.motion.model import GaussianMotion
 from dynpf.params import validated
 from dynpf.portable import product
-from dynpf.se2 import FloatArray
+from dynpf.types import Count, FloatArray
 
 __all__ = ["ExtendedKalman", "ExtendedKalmanParams"]
 
@@ -26,7 +26,7 @@ class ExtendedKalmanParams(
     """How often a reading is made linear, and which rows of the state are angles."""
 
     # 1 is the plain filter; more are Gauss-Newton steps towards the most probable state (Bell and Cathey, 1993).
-    iterations: Annotated[int, Meta(ge=1)] = 1
+    iterations: Count = 1
     angles: tuple[Annotated[int, Meta(ge=0)], ...] = (2,)
 
 

@@ -6,22 +6,16 @@ The judge has no state: what it remembers goes in and out as plain numbers, and 
 import math
 from collections.abc import Iterator
 from enum import StrEnum
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import msgspec
-from msgspec import Meta
 
 from dynpf.filters.adaptation import log_average, tells_nothing
 from dynpf.params import validated
 from dynpf.portable import exp, hypot
-from dynpf.se2 import FloatArray
+from dynpf.types import Count, FloatArray, Positive, Rate, Share
 
 __all__ = ["Figures", "Health", "HealthMemory", "HealthParams", "Signs", "Status", "Verdict"]
-
-Positive = Annotated[float, Meta(gt=0.0)]
-Share = Annotated[float, Meta(ge=0.0, le=1.0)]
-Rate = Annotated[float, Meta(gt=0.0, le=1.0)]
-Count = Annotated[int, Meta(ge=1)]
 
 
 class Status(StrEnum):

@@ -2,22 +2,19 @@
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 
 from dynpf.filters.adaptation import Doubt, tells_nothing
 from dynpf.filters.cloud import Cloud
 from dynpf.filters.search import Places, Search
 from dynpf.params import validated
 from dynpf.portable import exp, log
+from dynpf.types import Count, OpenShare, Positive
 
 __all__ = ["Jump", "JumpMemory", "JumpParams"]
-
-Positive = Annotated[float, Meta(gt=0.0)]
-Rate = Annotated[float, Meta(gt=0.0, lt=1.0)]
 
 
 HALF = 0.5
@@ -30,13 +27,13 @@ _MOST_DOUBLINGS = 60
 class JumpParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="jump"):
     """How often the robot is carried off, and when it is worth while to search the map for it."""
 
-    probability: Rate = 1e-4  # at each update, of the robot having been set down anywhere
+    probability: OpenShare = 1e-4  # at each update, of the robot having been set down anywhere
     drop: Positive = 6.0  # nats that an update's log-evidence falls below the usual, then the map is searched
     # Of a reading, natural logarithm: below it nothing is explained, however usual that is. It depends on the
     # measurement model, so there is none by default.
     log_likelihood_lost: float | None = None
-    alpha: Rate = 0.05  # of the way from the usual log-evidence to the newest, at each update
-    patience: Annotated[int, Meta(ge=1)] = 16  # most updates between searches that find nothing
+    alpha: OpenShare = 0.05  # of the way from the usual log-evidence to the newest, at each update
+    patience: Count = 16  # most updates between searches that find nothing
 
 
 class JumpMemory(NamedTuple):

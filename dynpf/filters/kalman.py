@@ -11,7 +11,8 @@ from dynpf.covariance import negative_eigenvalue
 from dynpf.filters.shapes import shaped
 from dynpf.measurement.model import MeasurementModel
 from dynpf.portable import SingularMatrixError, product
-from dynpf.se2 import FloatArray, wrap_angle
+from dynpf.se2 import wrap_angle
+from dynpf.types import FloatArray
 
 __all__ = [
     "NOTHING_ADMITTED",

@@ -14,7 +14,7 @@ import numpy as np
 from dynpf.measurement.model import Batched, MeasurementModel
 from dynpf.motion.model import MotionModel
 from dynpf.rng import Stream
-from dynpf.se2 import Floats
+from dynpf.types import Floats
 
 __all__ = ["Evidence", "Models", "Outcome"]
 

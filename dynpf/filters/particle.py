@@ -1,4 +1,4 @@
-"""The particle filter: propose, weigh, estimate, resample.
+"""The particle filter: propose, weigh, estimate, doubt, resample, spread, renew.
 
 It is composed of a motion model, a measurement model for each type of reading, a proposal, a resampling scheme, and, if
 wanted, a rule for the number of particles, a recovery from being lost, and a kernel that keeps survivors apart. It has
@@ -22,9 +22,9 @@ from dynpf.measurement.model import MeasurementModel
 from dynpf.motion.model import MotionModel, Twist
 from dynpf.params import validated
 from dynpf.rng import Stream
-from dynpf.se2 import Floats
+from dynpf.types import Floats
 
-__all__ = ["ParticleFilter", "Report"]
+__all__ = ["ParticleFilter", "Report", "Survivors", "Weighed"]
 
 if TYPE_CHECKING:  # a filter that is not asked for another estimate makes this one; typing knows defaults from 3.13 on
     from typing_extensions import TypeVar as TypeVarWithDefault
@@ -35,21 +35,42 @@ else:
 PartT = TypeVar("PartT")
 
 
+class Weighed(NamedTuple):
+    """The proposed particles under their new weights, and what the readings came to."""
+
+    cloud: Cloud
+    outcomes: list[Outcome]  # one for each reading, in their order
+    log_evidence: float  # log p(readings | all before them); 0 without readings, -inf where no particle explains them
+    informed: bool  # whether any reading could be believed
+    readings: int  # that the log-evidence speaks of, each of a batch by itself
+
+
+class Survivors(NamedTuple):
+    """The particles (D, M) that resampling has left, at equal weights."""
+
+    particles: Floats
+    chosen: Indices  # (M,): whose copies they are
+    missing: int  # particles that are to be drawn from elsewhere
+
+
 class Report(NamedTuple, Generic[EstimateT]):
     """What one update found: the estimate under the new weights, before resampling."""
 
     estimate: EstimateT
     n_eff: float
-    outcomes: list[Outcome]  # one a reading, in their order
+    outcomes: list[Outcome]  # one for each reading, in their order
     log_evidence: float  # log p(readings | all before them); 0 without readings, -inf where no particle explains them
     survivors: Indices | None  # whose copies the particles are; None: as they were
-    drawn_anew: int  # of the particles, the last ones
+    renewed: int  # particles drawn from elsewhere, the last ones
     readings: int = 0  # that the log-evidence speaks of, each of a batch by itself
     doubt: Doubt | None = None  # that a rescue had of the particles, before they were resampled
 
 
 class ParticleFilter(Generic[EstimateT]):
-    """Sequential importance resampling with any proposal (Arulampalam et al., 2002; Thrun et al., 2005, ch. 4)."""
+    """Sequential importance resampling with any proposal (Arulampalam et al., 2002, algorithm 3).
+
+    ``update`` is the algorithm; each of its steps is a method, and what does not apply leaves things as they are.
+    """
 
     def __init__(
         self,
@@ -94,64 +115,95 @@ class ParticleFilter(Generic[EstimateT]):
         The readings are fused: each is compared with the same proposed particles. Raises TypeError for a reading
         that no measurement model takes.
         """
-        weighted, proposed, log_evidence = self.weigh(cloud, control, readings, stream)
-        estimate = self.estimate(weighted.particles, weighted.weights)
-        resampled, survivors, anew, doubt = weighted, proposed.ancestors, 0, None
-        if proposed.log_weights is not None:
-            if self.rescue is not None:
-                doubt = self.rescue.doubt(weighted, log_evidence, proposed.readings, readings)
-                resampled = resampled._replace(memory=doubt.memory)
-            if (doubt is not None and doubt.share > 0.0) or self.resampling.due(weighted):
-                resampled, chosen, anew = self.resample(resampled, readings, stream, doubt)
-                survivors = chosen if survivors is None else survivors[chosen]
-        return resampled, Report(
-            estimate, weighted.n_eff, proposed.outcomes, log_evidence, survivors, anew, proposed.readings, doubt
+        proposed = self.propose(cloud, control, readings, stream)
+        weighed = self.weigh(proposed, cloud, control)
+        estimate = self.estimate(weighed.cloud.particles, weighed.cloud.weights)
+        doubt = self.doubt(weighed, readings)
+        after = weighed.cloud if doubt is None else weighed.cloud._replace(memory=doubt.memory)
+        ancestors, missing = proposed.ancestors, 0
+        if self.due(weighed, doubt):
+            survivors = self.resample(after, doubt, stream)
+            particles = self.spread(survivors, after, stream)
+            particles = self.renew(particles, survivors.missing, doubt, readings, stream)
+            after, missing = uniform_cloud(particles, after.memory), survivors.missing
+            ancestors = survivors.chosen if ancestors is None else ancestors[survivors.chosen]
+        return after, Report(
+            estimate=estimate,
+            n_eff=weighed.cloud.n_eff,
+            outcomes=weighed.outcomes,
+            log_evidence=weighed.log_evidence,
+            survivors=ancestors,
+            renewed=missing,
+            readings=weighed.readings,
+            doubt=doubt,
         )
 
-    def weigh(
-        self, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream
-    ) -> tuple[Cloud, Proposed, float]:
-        """Return the proposed particles with their weights, what was proposed, and the log-evidence.
+    def propose(self, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream) -> Proposed:
+        """Draw x_k ~ q(x_k | x_k-1, z_k) for each particle (Arulampalam et al., 2002, algorithm 1)."""
+        return self.proposal.propose(self.models, cloud, control, readings, stream)
 
-        Where no particle explains the readings the weights stay as they were and the log-evidence is -inf; without a
-        reading that can be believed it is 0.
+    def weigh(self, proposed: Proposed, cloud: Cloud, control: Any) -> Weighed:
+        """Weigh by w_k ~ w_k-1 p(z_k | x_k) p(x_k | x_k-1) / q(x_k | x_k-1, z_k) (Arulampalam et al., 2002, eq. 48).
+
+        ``cloud``: that the proposed particles come from. Where no particle explains the readings its weights stay and
+        the log-evidence is -inf; without a reading that can be believed it is 0.
         """
-        proposed = self.proposal.propose(self.models, cloud, control, readings, stream)
+        particles, outcomes, log_evidence = proposed.particles, proposed.outcomes, 0.0
+        belief = cloud
+        if proposed.log_weights is not None:
+            weighted, log_evidence = weighted_cloud(particles, proposed.log_weights)
+            if log_evidence == -np.inf:
+                outcomes = [Outcome.IMPOSSIBLE if outcome is Outcome.USED else outcome for outcome in outcomes]
+            else:
+                belief = weighted
         moved = cloud.moved or moves(control)
-        carried = Cloud(proposed.particles, cloud.weights, cloud.log_weights, cloud.n_eff, moved, cloud.memory)
-        if proposed.log_weights is None:
-            return carried, proposed, 0.0
-        weighted, log_evidence = weighted_cloud(proposed.particles, proposed.log_weights)
-        if log_evidence == -np.inf:
-            impossible: list[Outcome] = [
-                Outcome.IMPOSSIBLE if each is Outcome.USED else each for each in proposed.outcomes
-            ]
-            return carried, proposed._replace(outcomes=impossible), log_evidence
-        particles, weights, log_weights, n_eff, *_ = weighted
-        return Cloud(particles, weights, log_weights, n_eff, moved, cloud.memory), proposed, log_evidence
+        belief = Cloud(particles, belief.weights, belief.log_weights, belief.n_eff, moved, cloud.memory)
+        return Weighed(belief, outcomes, log_evidence, proposed.log_weights is not None, proposed.readings)
 
-    def resample(
-        self, cloud: Cloud, readings: Sequence[Any], stream: Stream, doubt: Doubt | None = None
-    ) -> tuple[Cloud, Indices, int]:
-        """Return survivors at equal weights, whose copies they are, and how many particles were drawn anew.
+    def doubt(self, weighed: Weighed, readings: Sequence[Any]) -> Doubt | None:
+        """Ask the rescue how far the particles can be trusted (Thrun et al., 2005, table 8.3); None: not at all."""
+        if self.rescue is None or not weighed.informed:
+            return None
+        return self.rescue.doubt(weighed.cloud, weighed.log_evidence, weighed.readings, readings)
 
-        The doubted share of the particles, those at the end, begin again where its source puts them.
+    def due(self, weighed: Weighed, doubt: Doubt | None) -> bool:
+        """Return whether to resample: N_eff is low (Arulampalam et al., 2002, eq. 51), or particles are doubted."""
+        return weighed.informed and (_share(doubt) > 0.0 or self.resampling.due(weighed.cloud))
+
+    def resample(self, cloud: Cloud, doubt: Doubt | None, stream: Stream) -> Survivors:
+        """Choose survivors so that each has N w copies in the mean (Arulampalam et al., 2002, algorithm 2).
+
+        As many are missing as the doubted share of the particles that there are to be.
         """
-        count = cloud.weights.size if self.sizing is None else self.sizing.size(cloud.particles, cloud.weights)
-        if self.sizing is not None and doubt is not None and doubt.places is not None and doubt.share > 0.0:
-            count = max(count, self.sizing.size(doubt.places.poses, doubt.places.weights))
-        anew = 0
-        if doubt is not None and doubt.share > 0.0:
-            anew = min(int(doubt.share * count + stream.part("share").uniform()), count)
-        chosen = self.resampling.select(cloud.weights, count - anew, stream.part("resampling"))
-        particles = gathered(cloud.particles, chosen)
-        if self.regularization is not None:
-            particles = self.regularization.spread(particles, cloud, stream.part("regularization"))
-        if doubt is not None and anew > 0:
-            poses = doubt.source.draw(anew, readings, stream.part("anew"))
-            fresh = self.models.motion.particles(poses, stream.part("fresh"))
-            particles = np.concatenate([particles, fresh], axis=1)
-        return uniform_cloud(particles, cloud.memory), chosen, anew
+        count, share = self.count(cloud, doubt), _share(doubt)
+        missing = min(int(share * count + stream.part("share").uniform()), count) if share > 0.0 else 0
+        chosen = self.resampling.select(cloud.weights, count - missing, stream.part("resampling"))
+        return Survivors(gathered(cloud.particles, chosen), chosen, missing)
+
+    def count(self, cloud: Cloud, doubt: Doubt | None) -> int:
+        """Return how many particles there are to be: as many as before, or what the sizing calls for (Fox, 2003)."""
+        if self.sizing is None:
+            return cloud.weights.size
+        count = self.sizing.size(cloud.particles, cloud.weights)
+        if doubt is None or doubt.places is None or not doubt.share > 0.0:
+            return count
+        return max(count, self.sizing.size(doubt.places.poses, doubt.places.weights))
+
+    def spread(self, survivors: Survivors, cloud: Cloud, stream: Stream) -> Floats:
+        """Set copies apart by draws from a kernel about each (Arulampalam et al., 2002, algorithm 6)."""
+        if self.regularization is None:
+            return survivors.particles
+        return self.regularization.spread(survivors.particles, cloud, stream.part("regularization"))
+
+    def renew(
+        self, particles: Floats, missing: int, doubt: Doubt | None, readings: Sequence[Any], stream: Stream
+    ) -> Floats:
+        """Append the missing particles, drawn where the rescue looks for the robot (Thrun et al., 2005, table 8.3)."""
+        if doubt is None or missing == 0:
+            return particles
+        poses = doubt.source.draw(missing, readings, stream.part("anew"))
+        fresh = self.models.motion.particles(poses, stream.part("fresh"))
+        return np.concatenate([particles, fresh], axis=1)
 
 
 def moves(control: Any) -> bool:
@@ -165,3 +217,8 @@ def moves(control: Any) -> bool:
 
 def _checked(part: PartT) -> PartT:
     return validated(part) if isinstance(part, msgspec.Struct) else part
+
+
+def _share(doubt: Doubt | None) -> float:
+    """Return the share of the particles that is doubted."""
+    return 0.0 if doubt is None else doubt.share

@@ -16,7 +16,7 @@ from dynpf.measurement.model import GaussianMeasurement
 from dynpf.motion.model import GaussianMotion
 from dynpf.portable import inverse, log, log_determinant
 from dynpf.rng import Stream
-from dynpf.se2 import FloatArray, Floats
+from dynpf.types import FloatArray, Floats
 
 __all__ = [
     "Auxiliary",

@@ -1,18 +1,18 @@
 """Survivors that are copies of one another set apart: draws from a smooth density in place of the particles' own."""
 
 import math
-from typing import Annotated, Protocol
+from typing import Protocol
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 
 from dynpf.covariance import semidefinite_root
 from dynpf.filters.cloud import Cloud
 from dynpf.filters.estimate import weighted_covariance
 from dynpf.portable import power, product
 from dynpf.rng import Stream
-from dynpf.se2 import FloatArray, Floats, circular_mean, wrap_angle
+from dynpf.se2 import circular_mean, wrap_angle
+from dynpf.types import FloatArray, Floats, NonNegative
 
 __all__ = ["GaussianKernel", "Regularization"]
 
@@ -33,7 +33,7 @@ class GaussianKernel(
     survivors keep mean and covariance (Liu and West, 2001).
     """
 
-    scale: Annotated[float, Meta(ge=0.0)] = 1.0  # of the kernel's width, relative to the optimal one
+    scale: NonNegative = 1.0  # of the kernel's width, relative to the optimal one
     # Without, the covariance grows by 1 + h^2 at each resampling. With, several modes are drawn towards their mean.
     shrink: bool = False
     headings: bool = True  # row 2 is an angle

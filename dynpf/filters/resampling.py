@@ -4,18 +4,17 @@ All schemes are unbiased: a particle of weight w is taken N w times in the mean.
 never vary more than multinomial (Douc, Cappe and Moulines, 2005); systematic usually varies least.
 """
 
-from typing import Annotated, Literal, Protocol
+from typing import Literal, Protocol
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 from numpy.typing import NDArray
 
 from dynpf import kernels
 from dynpf.filters.cloud import Cloud
 from dynpf.portable import whole
 from dynpf.rng import Stream
-from dynpf.se2 import Floats
+from dynpf.types import Floats, Share
 
 __all__ = ["Indices", "Multinomial", "Resampling", "Residual", "Stratified", "Systematic", "systematic"]
 
@@ -39,7 +38,7 @@ class _Scheme(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """When survivors are chosen: after every update, or when the effective sample size falls below a share of N."""
 
     when: Literal["always", "n_eff"] = "n_eff"
-    threshold: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.5  # share of N
+    threshold: Share = 0.5  # share of N
     # A robot at rest repeats its readings: choosing among the same particles again only thins them out.
     only_when_moving: bool = False
 

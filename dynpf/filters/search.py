@@ -21,11 +21,11 @@ from dynpf.measurement.model import MeasurementModel
 from dynpf.params import validated
 from dynpf.portable import hypot, log, sincos, whole
 from dynpf.rng import Stream
-from dynpf.se2 import Floats, wrap_angle
+from dynpf.se2 import wrap_angle
+from dynpf.types import Count, Floats, Positive
 
 __all__ = ["Places", "Search", "SearchStart", "Smoothable"]
 
-Positive = Annotated[float, Meta(gt=0.0)]
 
 FREE_SHARE = 0.25
 """Of a coarse cell, that must be free for a robot to be looked for there."""
@@ -42,7 +42,7 @@ class SearchStart(
     # m, to what is seen, about: a coarse cell's turn moves that by ``spacing``.
     lever: Positive = 4.0
     halvings: Annotated[int, Meta(ge=0, le=8)] = 3  # of the sides of cells, which end at spacing / 2^halvings
-    kept: Annotated[int, Meta(ge=1)] = 10_000  # cells that are cut in eight at each halving
+    kept: Count = 10_000  # cells that are cut in eight at each halving
 
 
 @runtime_checkable

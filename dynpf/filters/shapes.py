@@ -3,7 +3,7 @@
 from typing import Any
 
 from dynpf.portable.functions import as_values
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 
 __all__ = ["shaped"]
 

@@ -13,7 +13,8 @@ from dynpf.filters.extended import ExtendedKalman, ExtendedKalmanParams
 from dynpf.filters.kalman import Gaussian
 from dynpf.motion.model import GaussianMotion
 from dynpf.portable import eigh, product
-from dynpf.se2 import FloatArray, Floats, circular_mean
+from dynpf.se2 import circular_mean
+from dynpf.types import FloatArray, Floats
 
 __all__ = ["Generation", "Smoothed", "extended_rts", "fixed_lag", "rts"]
 

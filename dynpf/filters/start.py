@@ -2,11 +2,10 @@
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 from numpy.typing import NDArray
 
 from dynpf.filters.adaptation import PoseSource
@@ -17,7 +16,7 @@ from dynpf.filters.search import Search, SearchStart
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.params import validated
 from dynpf.rng import Stream
-from dynpf.se2 import Floats
+from dynpf.types import Count, Floats, NonNegative
 
 __all__ = [
     "Box",
@@ -31,8 +30,6 @@ __all__ = [
     "pose_source",
     "start_poses",
 ]
-
-NonNegative = Annotated[float, Meta(ge=0.0)]
 
 
 class KnownStart(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="known"):
@@ -73,7 +70,7 @@ class FromReadingsStart(
 ):
     """Poses from which the first readings are likely, chosen among candidates."""
 
-    candidates: Annotated[int, Meta(ge=1)] = 10  # to each pose that is wanted
+    candidates: Count = 10  # to each pose that is wanted
     base: UniformStart = UniformStart()
 
 

@@ -28,7 +28,7 @@ from dynpf.filters.shapes import shaped
 from dynpf.measurement.model import GaussianMeasurement
 from dynpf.motion.model import GaussianMotion
 from dynpf.params import validated
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray, NonNegative, Rate
 
 __all__ = ["UnscentedKalman", "UnscentedKalmanParams"]
 
@@ -40,8 +40,8 @@ class UnscentedKalmanParams(
 ):
     """Where the points lie and what they weigh, and which rows of the state are angles."""
 
-    alpha: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0  # the points lie alpha sqrt(D + kappa) deviations out
-    beta: Annotated[float, Meta(ge=0.0)] = 2.0  # 2 suits a Gaussian belief; at least alpha^2
+    alpha: Rate = 1.0  # the points lie alpha sqrt(D + kappa) deviations out
+    beta: NonNegative = 2.0  # 2 suits a Gaussian belief; at least alpha^2
     kappa: float = 0.0  # more than -D
     angles: tuple[Annotated[int, Meta(ge=0)], ...] = (2,)
 

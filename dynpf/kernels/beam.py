@@ -40,13 +40,13 @@ def log_mixture(deviations, share, uniform, out):
 
 
 @kernel
-def sum_over_beams(x, y, theta, angles, log_densities, per_length, tables, size, frame, sensor, range_max, out):
+def sum_over_beams(x, y, theta, table, tables, size, frame, out):
     """Write to ``out`` (N,) the sum over beams of the log density of each at the length of its ray.
 
-    ``angles`` (B,) in the robot's frame, radians; ``log_densities`` (B, K) at lengths that are 1 / ``per_length``
-    metres apart, from 0 to ``range_max``: linear in between. ``tables``, ``size`` and ``frame``: see ``rays.cast``.
-    ``sensor`` (2,): where it is on the robot, in cells. -inf for a robot in a wall or off the grid.
+    ``table``: a ``dynpf.measurement.beam.BeamTable``, linear between its lengths. ``tables``, ``size`` and ``frame``:
+    see ``rays.cast``. -inf for a robot in a wall or off the grid.
     """
+    angles, log_densities, sensor = table.angles, table.log_densities, table.sensor
     beams, nodes = log_densities.shape
     column = np.empty(LANES, dtype=np.float32)
     row = np.empty(LANES, dtype=np.float32)
@@ -61,8 +61,8 @@ def sum_over_beams(x, y, theta, angles, log_densities, per_length, tables, size,
     along, across = sensor[0], sensor[1]
     sine, cosine = sincos(turn)
     width, height = _f(size[0]), _f(size[1])
-    reach = _f(range_max) * scale
-    per_cell = _f(per_length) / scale
+    reach = _f(table.range_max) * scale
+    per_cell = _f(table.per_length) / scale
     last = _f(nodes - 2)
     grid = tables[0]
     for start in range(0, x.size, LANES):

@@ -1,4 +1,8 @@
-"""Likelihood of ranges and bearings to point landmarks: each of many readings against each of many poses."""
+"""Likelihood of ranges and bearings to point landmarks: each of many readings against each of many poses.
+
+Poses are x, y, theta, each (N,) float32. Readings, landmarks and noise come as the named tuples of
+``dynpf.measurement.range_bearing``: RangeBearingReadings without places, Marks and SightingNoise.
+"""
 
 import numpy as np
 
@@ -65,33 +69,18 @@ def _half_square(far, turned, range_scale, bearing_scale):
 
 
 @kernel
-def log_likelihood(
-    out,
-    x,
-    y,
-    theta,
-    landmarks,
-    ranges,
-    bearings,
-    ids,
-    easts,
-    norths,
-    sigma_range,
-    sigma_range_per_m,
-    sigma_bearing,
-    outlier_fraction,
-    outlier_range,
-    tempering,
-):
-    """Fill ``out`` (N,) with the tempered log-density of the readings at poses x, y, theta, each (N,).
+def log_likelihood(x, y, theta, readings, marks, noise, out):
+    """Fill ``out`` (N,) with the tempered log-density of the readings (K,) at poses.
 
-    Readings: ``landmarks`` (K,) int64, ``ranges`` and ``bearings`` (K,). The map: ``ids`` (M,) int64, ``easts`` and
-    ``norths`` (M,). A reading that is not finite, or of no landmark in the map, counts as nothing; a pose that is not
-    finite is impossible. All but the identities is float32.
+    A reading that is not finite, or of no landmark in the map, counts as nothing; a pose that is not finite is
+    impossible.
     """
-    sigma_bearing, tempering = _f(sigma_bearing), _f(tempering)
+    landmarks, ranges, bearings = readings.landmarks, readings.ranges, readings.bearings
+    ids, easts, norths = marks.ids, marks.easts, marks.norths
+    sigma_range, sigma_range_per_m, sigma_bearing = noise.sigma_range, noise.sigma_range_per_m, _f(noise.sigma_bearing)
+    outliers, tempering = _f(noise.outlier_fraction), _f(noise.tempering)
     bearing_scale = _HALF / (sigma_bearing * sigma_bearing)
-    floor = _f(outlier_fraction) / (_f(outlier_range) * _TWO_PI)
+    floor = outliers / (_f(noise.outlier_range) * _TWO_PI)
     total, product = np.empty(BLOCK, dtype=np.float32), np.empty(BLOCK, dtype=np.float32)
     half_square, exponent = np.empty(BLOCK, dtype=np.float32), np.empty(BLOCK, dtype=np.int32)
     for start in range(0, x.size, BLOCK):
@@ -106,7 +95,7 @@ def log_likelihood(
             east, north = easts[m], norths[m]
             variance = _range_variance(distance, sigma_range, sigma_range_per_m)
             range_scale = _HALF / variance
-            peak = (_ONE - _f(outlier_fraction)) / (_TWO_PI * np.sqrt(variance) * sigma_bearing)
+            peak = (_ONE - outliers) / (_TWO_PI * np.sqrt(variance) * sigma_bearing)
             if floor > _f(0.0):
                 for i in range(size):
                     expected, direction = _expected(px[i], py[i], heading[i], east, north)
@@ -130,27 +119,15 @@ def log_likelihood(
 
 
 @kernel
-def distances(
-    out,
-    x,
-    y,
-    theta,
-    weights,
-    landmarks,
-    ranges,
-    bearings,
-    ids,
-    easts,
-    norths,
-    sigma_range,
-    sigma_range_per_m,
-    sigma_bearing,
-):
+def distances(x, y, theta, weights, readings, marks, noise, out):
     """Fill ``out`` (K,), float64, with the squared Mahalanobis distance of each reading's mean innovation.
 
-    Mean and covariance are those of the weighted poses; the reading's noise is added to the covariance. NaN for a
-    reading that is not finite or of no landmark in the map. Poses, readings and map as in ``log_likelihood``.
+    Mean and covariance are those of the poses under ``weights`` (N,); the reading's noise is added to the covariance.
+    NaN for a reading that is not finite or of no landmark in the map.
     """
+    landmarks, ranges, bearings = readings.landmarks, readings.ranges, readings.bearings
+    ids, easts, norths = marks.ids, marks.easts, marks.norths
+    sigma_range, sigma_range_per_m, sigma_bearing = noise.sigma_range, noise.sigma_range_per_m, noise.sigma_bearing
     total = np.float64(0.0)
     for i in range(x.size):
         total += np.float64(weights[i])
@@ -239,32 +216,19 @@ def _add_log(total, best, share, peak, floor):
 
 
 @kernel
-def log_likelihood_unlabelled(
-    out,
-    x,
-    y,
-    theta,
-    ranges,
-    bearings,
-    easts,
-    norths,
-    mixture,
-    sigma_range,
-    sigma_range_per_m,
-    sigma_bearing,
-    outlier_fraction,
-    outlier_range,
-    tempering,
-):
-    """Fill ``out`` (N,) with the tempered log-density of readings (K,) of any of the landmarks (M,), M at least 1.
+def log_likelihood_unlabelled(x, y, theta, readings, positions, mixture, noise, out):
+    """Fill ``out`` (N,) with the tempered log-density of readings of any of the landmarks, M at least 1.
 
-    Of the landmarks' densities, the greatest is taken, or with ``mixture`` the mean. A reading that is not finite
-    counts as nothing; a pose that is not finite is impossible. All arrays are float32.
+    ``readings``: UnlabelledReadings (K,); ``positions`` (2, M): east and north. Of the landmarks' densities, the
+    greatest is taken, or with ``mixture`` the mean. A reading that is not finite counts as nothing; a pose that is not
+    finite is impossible. All arrays are float32.
     """
+    ranges, bearings, easts, norths = readings.ranges, readings.bearings, positions[0], positions[1]
+    sigma_range, sigma_range_per_m, sigma_bearing = noise.sigma_range, noise.sigma_range_per_m, _f(noise.sigma_bearing)
+    outliers, tempering = _f(noise.outlier_fraction), _f(noise.tempering)
     count = easts.size
-    sigma_bearing, tempering = _f(sigma_bearing), _f(tempering)
     bearing_scale = _HALF / (sigma_bearing * sigma_bearing)
-    floor = _f(outlier_fraction) / (_f(outlier_range) * _TWO_PI)
+    floor = outliers / (_f(noise.outlier_range) * _TWO_PI)
     expected = np.empty((count, BLOCK), dtype=np.float32)
     direction = np.empty((count, BLOCK), dtype=np.float32)
     best, share = np.empty(BLOCK, dtype=np.float32), np.empty(BLOCK, dtype=np.float32)
@@ -283,7 +247,7 @@ def log_likelihood_unlabelled(
                 continue
             variance = _range_variance(distance, sigma_range, sigma_range_per_m)
             range_scale = _HALF / variance
-            peak = (_ONE - _f(outlier_fraction)) / (_TWO_PI * np.sqrt(variance) * sigma_bearing)
+            peak = (_ONE - outliers) / (_TWO_PI * np.sqrt(variance) * sigma_bearing)
             best[:size], share[:size] = _LARGEST, _ONE
             for m in range(count):
                 _lower(best[:size], distance, bearing, expected[m], direction[m], range_scale, bearing_scale)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 
 __all__ = ["Shades", "decode_image"]
 

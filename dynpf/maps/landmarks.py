@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 
 __all__ = ["LandmarkMap"]
 

@@ -2,21 +2,17 @@
 
 import math
 from collections.abc import Iterable
-from typing import Annotated
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 
 from dynpf.maps.segments import SegmentMap
 from dynpf.measurement.lines import Lines
 from dynpf.params import validated
 from dynpf.portable import norm, sin, sincos
-from dynpf.se2 import FloatArray
+from dynpf.types import Count, FloatArray, Positive
 
 __all__ = ["LineMapParams", "line_map", "placed"]
-
-Positive = Annotated[float, Meta(gt=0.0)]
 
 
 class LineMapParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -25,7 +21,7 @@ class LineMapParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     off: Positive = 0.1  # m of either end from the other line
     gap: Positive = 0.3  # m between the pieces
     turn: Positive = math.radians(6.0)  # rad between directions
-    sightings: Annotated[int, Meta(ge=1)] = 3  # scans that showed a piece of it
+    sightings: Count = 3  # scans that showed a piece of it
 
 
 def placed(lines: Lines, pose: FloatArray) -> FloatArray:

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from dynpf.types import FloatArray
+
 try:
     import yaml
 except ModuleNotFoundError as error:
@@ -13,7 +15,6 @@ except ModuleNotFoundError as error:
 
 from dynpf.maps.image import Shades, decode_image
 from dynpf.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from dynpf.se2 import FloatArray
 
 __all__ = ["decode"]
 

@@ -7,10 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from dynpf import kernels
 from dynpf.maps.occupancy import OccupancyGrid
+from dynpf.types import Float32s
 
 __all__ = ["RayCaster"]
-
-Float32s = NDArray[np.float32]
 
 
 class RayCaster:

@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike
 
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.portable import atan2, hypot, sincos, whole
-from dynpf.se2 import FloatArray, wrap_angle
+from dynpf.se2 import wrap_angle
+from dynpf.types import FloatArray
 
 __all__ = ["SegmentMap", "polar_form", "polar_in_frame"]
 

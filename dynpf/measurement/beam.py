@@ -4,11 +4,10 @@ INDOOR takes it from Thrun, Burgard and Fox, Probabilistic Robotics (2005), sect
 """
 
 import math
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 
 from dynpf import kernels
 from dynpf.maps.occupancy import OccupancyGrid
@@ -16,12 +15,9 @@ from dynpf.maps.raycast import RayCaster
 from dynpf.measurement.scan import Scan
 from dynpf.params import validated
 from dynpf.portable import erf, exp, expm1
-from dynpf.se2 import FloatArray, Floats
+from dynpf.types import Count, FloatArray, Floats, Positive, Rate, Share
 
 __all__ = ["BeamModel", "BeamParams", "BeamTable", "densities", "share_within"]
-
-Positive = Annotated[float, Meta(gt=0.0)]
-Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
 class BeamParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="beam"):
@@ -36,9 +32,9 @@ class BeamParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     z_rand: Share = 0.15  # anything up to the greatest range
     sigma_hit: Positive = 0.15  # m
     lambda_short: Positive = 0.5  # 1/m
-    max_beams: Annotated[int, Meta(ge=1)] = 60
+    max_beams: Count = 60
     # Exponent of the product: beams of one scan share their errors, so each counts for less than if it stood alone.
-    tempering: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
+    tempering: Rate = 1.0
     # Pose of the sensor, metres and radians, seen from where the scan says that it is on the robot.
     sensor_x: float = 0.0
     sensor_y: float = 0.0
@@ -104,10 +100,7 @@ class BeamModel:
         x, y, theta = (np.ascontiguousarray(row, dtype=np.float32) for row in particles[:3])
         total = np.empty(x.size, dtype=np.float32)
         caster = self.caster
-        kernels.beam.sum_over_beams(
-            *(x, y, theta, table.angles, table.log_densities, table.per_length),
-            *(caster.tables, caster.size, caster.frame, table.sensor, table.range_max, total),
-        )
+        kernels.beam.sum_over_beams(x, y, theta, table, caster.tables, caster.size, caster.frame, total)
         if self.params.tempering != 1.0:
             total *= np.float32(self.params.tempering)
         return total

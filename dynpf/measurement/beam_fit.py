@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from dynpf.measurement.beam import BeamParams, densities, share_within
 from dynpf.params import validated
 from dynpf.portable import exp, expm1, log
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 
 __all__ = ["BeamFit", "fit_beam"]
 

@@ -6,11 +6,10 @@ likelihood. Fast and smooth in the pose; blind to walls that stand between robot
 
 import copy
 import math
-from typing import Annotated, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 
 from dynpf import kernels
 from dynpf.maps.distance import distance_field
@@ -18,12 +17,9 @@ from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.measurement.scan import Scan
 from dynpf.params import validated
 from dynpf.portable import exp, hypot, log
-from dynpf.se2 import Floats
+from dynpf.types import Count, Floats, Positive, Rate, Share
 
 __all__ = ["LikelihoodField", "LikelihoodFieldParams"]
-
-Positive = Annotated[float, Meta(gt=0.0)]
-Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
 class BeamSkip(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -46,12 +42,12 @@ class LikelihoodFieldParams(
     sigma_hit: Positive = 0.2  # m
     z_hit: Positive = 0.95  # share of beams that end on a wall of the map
     z_rand: Positive = 0.05  # share of beams that end anywhere up to the range's maximum
-    max_beams: Annotated[int, Meta(ge=1)] = 60
+    max_beams: Count = 60
     max_distance: Positive = 2.0  # m from a wall; all that lies farther off is as likely
     # "product": the beams are independent. "cubes": 1 + sum of p^3, as in AMCL, which forgives much.
     aggregation: Literal["product", "cubes"] = "product"
     # Exponent of the product: beams of one scan share their errors, so each counts for less than if it stood alone.
-    tempering: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
+    tempering: Rate = 1.0
     beam_skip: BeamSkip | None = None
     # Pose of the sensor, metres and radians, seen from where the scan says that it is on the robot.
     sensor_x: float = 0.0

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynpf import kernels
 from dynpf.portable import inverse, log
 from dynpf.portable.functions import as_values
-from dynpf.se2 import FloatArray, Floats
+from dynpf.types import FloatArray, Floats
 
 __all__ = ["LinearMeasurement", "Observation"]
 

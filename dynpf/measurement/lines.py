@@ -12,11 +12,9 @@ from dynpf import kernels
 from dynpf.maps.segments import SegmentMap
 from dynpf.params import validated
 from dynpf.portable import log, sincos
-from dynpf.se2 import Floats
+from dynpf.types import Floats, NonNegative, Positive
 
 __all__ = ["Lines", "PolarLines", "PolarLinesParams"]
-
-Positive = Annotated[float, Meta(gt=0.0)]
 
 
 class Lines(NamedTuple):
@@ -33,6 +31,31 @@ class Lines(NamedTuple):
     middles: Floats | None = None
 
 
+class Segments(NamedTuple):
+    """The map's segments as the kernel takes them, float32, (S,) each.
+
+    Each lies on the line at the distance ``offsets`` from the origin in the direction ``normals``, with its cosine and
+    sine, its middle at ``centres`` along that line, and explains no line longer than ``longest``.
+    """
+
+    offsets: Floats
+    normals: Floats
+    cosines: Floats
+    sines: Floats
+    longest: Floats
+    centres: Floats
+
+
+class LineNoise(NamedTuple):
+    """The noise of a line: see PolarLinesParams; ``sigma_along`` 0 where places do not matter."""
+
+    sigma_rho: float
+    sigma_alpha: float
+    sigma_along: float
+    outlier_fraction: float
+    outlier_rho: float
+
+
 class PolarLinesParams(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="polar_lines"
 ):
@@ -41,7 +64,7 @@ class PolarLinesParams(
     sigma_rho: Positive = 0.1  # m
     sigma_alpha: Positive = 0.1  # rad
     # m: by how much a line may be longer than a segment of the map and still be taken for it.
-    length_tolerance: Annotated[float, Meta(ge=0.0)] = 0.2
+    length_tolerance: NonNegative = 0.2
     # m: by how much a line of known middle may reach beyond the segment, tolerance aside; absent: places do not matter.
     sigma_along: Positive | None = None
     # Share of lines that are of nothing in the map: with none, a line too long for every segment rules all out.
@@ -67,7 +90,14 @@ class PolarLines:
         sine, cosine = sincos(alpha)
         centres = middles[:, 1] * cosine - middles[:, 0] * sine
         columns = (rho, alpha, cosine, sine, longest, centres)
-        self._segments = tuple(column.astype(np.float32) for column in columns)
+        self._noise = LineNoise(
+            params.sigma_rho,
+            params.sigma_alpha,
+            params.sigma_along or 0.0,
+            params.outlier_fraction,
+            params.outlier_rho,
+        )
+        self._segments = Segments(*(column.astype(np.float32) for column in columns))
 
     @property
     def log_outlier(self) -> np.float32:
@@ -78,7 +108,7 @@ class PolarLines:
     def admit(self, particles: Floats, weights: Floats, reading: Lines) -> Lines | None:  # noqa: ARG002
         """Return the lines that are finite and not too long for every segment of the map, None if there is none."""
         lines = _arrays(reading)
-        kept = np.isfinite(lines).all(axis=0) & (lines[2] <= np.max(self._segments[4]))
+        kept = np.isfinite(lines).all(axis=0) & (lines[2] <= np.max(self._segments.longest))
         if not kept.any():
             return None
         if kept.all():
@@ -96,27 +126,12 @@ class PolarLines:
         Finite wherever there is a share of outliers. Without, a line too long for every segment makes it -inf for
         every particle. Raises ValueError where the reading's arrays differ in length.
         """
-        params = self.params
         x, y, theta = np.ascontiguousarray(particles[:3], dtype=np.float32)
         rho, alpha, lengths, *middles = _arrays(reading)
-        sigma_along = params.sigma_along if middles and params.sigma_along is not None else 0.0
+        lines = Lines(rho, alpha, lengths, middles[0] if middles else lengths)
+        noise = self._noise if middles else self._noise._replace(sigma_along=0.0)
         out = np.empty(x.size, dtype=np.float32)
-        kernels.lines.log_likelihood(
-            out,
-            x,
-            y,
-            theta,
-            rho,
-            alpha,
-            lengths,
-            *(middles or [lengths]),
-            *self._segments,
-            params.sigma_rho,
-            params.sigma_alpha,
-            sigma_along,
-            params.outlier_fraction,
-            params.outlier_rho,
-        )
+        kernels.lines.log_likelihood(x, y, theta, lines, self._segments, noise, out)
         return out
 
 

@@ -5,7 +5,7 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from dynpf.se2 import Floats
+from dynpf.types import Floats
 
 __all__ = ["Batched", "GaussianMeasurement", "MeasurementModel"]
 

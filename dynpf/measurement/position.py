@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynpf.params import validated
 from dynpf.portable import log
-from dynpf.se2 import Floats
+from dynpf.types import Floats, Positive
 
 __all__ = ["GaussianPosition", "GaussianPositionParams", "Position"]
 
@@ -29,7 +29,7 @@ class GaussianPositionParams(
 ):
     """Noise: the same in all directions, or a covariance."""
 
-    sigma: Annotated[float, Meta(gt=0.0)] = 0.1  # m, of x and of y
+    sigma: Positive = 0.1  # m, of x and of y
     # m^2: variance of x, covariance, variance of y, in place of sigma.
     covariance: tuple[Variance, float, Variance] | None = None
 

@@ -1,6 +1,6 @@
 """Ranges and bearings to landmarks whose identities the readings tell (LANDMARK section 5)."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Annotated, Any, NamedTuple
 
 import msgspec
@@ -14,12 +14,10 @@ from dynpf.params import validated
 from dynpf.portable import hypot, sincos
 from dynpf.portable.functions import as_values
 from dynpf.rng import Stream
-from dynpf.se2 import FloatArray, Floats, wrap_angle
+from dynpf.se2 import wrap_angle
+from dynpf.types import FloatArray, Floats, NonNegative, Positive, Rate
 
 __all__ = ["RangeBearing", "RangeBearingParams", "RangeBearingReadings", "SensorRows"]
-
-Positive = Annotated[float, Meta(gt=0.0)]
-NonNegative = Annotated[float, Meta(ge=0.0)]
 
 
 class RangeBearingReadings(NamedTuple):
@@ -53,7 +51,7 @@ class RangeBearingParams(
     outlier_fraction: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.01
     outlier_range: Positive = 10.0  # m: an outlier's range is uniform up to here, its bearing over the circle
     # Exponent of the likelihood: readings in quick succession share their error, so each counts for less.
-    tempering: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.35
+    tempering: Rate = 0.35
 
 
 class SensorRows(NamedTuple):
@@ -61,6 +59,25 @@ class SensorRows(NamedTuple):
 
     bearing_bias: int
     range_scale: int
+
+
+class Marks(NamedTuple):
+    """The map's landmarks as the kernels take them, (M,) each: int64, and float32 in metres."""
+
+    ids: NDArray[np.int64]
+    easts: Floats
+    norths: Floats
+
+
+class SightingNoise(NamedTuple):
+    """Noise of ranges and bearings as the kernels take it: see RangeBearingParams."""
+
+    sigma_range: float
+    sigma_range_per_m: float
+    sigma_bearing: float
+    outlier_fraction: float
+    outlier_range: float
+    tempering: float
 
 
 class RangeBearing:
@@ -75,8 +92,16 @@ class RangeBearing:
         self.params = validated(params)
         self.rows = rows
         self.landmarks = landmarks
-        self._ids = np.array(landmarks.ids, dtype=np.int64)
-        self._east, self._north = np.array(landmarks.positions, dtype=np.float32, order="C")
+        positions = np.array(landmarks.positions, dtype=np.float32, order="C")
+        self._marks = Marks(np.array(landmarks.ids, dtype=np.int64), *positions)
+        self._noise = SightingNoise(
+            params.sigma_range,
+            params.sigma_range_per_m,
+            params.sigma_bearing,
+            params.outlier_fraction,
+            params.outlier_range,
+            params.tempering,
+        )
 
     def admit(self, particles: Floats, weights: Floats, reading: RangeBearingReadings) -> RangeBearingReadings | None:
         """Return the readings that tell something and lie within the gate, None if there is none.
@@ -102,30 +127,18 @@ class RangeBearing:
 
         Finite wherever there is a share of outliers. Raises ValueError where the readings' arrays differ in length.
         """
-        params = self.params
 
-        def of(poses: Floats, *arrays: NDArray[Any]) -> NDArray[np.float32]:
+        def of(poses: Floats, sighted: RangeBearingReadings) -> NDArray[np.float32]:
             out = np.empty(poses.shape[1], dtype=np.float32)
-            kernels.landmarks.log_likelihood(
-                out,
-                *poses,
-                *arrays,
-                *where,
-                params.sigma_range,
-                params.sigma_range_per_m,
-                params.sigma_bearing,
-                params.outlier_fraction,
-                params.outlier_range,
-                params.tempering,
-            )
+            kernels.landmarks.log_likelihood(*poses, sighted, marks, self._noise, out)
             return out
 
-        arrays, where = self._located(reading)
+        sighted, marks = self._located(reading)
         if self.rows is None:
-            return of(np.ascontiguousarray(particles[:3], dtype=np.float32), *arrays)
+            return of(np.ascontiguousarray(particles[:3], dtype=np.float32), sighted)
         total = np.zeros(particles.shape[1], dtype=np.float32)
-        for poses, one in self._one_by_one(particles, arrays, where):
-            total += of(poses, *one)
+        for poses, each in self._one_by_one(particles, sighted, marks):
+            total += of(poses, each)
         return total
 
     def innovation(self, states: Floats, reading: RangeBearingReadings) -> Floats:
@@ -192,48 +205,38 @@ class RangeBearing:
 
     def _distances(self, particles: Floats, weights: Floats, reading: RangeBearingReadings) -> Floats:
         """Return the squared Mahalanobis distance of each reading's mean innovation (K,), NaN if it tells nothing."""
-        params = self.params
         if weights.shape != particles.shape[1:]:
             raise ValueError(f"weights of shape {weights.shape} for {particles.shape[1]} particles")
         shares = np.ascontiguousarray(weights, dtype=np.float32)
 
-        def of(poses: Floats, *arrays: NDArray[Any]) -> FloatArray:
-            out = np.empty(arrays[0].size)
-            kernels.landmarks.distances(
-                out,
-                *poses,
-                shares,
-                *arrays,
-                *where,
-                params.sigma_range,
-                params.sigma_range_per_m,
-                params.sigma_bearing,
-            )
+        def of(poses: Floats, sighted: RangeBearingReadings) -> FloatArray:
+            out = np.empty(sighted.ranges.size)
+            kernels.landmarks.distances(*poses, shares, sighted, marks, self._noise, out)
             return out
 
-        arrays, where = self._located(reading)
+        sighted, marks = self._located(reading)
         if self.rows is None:
-            return of(np.ascontiguousarray(particles[:3], dtype=np.float32), *arrays)
-        each = [of(poses, *one) for poses, one in self._one_by_one(particles, arrays, where)]
-        return np.concatenate(each) if each else np.empty(0)
+            return of(np.ascontiguousarray(particles[:3], dtype=np.float32), sighted)
+        distances = [of(poses, each) for poses, each in self._one_by_one(particles, sighted, marks)]
+        return np.concatenate(distances) if distances else np.empty(0)
 
     def _one_by_one(
-        self, particles: Floats, arrays: Sequence[NDArray[Any]], where: Sequence[NDArray[Any]]
-    ) -> Iterator[tuple[Floats, Sequence[NDArray[Any]]]]:
+        self, particles: Floats, sighted: RangeBearingReadings, marks: Marks
+    ) -> Iterator[tuple[Floats, RangeBearingReadings]]:
         """Yield each reading, and the poses (3, N) whose own sensor, uncalibrated, would read as the particles' does.
 
         They are as much farther from the landmark as the range is scaled, and turned against the bias. So one kernel
         does for both; a landmark that is not in the map leaves the poses where they are.
         """
         scale, bias = self._calibration(particles)
-        ids, *axes = where
-        for k, landmark in enumerate(arrays[0].tolist()):
+        for k, landmark in enumerate(sighted.landmarks.tolist()):
             poses = np.array(particles[:3], dtype=np.float32, order="C")
-            for place in np.flatnonzero(ids == landmark)[:1]:
-                for row, axis in enumerate(axes):
-                    poses[row] = axis[place] + scale * (poses[row] - axis[place])
+            for mark in np.flatnonzero(marks.ids == landmark)[:1]:
+                for row, axis in enumerate((marks.easts, marks.norths)):
+                    poses[row] = axis[mark] + scale * (poses[row] - axis[mark])
             poses[2] -= bias
-            yield poses, [values[k : k + 1] for values in arrays]
+            kept = slice(k, k + 1)
+            yield poses, RangeBearingReadings(sighted.landmarks[kept], sighted.ranges[kept], sighted.bearings[kept])
 
     def _calibration(self, states: Floats) -> tuple[Floats | float, Floats | float]:
         """Return what multiplies ranges and what is added to bearings; of mere poses, nothing is known of either."""
@@ -259,21 +262,21 @@ class RangeBearing:
             places[:, k] = told[:, k] if moving and told is not None else self.landmarks.position(int(landmark))
         return places
 
-    def _located(self, reading: RangeBearingReadings) -> tuple[list[NDArray[Any]], list[NDArray[Any]]]:
-        """Return the readings, and identities and positions of landmarks, as the kernels take them.
+    def _located(self, reading: RangeBearingReadings) -> tuple[RangeBearingReadings, Marks]:
+        """Return the readings and the landmarks as the kernels take them.
 
         Of a landmark that moves, each reading has an identity of its own, for which the map has none: below zero.
         """
         ids, ranges, bearings = _arrays(reading)
         moving = np.flatnonzero(_moving(reading))
-        where: list[NDArray[Any]] = [self._ids, self._east, self._north]
-        if moving.size and reading.places is not None:
-            own = -1 - np.arange(moving.size)
-            ids = ids.copy()
-            ids[moving] = own
-            added = own, *np.asarray(reading.places[:, moving], dtype=np.float32)
-            where = [np.concatenate(both) for both in zip(where, added, strict=True)]
-        return [ids, ranges, bearings], where
+        if not moving.size or reading.places is None:
+            return RangeBearingReadings(ids, ranges, bearings), self._marks
+        own = -1 - np.arange(moving.size)
+        ids = ids.copy()
+        ids[moving] = own
+        added = own, *np.asarray(reading.places[:, moving], dtype=np.float32)
+        marks = Marks(*(np.concatenate(both) for both in zip(self._marks, added, strict=True)))
+        return RangeBearingReadings(ids, ranges, bearings), marks
 
 
 def _poses(states: Floats) -> FloatArray:

@@ -13,11 +13,9 @@ from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.maps.raycast import RayCaster
 from dynpf.params import validated
 from dynpf.portable import whole
-from dynpf.se2 import Floats
+from dynpf.types import Floats, Positive, Rate
 
 __all__ = ["RangeVector", "RangeVectorModel", "RangeVectorParams", "closed_in"]
-
-Positive = Annotated[float, Meta(gt=0.0)]
 
 
 class RangeVector(NamedTuple):
@@ -43,7 +41,7 @@ class RangeVectorParams(
     sigma: Positive = 100.0  # m
     # Share of readings that come from anywhere, uniform up to range_max, for each beam by itself.
     outlier_fraction: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
-    tempering: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0  # exponent of the likelihood
+    tempering: Rate = 1.0  # exponent of the likelihood
 
 
 class RangeVectorModel:

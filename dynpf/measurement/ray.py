@@ -1,17 +1,15 @@
 """Exact ray casting against segments and discs: the distance along a ray to the first surface it meets."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynpf import kernels
 from dynpf.portable.functions import as_values
+from dynpf.types import FloatArray
 
 __all__ = ["ray_discs", "ray_segments"]
 
-Floats = NDArray[np.float64]
 
-
-def ray_segments(origin: Floats, angles: Floats, segments: Floats) -> Floats:
+def ray_segments(origin: FloatArray, angles: FloatArray, segments: FloatArray) -> FloatArray:
     """Return the distance from ``origin`` (2,) along each of ``angles`` (B,) to the nearest of ``segments`` (S, 4).
 
     A segment is x1, y1, x2, y2; metres and radians. A ray that meets nothing gives infinity. A segment seen end-on
@@ -23,7 +21,7 @@ def ray_segments(origin: Floats, angles: Floats, segments: Floats) -> Floats:
     return ranges
 
 
-def ray_discs(origin: Floats, angles: Floats, discs: Floats) -> Floats:
+def ray_discs(origin: FloatArray, angles: FloatArray, discs: FloatArray) -> FloatArray:
     """Return the distance from ``origin`` (2,) along each of ``angles`` (B,) to the nearest of ``discs`` (D, 3).
 
     A disc is x, y, radius; metres and radians. A ray that meets nothing gives infinity, one that starts inside a disc

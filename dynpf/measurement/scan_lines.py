@@ -1,10 +1,7 @@
 """Lines extracted from a scan and matched with the segments of a map: TURTLEBOT's whole weighting step."""
 
-from typing import Annotated
-
 import msgspec
 import numpy as np
-from msgspec import Meta
 
 from dynpf.maps.raycast import RayCaster
 from dynpf.maps.segments import SegmentMap
@@ -13,7 +10,7 @@ from dynpf.measurement.scan import Scan
 from dynpf.measurement.split_and_merge import SplitAndMergeParams, extract_lines
 from dynpf.params import validated
 from dynpf.portable import atan2, cos, hypot
-from dynpf.se2 import Floats
+from dynpf.types import Floats, Positive, Rate
 
 __all__ = ["ScanLines", "ScanLinesParams"]
 
@@ -26,10 +23,10 @@ class ScanLinesParams(
     extraction: SplitAndMergeParams = SplitAndMergeParams()
     lines: PolarLinesParams = PolarLinesParams(sigma_along=0.2)
     # Exponent of the product: lines of one scan share their errors, so each counts for less than if it stood alone.
-    tempering: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
+    tempering: Rate = 1.0
     # m: a line that a wall of the map hides, nearer by more than this, is an outlier; absent: walls hide nothing.
-    hidden: Annotated[float, Meta(gt=0.0)] | None = 0.3
-    resolution: Annotated[float, Meta(gt=0.0)] = 0.05  # m a cell of the grid in which that is found out
+    hidden: Positive | None = 0.3
+    resolution: Positive = 0.05  # m a cell of the grid in which that is found out
 
 
 class ScanLines:

@@ -16,18 +16,16 @@ from msgspec import Meta
 from dynpf.measurement.lines import Lines
 from dynpf.measurement.scan import Scan
 from dynpf.portable import atan2, hypot, sincos
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray, NonNegative, Positive
 
 __all__ = ["SplitAndMergeParams", "extract_lines", "fit_line"]
-
-Positive = Annotated[float, Meta(gt=0.0)]
 
 
 class SplitAndMergeParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """When a chain of points is no longer one line, and when a line is worth telling of."""
 
     gap: Positive = 0.25  # m between neighbouring points at which a chain ends, plus ...
-    gap_beams: Annotated[float, Meta(ge=0.0)] = 3.0  # ... so many times the distance between beams at that range
+    gap_beams: NonNegative = 3.0  # ... so many times the distance between beams at that range
     split: Positive = 0.08  # m of a point from the line at which a chain is split there, and two are not merged
     min_points: Annotated[int, Meta(ge=2)] = 8
     min_length: Positive = 0.4  # m

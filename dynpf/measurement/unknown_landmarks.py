@@ -9,14 +9,11 @@ from numpy.typing import NDArray
 
 from dynpf import kernels
 from dynpf.maps.landmarks import LandmarkMap
-from dynpf.measurement.range_bearing import RangeBearingReadings
+from dynpf.measurement.range_bearing import RangeBearingReadings, SightingNoise
 from dynpf.params import validated
-from dynpf.se2 import Floats
+from dynpf.types import Floats, NonNegative, Positive, Rate
 
 __all__ = ["UnknownLandmarks", "UnknownLandmarksParams", "UnlabelledReadings"]
-
-Positive = Annotated[float, Meta(gt=0.0)]
-NonNegative = Annotated[float, Meta(ge=0.0)]
 
 
 class UnlabelledReadings(NamedTuple):
@@ -43,7 +40,7 @@ class UnknownLandmarksParams(
     outlier_fraction: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.05
     outlier_range: Positive = 10.0  # m: an outlier's range is uniform up to here, its bearing over the circle
     # Exponent of the likelihood: readings in quick succession share their error, so each counts for less.
-    tempering: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.35
+    tempering: Rate = 0.35
 
 
 class UnknownLandmarks:
@@ -57,13 +54,21 @@ class UnknownLandmarks:
         """Take a map, or positions alone (2, M) in metres; raises ValueError for a parameter out of its range."""
         self.params = validated(params)
         positions = landmarks.positions if isinstance(landmarks, LandmarkMap) else landmarks
-        self._east, self._north = np.array(positions, dtype=np.float32, order="C")
+        self._positions = np.array(positions, dtype=np.float32, order="C")
+        self._noise = SightingNoise(
+            params.sigma_range,
+            params.sigma_range_per_m,
+            params.sigma_bearing,
+            params.outlier_fraction,
+            params.outlier_range,
+            params.tempering,
+        )
 
     def admit(self, particles: Floats, weights: Floats, reading: ReadingsT) -> ReadingsT | None:  # noqa: ARG002
         """Return the readings that tell something, None if there is none: any landmark may explain any of them."""
         ranges, bearings = _arrays(reading)
         kept = np.isfinite(ranges) & np.isfinite(bearings)
-        if not (kept.any() and self._east.size):
+        if not (kept.any() and self._positions.size):
             return None
         if kept.all():
             return reading
@@ -80,29 +85,13 @@ class UnknownLandmarks:
 
         Finite wherever there is a share of outliers. Raises ValueError where the readings' arrays differ in length.
         """
-        params = self.params
         x, y, theta = np.ascontiguousarray(particles[:3], dtype=np.float32)
-        ranges, bearings = _arrays(reading)
-        if not self._east.size:
+        readings = UnlabelledReadings(*_arrays(reading))
+        if not self._positions.size:
             return np.zeros(x.size, dtype=np.float32)
         out = np.empty(x.size, dtype=np.float32)
-        kernels.landmarks.log_likelihood_unlabelled(
-            out,
-            x,
-            y,
-            theta,
-            ranges,
-            bearings,
-            self._east,
-            self._north,
-            params.association == "mixture",
-            params.sigma_range,
-            params.sigma_range_per_m,
-            params.sigma_bearing,
-            params.outlier_fraction,
-            params.outlier_range,
-            params.tempering,
-        )
+        mixture = self.params.association == "mixture"
+        kernels.landmarks.log_likelihood_unlabelled(x, y, theta, readings, self._positions, mixture, self._noise, out)
         return out
 
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynpf.se2 import FloatArray, Floats
+from dynpf.types import FloatArray, Floats
 
 __all__ = ["covariance_bound", "measurement_information", "noiseless_information", "posterior_information", "rms_bound"]
 

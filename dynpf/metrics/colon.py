@@ -8,7 +8,8 @@ import numpy as np
 from dynpf.colon.beams import expected_ranges
 from dynpf.colon.hypotheses import UNLISTED
 from dynpf.maps.raycast import RayCaster
-from dynpf.se2 import FloatArray, Floats, wrap_angle
+from dynpf.se2 import wrap_angle
+from dynpf.types import FloatArray, Floats
 
 __all__ = ["LOST_PX", "TOLD_APART_PX", "capsule_errors", "first_visible", "map_errors"]
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dynpf.metrics.quantiles import chi_square_quantile, normal_quantile
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 
 __all__ = ["Consistency", "Verdict", "coverage", "mean_square", "nees"]
 

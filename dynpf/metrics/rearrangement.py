@@ -7,9 +7,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynpf.metrics.bounds import noiseless_information, posterior_information, rms_bound
+from dynpf.types import FloatArray
 
 __all__ = [
     "RobotBound",
@@ -25,8 +25,6 @@ __all__ = [
     "robot_position_error",
     "signal_to_noise_db",
 ]
-
-FloatArray = NDArray[np.float64]
 
 
 class RobotBound(NamedTuple):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dynpf.metrics.quantiles import normal_quantile, student_t_quantile
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 
 __all__ = ["Mean", "Proportion", "Spread", "mean", "proportion", "rmse", "spread"]
 

@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynpf.se2 import FloatArray, arc_displacement, compose, wrap_angle
+from dynpf.se2 import arc_displacement, compose, wrap_angle
+from dynpf.types import FloatArray
 
 __all__ = [
     "PoseErrors",

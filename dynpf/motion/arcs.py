@@ -13,7 +13,8 @@ from dynpf.motion.model import Twist
 from dynpf.params import validated
 from dynpf.portable import sincos
 from dynpf.rng import Stream
-from dynpf.se2 import Floats, arc_chord
+from dynpf.se2 import arc_chord
+from dynpf.types import Floats
 
 __all__ = ["ArcNoise", "Arcs", "ArcsParams", "arc_jacobian", "arc_noise", "arc_slopes", "follow_arc"]
 

@@ -6,11 +6,9 @@ would otherwise have to call noise.
 """
 
 import math
-from typing import Annotated
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 
 from dynpf import kernels
 from dynpf.motion.arcs import ArcsParams, arc, arc_jacobian, arc_noise, arc_slopes, follow_arc
@@ -18,7 +16,7 @@ from dynpf.motion.gaussian import draw, float32_rows, noise_covariance
 from dynpf.motion.model import Twist
 from dynpf.params import validated
 from dynpf.rng import Stream
-from dynpf.se2 import Floats
+from dynpf.types import Floats, NonNegative
 
 __all__ = [
     "BEARING_BIAS",
@@ -36,8 +34,6 @@ multiplies each range that is read; and, if wanted, how much later than expected
 
 _HELD = slice(8, 10)  # with a lag: speed (m/s) and turning rate (rad/s) that held before
 _NOMINAL = np.array([1.0, 1.0, 0.0, 1.0])
-
-NonNegative = Annotated[float, Meta(ge=0.0)]
 
 
 class CalibrationParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -1,21 +1,18 @@
 """Steps of a capsule through a tube: a turn, then a way along the new heading, with noise of constant size."""
 
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 
 from dynpf import kernels
 from dynpf.motion.gaussian import draw, float32_rows, identities
 from dynpf.params import validated
 from dynpf.portable import sincos
 from dynpf.rng import Stream
-from dynpf.se2 import Floats
+from dynpf.types import Floats, NonNegative
 
 __all__ = ["CapsuleMotion", "CapsuleStep", "CapsuleStepParams"]
-
-NonNegative = Annotated[float, Meta(ge=0.0)]
 
 
 class CapsuleMotion(NamedTuple):

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from dynpf.rng import Stream
-from dynpf.se2 import Floats
+from dynpf.types import Floats
 
 __all__ = ["draw", "float32_rows", "identities", "noise_covariance"]
 

@@ -1,20 +1,17 @@
 """Motion along a velocity field, as of a robot that descends a potential, with Gaussian process noise."""
 
 from collections.abc import Callable
-from typing import Annotated
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 
 from dynpf.motion.gaussian import identities
 from dynpf.params import validated
 from dynpf.rng import Stream
-from dynpf.se2 import Floats
+from dynpf.types import Floats, NonNegative, Positive
 
 __all__ = ["Field", "GradientFlow", "GradientFlowParams"]
 
-NonNegative = Annotated[float, Meta(ge=0.0)]
 
 Field = Callable[[Floats], Floats]
 """Velocities (D, N) of states (D, N): m/s, and rad/s of a heading. Column by column, as the models are."""
@@ -27,7 +24,7 @@ class GradientFlowParams(
 
     variance: NonNegative = 0.06e-4  # m^2, of x and of y: the 0.06 cm^2 of PARTS section 3
     turn_variance: NonNegative = 0.0  # rad^2, of the heading, where the states have one
-    difference: Annotated[float, Meta(gt=0.0)] = 1e-5  # m and rad, to each side of the state
+    difference: Positive = 1e-5  # m and rad, to each side of the state
 
 
 class GradientFlow:

@@ -4,20 +4,15 @@ TURTLEBOT has robot_pose_ekf do this. Wheels turn a heading wrong by a factor, f
 is taken to be; a gyro is off by a bias. Each shows the other's error: on a straight way the bias, in a turn the factor.
 """
 
-from typing import Annotated
-
 import msgspec
 import numpy as np
-from msgspec import Meta
 
 from dynpf.filters.kalman import Gaussian, corrected
 from dynpf.params import validated
 from dynpf.portable import product
+from dynpf.types import NonNegative, Positive
 
 __all__ = ["GyroOdometry", "GyroOdometryParams"]
-
-Positive = Annotated[float, Meta(gt=0.0)]
-NonNegative = Annotated[float, Meta(ge=0.0)]
 
 
 class GyroOdometryParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -6,7 +6,7 @@ import numpy as np
 from dynpf.covariance import semidefinite_root
 from dynpf.params import validated
 from dynpf.rng import Stream
-from dynpf.se2 import FloatArray, Floats
+from dynpf.types import FloatArray, Floats
 
 __all__ = ["LinearGaussian", "LinearGaussianParams"]
 

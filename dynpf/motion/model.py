@@ -3,7 +3,7 @@
 from typing import NamedTuple, Protocol, TypeVar
 
 from dynpf.rng import Stream
-from dynpf.se2 import Floats
+from dynpf.types import Floats
 
 __all__ = ["Displacement", "GaussianMotion", "MotionModel", "Twist"]
 

@@ -1,11 +1,10 @@
 """The odometry motion model: a displacement as a rotation, a translation and a second rotation, each noisy."""
 
 import math
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 
 from dynpf import kernels
 from dynpf.motion.gaussian import draw, float32_rows, identities, noise_covariance
@@ -13,11 +12,10 @@ from dynpf.motion.model import Displacement
 from dynpf.params import validated
 from dynpf.portable import atan2, hypot, sincos
 from dynpf.rng import Stream
-from dynpf.se2 import Floats
+from dynpf.types import Floats, NonNegative
 
 __all__ = ["OdometryMotion", "OdometryParams", "Steps", "steps"]
 
-NonNegative = Annotated[float, Meta(ge=0.0)]
 
 SHORTEST_WAY_M = 0.01
 """A translation shorter than this has no direction that odometry could tell."""

@@ -1,11 +1,9 @@
 """The velocity motion model: a twist whose two velocities, and the final heading, are noisy."""
 
 import math
-from typing import Annotated
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 
 from dynpf import kernels
 from dynpf.motion.arcs import arc, arc_jacobian, arc_slopes, follow_arc
@@ -13,11 +11,9 @@ from dynpf.motion.gaussian import draw, float32_rows, noise_covariance
 from dynpf.motion.model import Twist
 from dynpf.params import validated
 from dynpf.rng import Stream
-from dynpf.se2 import Floats
+from dynpf.types import Floats, NonNegative
 
 __all__ = ["Velocity", "VelocityParams"]
-
-NonNegative = Annotated[float, Meta(ge=0.0)]
 
 
 class VelocityParams(

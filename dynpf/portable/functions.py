@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynpf import kernels
+from dynpf.types import FloatArray
 
 __all__ = [
     "as_values",
@@ -34,7 +35,6 @@ __all__ = [
     "whole",
 ]
 
-FloatArray = NDArray[np.float64]
 Whole = TypeVar("Whole", bound=np.integer[Any])
 
 

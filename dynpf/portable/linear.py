@@ -8,10 +8,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynpf import kernels
 from dynpf.portable.functions import as_values, log
+from dynpf.types import FloatArray
 
 __all__ = [
     "SingularMatrixError",
@@ -23,8 +24,6 @@ __all__ = [
     "singular_values",
     "solve",
 ]
-
-FloatArray = NDArray[np.float64]
 
 
 class SingularMatrixError(ValueError):

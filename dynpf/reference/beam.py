@@ -3,11 +3,10 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+
+from dynpf.types import FloatArray
 
 __all__ = ["density", "sum_over_beams"]
-
-FloatArray = NDArray[np.float64]
 
 
 def density(

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["normalized", "systematic"]
+from dynpf.types import FloatArray
 
-FloatArray = NDArray[np.float64]
+__all__ = ["normalized", "systematic"]
 
 
 def normalized(log_weights: FloatArray) -> tuple[FloatArray, float, float]:

@@ -3,7 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from dynpf.se2 import FloatArray, Floats
+from dynpf.colon.beams import Noise
+from dynpf.colon.evidence import Beams, Bulges, Displacements, Stops, WallNoise
+from dynpf.colon.wall import Wall
+from dynpf.types import FloatArray, Floats
 
 __all__ = ["beam_density", "bulged", "changed", "follow_walls", "listed"]
 
@@ -13,130 +16,91 @@ LEAST_BLAME = 1e-3
 LEAST_REACH, FULL_REACH = 0.05, 0.25
 
 
-def beam_density(error: Floats, sigma: float, wide: float, outliers: float, range_max: float) -> FloatArray:
+def beam_density(error: Floats, noise: Noise | WallNoise) -> FloatArray:
     """Return the density of a range's error: two Gaussians about zero, and anything up to the cap."""
-    narrow = (1.0 - WIDE_SHARE - outliers) * _normal(error, sigma)
-    return narrow + WIDE_SHARE * _normal(error, wide) + outliers / range_max
+    narrow = (1.0 - WIDE_SHARE - noise.outliers) * _normal(error, noise.sigma)
+    return narrow + WIDE_SHARE * _normal(error, noise.wide) + noise.outliers / noise.range_max
 
 
-def listed(  # noqa: PLR0917 - as the kernel takes them
-    expected: Floats, read: Floats, sigma: float, wide: float, outliers: float, range_max: float
-) -> FloatArray:
+def listed(expected: Floats, read: Floats, noise: Noise) -> FloatArray:
     """Return the log-likelihood (N,) of ranges (B,) where ``expected`` (B, N) are right."""
     known = ~np.isnan(read)
     errors = expected[known] - read[known, None]
-    total: FloatArray = np.log(beam_density(errors, sigma, wide, outliers, range_max)).sum(axis=0)
+    total: FloatArray = np.log(beam_density(errors, noise)).sum(axis=0)
     return total
 
 
-def changed(  # noqa: PLR0917 - as the kernel takes them
-    poses: Floats,
-    angles: Floats,
-    read: Floats,
-    expected: Floats,
-    beyond: Floats,
-    node: NDArray[np.int32],
-    share: Floats,
-    following: NDArray[np.int32],
-    displacement: Floats,
-    covariance: Floats,
-    chances: Floats,
-    sigma: float,
-    wide: float,
-    roughness: float,
-    sigma_range: float,
-    outliers: float,
-    range_max: float,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, NDArray[np.int32], FloatArray]:
-    """Return log-likelihoods (N,) of poses (3, N); blame, where beams were stopped and the variance of that, how much
-    the wall faces them, the density of an unmoved wall, node and share, each (B, N).
-    """
-    beams, count = expected.shape
-    total = np.zeros(count)
-    blame, stopped_at, facings, shares = (np.zeros((beams, count)) for _ in range(4))
-    noise, unmoved = np.full((beams, count), roughness**2), np.ones((beams, count))
-    places = np.full((beams, count), -1, dtype=np.int32)
+def changed(beams: Beams, walls: Wall, displacements: Displacements, noise: WallNoise) -> tuple[FloatArray, Stops]:
+    """Return log-likelihoods (N,), and where beams were stopped."""
+    read, expected, outliers, range_max = beams.read, beams.expected, noise.outliers, noise.range_max
+    beyond, node, share, following = walls.beyond, walls.node, walls.share, walls.following
+    own, rough = displacements.means[displacements.ancestors], noise.roughness**2
+    total = np.zeros(expected.shape[1])
+    blame, stopped_at, facings, shares = (np.zeros(expected.shape) for _ in range(4))
+    variance_at, unmoved = np.full(expected.shape, rough), np.ones(expected.shape)
+    places = np.full(expected.shape, -1, dtype=np.int32)
     height, width = beyond.shape
     for b in np.flatnonzero(~np.isnan(read)):
-        still = beam_density(expected[b] - read[b], sigma, wide, outliers, range_max)
+        still = beam_density(expected[b] - read[b], noise)
         unmoved[b] = still
         if read[b] >= range_max:
             total += np.log(still)
             continue
-        direction = poses[2] + angles[b]
+        direction = beams.theta + beams.angles[b]
         cosine, sine = np.cos(direction), np.sin(direction)
-        column = np.clip(poses[0] + read[b] * cosine, SLANT, width - SLANT - 2)
-        row = np.clip(poses[1] + read[b] * sine, SLANT, height - SLANT - 2)
+        column = np.clip(beams.x + read[b] * cosine, SLANT, width - SLANT - 2)
+        row = np.clip(beams.y + read[b] * sine, SLANT, height - SLANT - 2)
         c, r = np.rint(column).astype(int), np.rint(row).astype(int)
         along = beyond[r, c + SLANT] - beyond[r, c - SLANT]
         across = beyond[r + SLANT, c] - beyond[r - SLANT, c]
         facings[b] = facing = np.abs(along * cosine + across * sine) / np.maximum(np.hypot(along, across), 1.0)
-        noise[b] = roughness**2 + facing**2 * sigma_range**2
+        variance_at[b] = rough + facing**2 * noise.sigma_range**2
         stopped_at[b] = _between_cells(beyond, column, row)
         places[b], shares[b] = node[r, c], share[r, c]
-        moved, variance = _at_nodes(displacement, covariance, places[b], following[places[b]], shares[b])
+        moved, variance = _at_nodes(own, displacements.covariance, places[b], following[places[b]], shares[b])
+        chances = displacements.chances
         chance = (1.0 - shares[b]) * chances[places[b]] + shares[b] * chances[following[places[b]]]
-        spread = np.sqrt(variance + noise[b])
+        spread = np.sqrt(variance + variance_at[b])
         stopped = chance * (1.0 - outliers) * facing * _normal(stopped_at[b] - moved, spread)
         likelihood = stopped + (1.0 - chance) * still + chance * outliers / range_max
         total += np.log(likelihood)
         blame[b] = stopped / likelihood
-    return total, blame, stopped_at, noise, facings, unmoved, places, shares
+    return total, Stops(blame, stopped_at, variance_at, facings, unmoved, places, shares)
 
 
-def bulged(  # noqa: PLR0917 - likewise
-    stopped_at: Floats,
-    noise: Floats,
-    facings: Floats,
-    still: Floats,
-    places: NDArray[np.int32],
-    shares: Floats,
-    following: NDArray[np.int32],
-    shapes: Floats,
-    outliers: float,
-    range_max: float,
-    generic: Floats,
-    log_shapes: Floats,
-    heights: Floats,
-    variances: Floats,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return log-likelihoods (N,); log-probabilities of shapes (N, S + 1), heights and variances (N, S) afterwards."""
-    after, mean, variance = (np.array(a, dtype=np.float64) for a in (log_shapes, heights, variances))
+def bulged(stops: Stops, walls: Wall, noise: WallNoise, shapeless: Floats, bulges: Bulges) -> tuple[FloatArray, Bulges]:
+    """Return log-likelihoods (N,), and what is known of bulges afterwards."""
+    after, mean, variance = (np.array(a, dtype=np.float64) for a in bulges)
+    places, shares, still, shapes = stops.node, stops.share, stops.unmoved, walls.shapes
+    variance_at = stops.variance + noise.bulge_roughness**2
     base = np.log(still).sum(axis=0)
     for b, i in np.argwhere(places >= 0):
         j = places[b, i]
-        reach = (1.0 - shares[b, i]) * shapes[:, j] + shares[b, i] * shapes[:, following[j]]
+        reach = (1.0 - shares[b, i]) * shapes[:, j] + shares[b, i] * shapes[:, walls.following[j]]
         there = reach >= LEAST_REACH
         moved = np.minimum(reach / FULL_REACH, 1.0)
-        total = reach**2 * variance[i] + noise[b, i]
-        error = stopped_at[b, i] - reach * mean[i]
-        stopped = moved * (1.0 - outliers) * facings[b, i] * _normal(error, np.sqrt(total))
-        likelihood = stopped + (1.0 - moved) * still[b, i] + moved * outliers / range_max
+        total = reach**2 * variance[i] + variance_at[b, i]
+        error = stops.distance[b, i] - reach * mean[i]
+        stopped = moved * (1.0 - noise.outliers) * stops.facing[b, i] * _normal(error, np.sqrt(total))
+        likelihood = stopped + (1.0 - moved) * still[b, i] + moved * noise.outliers / noise.range_max
         after[i, :-1] += np.where(there, np.log(likelihood / still[b, i]), 0.0)
         blame = stopped / likelihood
         learnt = there & (blame > LEAST_BLAME)
-        gain = np.where(learnt, blame, 0.0) * reach * variance[i] / (blame * reach**2 * variance[i] + noise[b, i])
+        gain = np.where(learnt, blame, 0.0) * reach * variance[i] / (blame * reach**2 * variance[i] + variance_at[b, i])
         mean[i] += gain * error
         variance[i] *= 1.0 - gain * reach
-    after[:, -1] += generic - base
+    after[:, -1] += shapeless - base
     evidence = np.logaddexp.reduce(after, axis=1)
-    return base + evidence, after - evidence[:, None], mean, variance
+    return base + evidence, Bulges(after - evidence[:, None], mean, variance)
 
 
-def follow_walls(  # noqa: PLR0917 - likewise
-    blame: Floats,
-    stopped_at: Floats,
-    noise: Floats,
-    places: NDArray[np.int32],
-    shares: Floats,
-    following: NDArray[np.int32],
-    weights: Floats,
-    displacement: Floats,
-    covariance: Floats,
-    chances: Floats,
+def follow_walls(
+    stops: Stops, following: NDArray[np.int32], weights: Floats, displacements: Displacements
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return displacements (N, J), their covariance (J, J) and chances (J,) after where each beam was stopped."""
-    mean, shared, moved = (np.array(a, dtype=np.float64) for a in (displacement, covariance, chances))
+    held = displacements.means, displacements.covariance, displacements.chances
+    mean, shared, moved = (np.array(a, dtype=np.float64) for a in held)
+    blame, stopped_at, noise, places, shares = stops.blame, stops.distance, stops.variance, stops.node, stops.share
     weights = weights / weights.sum()
     for b in np.flatnonzero((places >= 0).all(axis=1)):
         observes = np.zeros(mean.shape)

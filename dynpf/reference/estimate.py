@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from dynpf.se2 import FloatArray, Floats, wrap_angle
+from dynpf.se2 import wrap_angle
+from dynpf.types import FloatArray, Floats
 
 __all__ = ["pose_moments"]
 

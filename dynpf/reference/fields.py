@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["interpolate", "march", "spare_clearances"]
+from dynpf.types import FloatArray
 
-FloatArray = NDArray[np.float64]
+__all__ = ["interpolate", "march", "spare_clearances"]
 
 
 def spare_clearances(

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynpf.se2 import FloatArray, Floats, wrap_angle
+from dynpf.se2 import wrap_angle
+from dynpf.types import FloatArray, Floats
 
 __all__ = ["distances", "innovations", "log_likelihood", "log_likelihood_unlabelled"]
 

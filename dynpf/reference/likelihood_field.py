@@ -1,13 +1,11 @@
 """The likelihood field's sum over beams, for ``dynpf.kernels.likelihood_field``."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynpf.measurement.scan import Scan
+from dynpf.types import FloatArray
 
 __all__ = ["beam_ends", "sum_over_beams"]
-
-FloatArray = NDArray[np.float64]
 
 
 def beam_ends(scan: Scan, mount: tuple[float, float, float], cells_per_metre: float, max_beams: int) -> FloatArray:

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from dynpf.se2 import FloatArray, Floats, wrap_angle
+from dynpf.se2 import wrap_angle
+from dynpf.types import FloatArray, Floats
 
 __all__ = ["follow_arcs", "follow_own_arcs", "follow_twist", "move_capsule", "rotate_translate_rotate"]
 

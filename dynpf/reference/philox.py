@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 
 __all__ = ["normals", "uniforms", "words"]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dynpf.se2 import FloatArray, Floats
+from dynpf.types import FloatArray, Floats
 
 __all__ = ["draw", "information"]
 

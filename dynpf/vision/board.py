@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.portable import norm
+from dynpf.types import Positive
 from dynpf.vision.calibration import CalibrationError
 from dynpf.vision.discs import Disc
 
 __all__ = ["Board", "find_board"]
 
 Half = Annotated[int, msgspec.Meta(ge=2, le=10)]
-Length = Annotated[float, msgspec.Meta(gt=0.0)]
 Place = tuple[int, int]
 
 _MARKED: tuple[Place, ...] = ((0, 0), (1, 0), (0, 2))
@@ -26,9 +26,9 @@ class Board(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
     half_columns: Half = 3  # dots to either side of the middle: 7 in a row
     half_rows: Half = 3
-    spacing_m: Length = 0.3
-    dot_radius_m: Length = 0.04
-    marker_radius_m: Length = 0.07
+    spacing_m: Positive = 0.3
+    dot_radius_m: Positive = 0.04
+    marker_radius_m: Positive = 0.07
 
     def dots(self) -> list[tuple[float, float, float]]:
         """Return x, y, radius of each dot."""

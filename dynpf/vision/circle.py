@@ -5,15 +5,13 @@ circle, so that a point set of any size (weight 0: not mine) takes one call.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynpf import kernels
 from dynpf.portable import singular_values
 from dynpf.portable.functions import as_values
+from dynpf.types import FloatArray
 
 __all__ = ["fit_circle", "fit_circles", "fit_circles_algebraic"]
-
-FloatArray = NDArray[np.float64]
 
 
 def fit_circle(points: FloatArray) -> tuple[float, float, float, float]:

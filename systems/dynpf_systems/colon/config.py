@@ -7,6 +7,7 @@ from msgspec import Meta
 
 from dynpf.colon.end_radius import EndRadiusParams
 from dynpf.colon.hypotheses import HypothesesParams
+from dynpf.types import Count, NonNegative, Positive, Share
 
 __all__ = [
     "CapsuleConfig",
@@ -16,10 +17,6 @@ __all__ = [
     "EndRadiusFilter",
     "HypothesesFilter",
 ]
-
-NonNegative = Annotated[float, Meta(ge=0.0)]
-Positive = Annotated[float, Meta(gt=0.0)]
-Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
 class CapsuleConfig(
@@ -40,7 +37,7 @@ class CapsuleSensorsConfig(
     """The capsule's five range finders, at -60, -30, 0, 30 and 60 degrees from its heading, capped at 500 px."""
 
     sigma_range_px: NonNegative = 0.0  # px
-    outlier_fraction: Probability = 0.0  # share of ranges that are anything up to the cap
+    outlier_fraction: Share = 0.0  # share of ranges that are anything up to the cap
 
 
 class ClassicFilter(
@@ -48,7 +45,7 @@ class ClassicFilter(
 ):
     """COLON's own filter, in the map that it is told of: 100 px, 0.1 px and 0.1 rad, resampling at each step."""
 
-    n: Annotated[int, Meta(ge=1)] = 100  # particles
+    n: Count = 100  # particles
 
 
 class HypothesesFilter(HypothesesParams, frozen=True, kw_only=True, tag="hypotheses"):

@@ -18,7 +18,7 @@ from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.motion.capsule import CapsuleMotion
 from dynpf.portable import hypot
 from dynpf.rng import Stream
-from dynpf.se2 import FloatArray, Floats
+from dynpf.types import FloatArray, Floats
 from dynpf_systems.colon.config import CapsuleEstimatorConfig, ClassicFilter, EndRadiusFilter, HypothesesFilter
 from dynpf_systems.colon.tube import ColonWorld
 

@@ -16,7 +16,7 @@ from dynpf_protocol.messages import (
 )
 
 from dynpf.maps.occupancy import OccupancyGrid
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 
 __all__ = ["M_PER_PX", "arrow_entity", "drawn_pose", "tube_entity", "walls_entity"]
 

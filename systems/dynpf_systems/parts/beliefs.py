@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from dynpf.fields.laws import Margins
 from dynpf.portable import norm
+from dynpf.types import FloatArray
 from dynpf_systems.parts.controller_config import RearrangementControllerConfig
 from dynpf_systems.parts.messages import PartsEstimate
 
 __all__ = ["Construction", "Motion", "Scene", "Subtask", "margins_of"]
-
-FloatArray = NDArray[np.float64]
 
 
 class Scene(NamedTuple):

@@ -8,6 +8,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from dynpf.portable import product, sincos
+from dynpf.types import Positive
 from dynpf.vision.board import Board
 from dynpf.vision.projection import PlaneProjection
 
@@ -23,9 +24,9 @@ class CameraParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     width_px: Annotated[int, Meta(ge=64, le=4096)] = 1280
     height_px: Annotated[int, Meta(ge=64, le=4096)] = 1024
-    workspace_m: Annotated[float, Meta(gt=0)] = 2.0  # side of the workspace, centred at the origin
-    height_m: Annotated[float, Meta(gt=0)] = 2.5
-    focal_px: Annotated[float, Meta(gt=0)] = 1140.0
+    workspace_m: Positive = 2.0  # side of the workspace, centred at the origin
+    height_m: Positive = 2.5
+    focal_px: Positive = 1140.0
     rotation_rad: float = 0.02  # about the optical axis
     tilt_x_rad: Tilt = 0.02  # about the workspace's x axis
     tilt_y_rad: Tilt = -0.015  # about the workspace's y axis

@@ -5,14 +5,12 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+from dynpf.types import Count, NonNegative, Positive, Share
 from dynpf_systems.parts.camera_model import CameraParams
 from dynpf_systems.parts.task import NOISE, Noise, RearrangementTask
 
 __all__ = ["FilterName", "Hiding", "Intervention", "RearrangementConfig", "WorkspaceConfig"]
 
-NonNegative = Annotated[float, Meta(ge=0.0)]
-Positive = Annotated[float, Meta(gt=0.0)]
-Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 Index = Annotated[int, Meta(ge=0, lt=64)]
 Ticks = Annotated[int, Meta(ge=1)]
 
@@ -24,7 +22,7 @@ _STEADY, _SHARP = 1e-8, 2.5e-7  # m^2: noise that is left of a motion and of a d
 class Intervention(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Someone puts a part elsewhere, out of the gripper if need be."""
 
-    tick: Annotated[int, Meta(ge=1)]
+    tick: Count
     part: Index  # its place in the task's list, from 0
     to: tuple[float, float]  # m
 
@@ -33,7 +31,7 @@ class Hiding(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Something covers a part: neither the camera nor the overhead sensor sees it."""
 
     tick: Annotated[int, Meta(ge=0)]  # the first
-    ticks: Annotated[int, Meta(ge=1)]  # how many
+    ticks: Count  # how many
     part: Index  # its place in the task's list, from 0
 
 
@@ -46,7 +44,7 @@ class WorkspaceConfig(
     process_variance: NonNegative | None = None
     grip_tolerance: NonNegative = 0.01  # gap beyond the reach at which the jaws still catch a part
     grip_angle: Positive = 0.2  # the same for the direction
-    slip_probability: Probability = 0.0  # that a part slips out of the jaws as they close on it ...
+    slip_probability: Share = 0.0  # that a part slips out of the jaws as they close on it ...
     slip_distance: NonNegative = 0.03  # ... this far ahead, if there is room
     interventions: tuple[Intervention, ...] = ()  # parts that someone moves
     hidings: tuple[Hiding, ...] = ()  # parts that something covers
@@ -68,7 +66,7 @@ class RearrangementConfig(
     measurement_variance: Positive | None = None
     part_process_variance: NonNegative = 1e-7  # of a part that nobody holds, a tick and coordinate
     encoder_variance: NonNegative = 1e-6  # rad^2, of the gripper's angle
-    resampling_threshold: Annotated[float, Meta(ge=0.0, le=1.0)] = 2.0 / 3.0  # N_eff below this share of n resamples
+    resampling_threshold: Share = 2.0 / 3.0  # N_eff below this share of n resamples
     gate: Positive = 20.0  # squared Mahalanobis distance beyond which a detection is another object's
     radius_sigma: Positive = 0.002
     radius_gate: Positive = 0.006  # metres

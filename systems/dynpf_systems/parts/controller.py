@@ -2,6 +2,7 @@
 
 A subtask is a part: mate with it, move it to its goal, leave it. What it is to be is decided at events only (a part put
 down, a stall, a part that moved), with hysteresis, so that noise cannot make the robot waver. Each tick's step comes
+from dynpf.types import FloatArray
 from the present estimate; no plan is kept. Clearances are kept with a margin that grows with the estimate's standard
 deviation.
 """
@@ -14,11 +15,11 @@ import numpy as np
 from dynpf_protocol.messages import Command, Estimate
 from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.scenario.context import Context
-from numpy.typing import NDArray
 
 from dynpf.fields.laws import Pace, leave_step
 from dynpf.fields.layout import Layout
 from dynpf.portable import atan2, dist, norm
+from dynpf.types import FloatArray
 from dynpf_systems.parts.beliefs import Construction, Motion, Scene, Subtask, margins_of
 from dynpf_systems.parts.controller_config import RearrangementControllerConfig
 from dynpf_systems.parts.messages import PartsCommand, PartsEstimate
@@ -28,7 +29,6 @@ from dynpf_systems.parts.task import RearrangementTask, layout_of, task_of
 
 __all__ = ["RearrangementController", "build"]
 
-FloatArray = NDArray[np.float64]
 
 Mode = Literal["idle", "mate", "move", "leave"]
 

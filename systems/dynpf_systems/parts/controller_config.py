@@ -5,11 +5,10 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+from dynpf.types import NonNegative, Positive, Rate
+
 __all__ = ["RearrangementControllerConfig"]
 
-NonNegative = Annotated[float, Meta(ge=0.0)]
-Positive = Annotated[float, Meta(gt=0.0)]
-Share = Annotated[float, Meta(gt=0.0, le=1.0)]
 Ticks = Annotated[int, Meta(ge=1)]
 
 
@@ -47,7 +46,7 @@ class RearrangementControllerConfig(
     margin: NonNegative = 0.005  # clearance that is kept, plus ...
     margin_sigmas: NonNegative = 3.0  # ... this many sigmas of robot and part together
     max_sigma: Positive = 0.01  # a sigma counts for no more than this in a margin
-    clearance_rate: Share = 0.3  # share of a clearance beyond its margin that a tick may use up
+    clearance_rate: Rate = 0.3  # share of a clearance beyond its margin that a tick may use up
 
     # The jaws close when the gap to the target exceeds neither the reach nor so many sigmas of robot and part together
     # by more than the slack: later, the robot might touch it; earlier, they pull it farther than need be.

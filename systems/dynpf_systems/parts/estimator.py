@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from dynpf.filters.association import associate
 from dynpf.portable import log, sincos
 from dynpf.rng import Stream
+from dynpf.types import FloatArray
 from dynpf_systems.parts.config import RearrangementConfig
 from dynpf_systems.parts.messages import Detections, Gripper, PartEstimate, PartsCommand, PartsEstimate
 from dynpf_systems.parts.robot_filters import Belief, Seen, fused, robot_filter
@@ -29,7 +30,6 @@ from dynpf_systems.parts.task import RearrangementTask, layout_of, task_of
 
 __all__ = ["RearrangementEstimator", "build"]
 
-FloatArray = NDArray[np.float64]
 
 ROBOT = 0  # row of the robot among the objects to be matched; part i is row i + 1
 

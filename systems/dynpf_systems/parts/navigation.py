@@ -28,12 +28,11 @@ from dynpf.fields.navigation import (
 from dynpf.fields.placing import free_place
 from dynpf.fields.potentials import next_part_gradient
 from dynpf.portable import atan2, dist, norm, sincos
+from dynpf.types import FloatArray
 from dynpf_systems.parts.beliefs import Motion, Scene, Subtask, margins_of
 from dynpf_systems.parts.controller_config import RearrangementControllerConfig
 
 __all__ = ["NavigationConstruction"]
-
-FloatArray = NDArray[np.float64]
 
 
 class _Basis(NamedTuple):

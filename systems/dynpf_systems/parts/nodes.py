@@ -2,10 +2,13 @@
 
 from collections.abc import Iterator
 
+import numpy as np
 from dynpf_services.estimates import GAPS
 from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.kinds import FactKind, NodeKind, Surroundings
 
+from dynpf.vision import Board
+from dynpf_systems.parts.camera_model import project
 from dynpf_systems.parts.config import RearrangementConfig, WorkspaceConfig
 from dynpf_systems.parts.controller_config import RearrangementControllerConfig
 from dynpf_systems.parts.messages import PartsState
@@ -19,6 +22,8 @@ TASK = FactKind(
     about="Parts and their goals (PARTS)",
     surroundings=Surroundings(walls_of, "truth/parts", PartsState, discs_of),
 )
+MISCALIBRATED_PX = 5.0
+"""How far a calibration's points may be from where the simulated camera sees them: a careful hand's error."""
 
 
 def _without_task(_config: WorkspaceConfig, context: Context) -> Iterator[str]:
@@ -34,11 +39,38 @@ WORKSPACE = NodeKind(
     problems=_without_task,
 )
 
+
+def _miscalibrated(config: VisionConfig, context: Context) -> Iterator[str]:
+    key = f"{context.name}.calibration"
+    if config.calibration is None:
+        yield (
+            f"{key}: missing; write known points as [[u_px, v_px, x_m, y_m], ...], 6 at least, or "
+            '{ kind = "board" } and the same for simulator.camera.board'
+        )
+    world = context.beside("simulator")
+    camera = world.camera if isinstance(world, WorkspaceConfig) else None
+    if camera is None or config.calibration is None:
+        return
+    if isinstance(config.calibration, Board):
+        if camera.board != config.calibration:
+            shown = "none" if camera.board is None else "another"
+            yield f"{key}: a board, but simulator.camera.board shows {shown}; give both the same"
+        return
+    pairs = np.array(config.calibration)
+    away = float(np.max(np.abs(project(pairs[:, 2:], camera) - pairs[:, :2])))
+    if away > MISCALIBRATED_PX:
+        yield (
+            f"{key}: its points lie up to {away:.1f} px from where simulator.camera sees them, expected at most "
+            f"{MISCALIBRATED_PX:g} px; write those of this camera (docs/vision.md), or use a board"
+        )
+
+
 VISION = NodeKind(
     config=VisionConfig,
     build="dynpf_systems.parts.vision:build",
     reads=lambda *_: {"camera/image"},
     writes=lambda *_: {"vision/detections", "log"},
+    problems=_miscalibrated,
 )
 
 ESTIMATOR = NodeKind(

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from dynpf_runtime.node import State
-from numpy.typing import NDArray
 
 from dynpf.filters import kalman
 from dynpf.filters.cloud import Cloud, uniform_cloud
@@ -19,12 +18,11 @@ from dynpf.filters.unscented import UnscentedKalman, UnscentedKalmanParams
 from dynpf.measurement.linear import LinearMeasurement, Observation
 from dynpf.motion.linear import LinearGaussian, LinearGaussianParams
 from dynpf.rng import Stream
-from dynpf.se2 import Floats
+from dynpf.types import FloatArray, Floats
 from dynpf_systems.parts.config import RearrangementConfig
 
 __all__ = ["Belief", "RobotFilter", "Seen", "fused", "robot_filter"]
 
-FloatArray = NDArray[np.float64]
 
 _Proposal = Optimal | Prior | Auxiliary | LocalLinearization
 

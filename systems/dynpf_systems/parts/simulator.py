@@ -13,13 +13,13 @@ from dynpf_protocol.messages import Command, CompressedImage, RobotState, timest
 from dynpf_runtime.every import Every
 from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.scenario.context import Context
-from numpy.typing import NDArray
 
 from dynpf.fields.clearance import disc_clearances
 from dynpf.fields.layout import Layout
 from dynpf.portable import atan2, hypot, norm, sincos
 from dynpf.rng import Draws, generator
 from dynpf.se2 import wrap_angle
+from dynpf.types import FloatArray
 from dynpf_systems.parts.camera import CAMERA_FRAME, DrawnDisc, board_discs, encode, render
 from dynpf_systems.parts.camera_model import CameraParams
 from dynpf_systems.parts.config import WorkspaceConfig
@@ -29,7 +29,6 @@ from dynpf_systems.parts.task import NOISE, RearrangementTask, layout_of, task_o
 
 __all__ = ["WorkspaceSimulator", "build", "draw_starts"]
 
-FloatArray = NDArray[np.float64]
 
 SCENE = Every(0.2)
 DRAWS = 200  # of one disc before all are drawn anew

@@ -9,7 +9,7 @@ from dynpf_services.scenario.context import Context
 from msgspec import Meta
 
 from dynpf.fields.layout import Layout
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray, NonNegative, Positive
 from dynpf_systems.parts.messages import PartsState
 
 __all__ = [
@@ -24,7 +24,6 @@ __all__ = [
     "walls_of",
 ]
 
-Positive = Annotated[float, Meta(gt=0.0)]
 Point = tuple[float, float]
 NoiseLevel = Literal["none", "low", "medium", "high"]
 
@@ -61,7 +60,7 @@ class RearrangementTask(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     height: Positive = 2.0
     robot_radius: Positive = 0.10
     robot_start: Point | None = None  # None: drawn by the seed
-    reach: Annotated[float, Meta(ge=0.0)] = 0.01  # gap between robot and held part
+    reach: NonNegative = 0.01  # gap between robot and held part
     # Of the motion and of measured positions: 0.06, and 0.2, 1 or 5 cm^2; where another table does not say otherwise.
     noise: NoiseLevel = "low"
 

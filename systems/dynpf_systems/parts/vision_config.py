@@ -7,18 +7,22 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from dynpf.vision import Board, Calibration, DetectionParams, Disc, calibrate, find_board, to_full_px
-from dynpf_systems.parts.camera_model import CameraParams, calibration_pairs
+from dynpf.types import NonNegative
+from dynpf.vision import (
+    Board,
+    Calibration,
+    CalibrationError,
+    DetectionParams,
+    Disc,
+    calibrate,
+    find_board,
+    to_full_px,
+)
 
 __all__ = ["VisionConfig"]
 
 Pair = tuple[float, float, float, float]  # u_px, v_px, x_m, y_m
 Side = Annotated[int, Meta(ge=64, le=4096, multiple_of=4)]
-
-
-def _default_pairs() -> tuple[Pair, ...]:
-    """A session with a board under the camera that is simulated by default, free of error."""
-    return tuple((u, v, x, y) for u, v, x, y in calibration_pairs(CameraParams()))
 
 
 class VisionConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -27,15 +31,16 @@ class VisionConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     width_px: Side = 1280
     height_px: Side = 1024
     detection: DetectionParams = DetectionParams()
-    calibration: Annotated[tuple[Pair, ...], Meta(min_length=6)] | Board = msgspec.field(default_factory=_default_pairs)
-    """Known points as [u_px, v_px, x_m, y_m], or the board that the first frame shows (`simulator.camera.board`)."""
-    position_noise_m: Annotated[float, Meta(ge=0.0)] | None = None
+    calibration: Annotated[tuple[Pair, ...], Meta(min_length=6)] | Board | None = None
+    """Known points as [u_px, v_px, x_m, y_m], or the board that the first frame shows (`simulator.camera.board`). One
+    of them has to be given."""
+    position_noise_m: NonNegative | None = None
     """Standard deviation of Gaussian noise added to each coordinate: the measurement noise that PARTS assumes, which a
     sharp frame lacks. Absent: that of the task's noise; without a task, none."""
 
     def __post_init__(self) -> None:
         """Refuse calibration pairs that fix no map: CalibrationError, a ValueError."""
-        if not isinstance(self.calibration, Board):
+        if isinstance(self.calibration, tuple):
             self.calibrated()
 
     def calibrated(self, board_discs: Sequence[Disc] = (), subsampling: int = 1) -> Calibration:
@@ -47,5 +52,7 @@ class VisionConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         if isinstance(self.calibration, Board):
             small_px, points_m = find_board(board_discs, self.calibration)
             return calibrate(to_full_px(small_px, subsampling), points_m, centre_px)
+        if self.calibration is None:
+            raise CalibrationError("vision needs a calibration: known points, or a board")
         pairs = np.array(self.calibration)
         return calibrate(pairs[:, :2], pairs[:, 2:], centre_px)

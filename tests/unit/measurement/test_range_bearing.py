@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 from dynpf import kernels
 from dynpf.maps import LandmarkMap
 from dynpf.measurement import RangeBearing, RangeBearingParams, RangeBearingReadings
-from dynpf.measurement.range_bearing import SensorRows
+from dynpf.measurement.range_bearing import Marks, SensorRows, SightingNoise
 from dynpf.reference import landmarks as reference_landmarks
 from dynpf.rng import Stream
 from dynpf.se2 import wrap_angle
@@ -337,21 +337,10 @@ def test_the_gate_s_kernel_is_the_reference(
     weights = np.arange(1, len(poses) + 1, dtype=np.float32)
     landmark, distance, bearing = readings(reading)[:3]
     ids, (easts, norths) = np.array(some.ids), some.positions.astype(np.float32)
+    seen = RangeBearingReadings(landmark, distance.astype(np.float32), bearing.astype(np.float32))
+    noise = SightingNoise(0.3, 0.1, 0.2, outlier_fraction=0.0, outlier_range=1.0, tempering=1.0)
     out = np.empty(1)
-    kernels.landmarks.distances(
-        out,
-        *particles,
-        weights,
-        landmark,
-        distance.astype(np.float32),
-        bearing.astype(np.float32),
-        ids,
-        easts,
-        norths,
-        0.3,
-        0.1,
-        0.2,
-    )
+    kernels.landmarks.distances(*particles, weights, seen, Marks(ids, easts, norths), noise, out)
     expected = reference_landmarks.distances(
         *particles,
         weights,

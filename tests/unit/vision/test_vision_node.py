@@ -7,7 +7,7 @@ import pytest
 from dynpf_protocol.messages import CompressedImage, Log, Message, timestamp
 from dynpf_runtime.node import Received, Step, decode_state, encode_state
 from dynpf_systems.parts.camera import DrawnDisc, board_discs, encode, render
-from dynpf_systems.parts.camera_model import CameraParams
+from dynpf_systems.parts.camera_model import CameraParams, calibration_pairs
 from dynpf_systems.parts.messages import Detections
 from dynpf_systems.parts.vision import VisionNode
 from dynpf_systems.parts.vision_config import VisionConfig
@@ -22,10 +22,11 @@ SCENE = [
     DrawnDisc(0.7, -0.6, 0.08, CAMERA.part_colour),
 ]
 JPEG = encode(render(SCENE, CAMERA, seed=4, tick=0), CAMERA)
+POINTS = tuple((u, v, x, y) for u, v, x, y in calibration_pairs(CAMERA))
 
 
 def node_of(config: VisionConfig | None = None, seed: int = 1) -> VisionNode:
-    return VisionNode(config=config or VisionConfig(), seed=seed)
+    return VisionNode(config=config or VisionConfig(calibration=POINTS), seed=seed)
 
 
 def step_with(*frames: bytes, tick: int = 3) -> Step:
@@ -109,7 +110,7 @@ def test_the_newest_frame_counts_and_none_gives_nothing() -> None:
 
 def test_noise_has_its_spread_and_hangs_on_seed_and_tick() -> None:
     sharp, _ = seen(node_of(), step_with(JPEG))
-    config = VisionConfig(position_noise_m=0.01)
+    config = VisionConfig(calibration=POINTS, position_noise_m=0.01)
 
     nodes = {seed: node_of(config, seed) for seed in (1, 2)}
 
@@ -139,4 +140,3 @@ def test_noise_has_its_spread_and_hangs_on_seed_and_tick() -> None:
 def test_configuration_is_checked_where_it_is_read(section: dict[str, object], complaint: str) -> None:
     with pytest.raises(msgspec.ValidationError, match=complaint):
         msgspec.convert(section, VisionConfig)
-    assert msgspec.convert({}, VisionConfig) == VisionConfig()

@@ -125,7 +125,10 @@ class ParticleLocalizer:
             rescue, doubt = self.filter.rescue, None
             if rescue is not None:
                 doubt = rescue.doubt(cloud, 0.0, 1, readings)._replace(share=0.5)
-            self.filter.resample(cloud, readings, stream.part("resample"), doubt)
+            stream = stream.part("resample")
+            survivors = self.filter.resample(cloud, doubt, stream)
+            particles = self.filter.spread(survivors, cloud, stream)
+            self.filter.renew(particles, survivors.missing, doubt, readings, stream)
 
     def freeze(self, belief: Cloud) -> Mapping[str, Any]:
         return belief._asdict()
