@@ -16,6 +16,7 @@ GENERIC = (
     "experiments/dynpf_experiments",
     "formats/dynpf_formats",
     "lab/dynpf_lab",
+    "protocol/dynpf_protocol",
     "runtime/dynpf_runtime",
     "services/dynpf_services",
 )

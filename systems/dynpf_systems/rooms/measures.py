@@ -3,6 +3,7 @@
 They are those of the node ``estimator``; of a run with several estimators, ``estimators`` has each one's by its name.
 """
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,10 +16,13 @@ from numpy.typing import NDArray
 from dynpf.metrics.consistency import mean_square, nees
 from dynpf.metrics.trajectory import Trajectory, pose_errors, score, thin
 
-__all__ = ["LOST_M", "MEASURES", "localization", "reckoned_path", "reference_path"]
+__all__ = ["FOUND_M", "FOUND_RAD", "LOST_M", "MEASURES", "localization", "reckoned_path", "reference_path"]
 
 FloatArray = NDArray[np.float64]
 STATE = "/state"
+
+FOUND_M, FOUND_RAD = 0.5, math.radians(15.0)
+"""An estimate so near to the truth has found the robot; for how long it has to stay there, each study says."""
 
 LOST_M = 1.0
 """The robot counts as lost while the estimate is farther than this from the truth, in metres."""

@@ -19,15 +19,14 @@ from msgspec import Meta
 from dynpf.metrics.consistency import nees
 from dynpf.rng import generator
 from dynpf.se2 import wrap_angle
+from dynpf_systems.rooms.measures import FOUND_M, FOUND_RAD
 from dynpf_systems.rooms.studies.kidnap_figures import Story, draw
 from dynpf_systems.rooms.studies.laser_logs import LaserLog, log_named
 from dynpf_systems.rooms.studies.laser_runs import Moment, kidnapped, play, scenario_for
 
 __all__ = ["STUDY", "KidnapSettings", "Task", "run_task", "story_of", "tasks"]
 
-WITHIN_M, WITHIN_RAD = 0.5, math.radians(15.0)
-"""An estimate so near to the truth has found it, if it stays there for HOLD scans."""
-HOLD = 5
+HOLD = 5  # scans that it must stay near the truth to count as found
 REST = 20  # scans that a stretch has at least, where the log goes on for so long
 
 ALARMS = frozenset({"lost", "kidnapped", "map_does_not_fit"})
@@ -195,7 +194,7 @@ def _found(moments: Sequence[Moment], most: int, before: int) -> float:
     Also NaN where it is not near at the end. ``before``: updates that were made before; the start from readings, which
     the filter does not count, is one.
     """
-    near = np.array([one.errors[0] <= WITHIN_M and one.errors[1] <= WITHIN_RAD for one in moments])
+    near = np.array([one.errors[0] <= FOUND_M and one.errors[1] <= FOUND_RAD for one in moments])
     for place, one in enumerate(moments):
         if near[place : place + HOLD].all() and one.updates - before <= most:
             return float(one.updates - before) if near[-1] else math.nan

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from dynpf.maps.landmarks import LandmarkMap
 from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, RangeBearingReadings
 from dynpf.metrics.trajectory import pose_errors, score
+from dynpf_systems.rooms.measures import FOUND_M, FOUND_RAD
 from dynpf_systems.rooms.studies.landmark_figures import draw
 from dynpf_systems.rooms.studies.landmark_logs import (
     Change,
@@ -41,8 +42,6 @@ __all__ = ["STUDY", "LandmarkSettings", "Task", "run_task", "tasks"]
 DEFAULT = "mrclam-9-3"
 """The log that is studied where no other is named; see ``logs.toml``."""
 
-WITHIN_M, WITHIN_RAD = 0.5, math.radians(15.0)
-"""An estimate so near to the truth has found it."""
 HOLD_S = 10.0  # for so long it must stay there to count as found
 DOCUMENT_N = 20  # particles with which LANDMARK varies the initial spread
 
@@ -242,8 +241,8 @@ def _found(log: LandmarkLog, run: Run) -> NDArray[np.bool_]:
     Before there are readings nothing is found. Where the reference is at fault nothing speaks against it.
     """
     errors = pose_errors(run.estimate, log.truth, heading_valid=log.heading_valid)
-    far = errors.position_valid & (np.hypot(*errors.errors[:2]) > WITHIN_M)
-    far |= errors.heading_valid & (np.abs(errors.errors[2]) > WITHIN_RAD)
+    far = errors.position_valid & (np.hypot(*errors.errors[:2]) > FOUND_M)
+    far |= errors.heading_valid & (np.abs(errors.errors[2]) > FOUND_RAD)
     stamps = run.estimate.stamps
     last = np.searchsorted(stamps, stamps + HOLD_S, side="right")
     total = np.concatenate([[0], np.cumsum(far)])

@@ -39,6 +39,7 @@ from dynpf_systems.rooms.localization.config import LocalizationConfig
 from dynpf_systems.rooms.localization.estimator import LocalizationEstimator
 from dynpf_systems.rooms.localization.readings import reading_of
 from dynpf_systems.rooms.maps import Maps, open_maps
+from dynpf_systems.rooms.measures import FOUND_M, FOUND_RAD
 from dynpf_systems.rooms.steering import Route
 from dynpf_systems.rooms.studies.laser_logs import LaserLog, Record, encoded, log_named
 from dynpf_systems.rooms.studies.laser_runs import UpdateCount
@@ -59,8 +60,6 @@ __all__ = [
     "world",
 ]
 
-NEAR_M, NEAR_RAD = 0.5, math.radians(15.0)
-"""A pose estimate within these of the truth is right."""
 LASTING = 10
 """Updates for which it has to stay right."""
 
@@ -257,7 +256,7 @@ def measures(epochs: Sequence[Epoch], poses: FloatArray, *, whole: bool = False)
     truth = np.stack([epoch.truth for epoch in epochs], axis=1)
     distance = np.hypot(*(poses[:2] - truth[:2]))
     turn = np.abs(wrap_angle(poses[2] - truth[2]))
-    right = (distance < NEAR_M) & (turn < NEAR_RAD)
+    right = (distance < FOUND_M) & (turn < FOUND_RAD)
     success = bool(right[-LASTING:].all())
     lasting = np.flatnonzero(np.convolve(right, np.ones(LASTING), "valid") == LASTING)
     first = int(lasting[0]) if lasting.size and not whole else 0
