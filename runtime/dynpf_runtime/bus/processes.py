@@ -12,7 +12,7 @@ from pathlib import Path
 
 from dynpf_protocol.errors import BROKEN_OFF, RunError
 
-from dynpf_runtime.bus.member import StopSignal, say
+from dynpf_runtime.bus.terminal import StopSignal, say
 
 __all__ = ["free_port", "run_on_bus"]
 
