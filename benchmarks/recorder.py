@@ -16,13 +16,13 @@ from pathlib import Path
 
 from dynpf_formats.recording.reader import read_recording
 from dynpf_protocol.codec import encode
-from dynpf_protocol.control import TickDone, encode_control
-from dynpf_protocol.envelope import Envelope, encode_envelope
-from dynpf_protocol.journal import JournalEntry, Produced, encode_entry
 from dynpf_protocol.messages import Log, LogLevel, timestamp
-from dynpf_runtime.bus.member import Member, StopSignal, join
+from dynpf_protocol.topics import TOPICS
+from dynpf_runtime.bus.host import run_node
 from dynpf_runtime.bus.processes import free_port
-from dynpf_runtime.bus.session import DATA, JOURNAL, TICK
+from dynpf_runtime.bus.terminal import StopSignal
+from dynpf_runtime.graph import Graph, NodeSpec
+from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.schema import resolved_json
@@ -51,13 +51,22 @@ def measure(folder: Path, rate: int, seconds: float) -> dict[str, float]:
     router = subprocess.Popen([*service, "router", *common, "--listen", endpoint])
     output = folder / "run.mcap"
     recorder = subprocess.Popen([*service, "recorder", *common, "--connect", endpoint, "-o", str(output)])
-    with StopSignal.installed() as stop, join("simulator", plan_of(scenario), endpoint, stop) as member:
-        member.assemble(leads=True)
-        began = time.monotonic()
-        sent = publish(member, rate // TICKS_PER_S, int(seconds * TICKS_PER_S))
-        took = time.monotonic() - began
-        member.await_recorded()
-        settled = time.monotonic() - began - took
+    log = {"log": TOPICS["log"]}
+    chatters: list[Chatter] = []
+
+    def build() -> Chatter:
+        chatters.append(Chatter(rate // TICKS_PER_S))
+        return chatters[-1]
+
+    plan = plan_of(scenario)
+    graph = Graph([NodeSpec("simulator", "chatter", build, reads={}, writes=log)])
+    plan = plan._replace(graph=graph, rate=1.0, tick_ns=10**9 // TICKS_PER_S, max_ticks=int(seconds * TICKS_PER_S))
+    with StopSignal.installed() as stop:
+        run_node("simulator", plan, endpoint, [], stop)
+    chatter = chatters[-1]  # the others rehearsed
+    settled = time.monotonic() - chatter.ended
+    took = chatter.ended - chatter.began
+    sent = chatter.sent
     recorder.wait()
     router.wait()
     recording = read_recording(output)
@@ -74,29 +83,31 @@ def measure(folder: Path, rate: int, seconds: float) -> dict[str, float]:
     }
 
 
-def publish(member: Member, per_tick: int, ticks: int) -> int:
-    """Publish ``per_tick`` messages of 200 bytes in each of ``ticks`` ticks, with their journal."""
-    bare = encode("log", Log(timestamp=timestamp(0), level=LogLevel.INFO, message="", name="simulator"))
-    text = "x" * (200 - len(bare))
-    payload = encode("log", Log(timestamp=timestamp(0), level=LogLevel.INFO, message=text, name="simulator"))
-    assert len(payload) == 200
-    began = time.monotonic()
-    for tick in range(ticks):
-        stamp_ns = tick * 10**9 // TICKS_PER_S
-        first = tick * per_tick
-        for sequence in range(first, first + per_tick):
-            envelope = Envelope("simulator", member.boot, sequence, tick, stamp_ns, time.time_ns())
-            member.bus.put(f"{DATA}log", payload, encode_envelope(envelope))
-        last = tick + 1 == ticks
-        done = TickDone("simulator", member.boot, tick, tick, stamp_ns, {"log": per_tick}, last)
-        member.bus.put(f"{TICK}simulator", encode_control(done))
-        made = tuple(Produced("log", sequence) for sequence in range(first, first + per_tick))
-        entry = JournalEntry(step=tick, tick=tick, stamp_ns=stamp_ns, consumed=(), produced=made, last=last)
-        envelope = Envelope("simulator", member.boot, tick, tick, stamp_ns, time.time_ns())
-        member.bus.put(f"{JOURNAL}simulator", encode_entry(entry), encode_envelope(envelope))
-        while (left := began + (tick + 1) / TICKS_PER_S - time.monotonic()) > 0:
-            member.poll(left)
-    return ticks * per_tick
+class Chatter:
+    """Says ``count`` messages of 200 bytes in each tick, and when it began and ended."""
+
+    name = "simulator"
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self.sent = 0
+        self.began = self.ended = 0.0
+        bare = encode("log", self._message(""))
+        self._output = Output("log", self._message("x" * (200 - len(bare))))
+
+    def step(self, _step: Step) -> Result:
+        self.ended = time.monotonic()
+        self.began = self.began or self.ended
+        self.sent += self.count
+        return Result((self._output,) * self.count)
+
+    def freeze(self) -> State:
+        return {}
+
+    def thaw(self, state: State) -> None: ...
+
+    def _message(self, text: str) -> Log:
+        return Log(timestamp=timestamp(0), level=LogLevel.INFO, message=text, name=self.name)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Finds what pure code must not do: `python -m checks.pure_code` prints each finding and exits 1 if there is one.
 
-Replay gives the same bytes only if a step depends on nothing but its inputs. So the algorithms, the messages and the
-nodes read no clock, draw no unkeyed random number, look at no environment, do no input or output and start no thread.
+Replay gives the same bytes only if a step depends on nothing but its inputs, and a run can be simulated only if what
+its processes do depends on nothing but events. So the algorithms, the messages, the nodes and the runtime's machines
+read no clock, draw no unkeyed random number, look at no environment, do no input or output and start no thread.
 They import only what is listed here; of that, some names stay forbidden. Names are followed through imports, renamed
 or not; a module may not be handed about as a value, since what is taken from it then could not be seen.
 """
@@ -18,7 +19,13 @@ PURE = (
     "dynpf",
     "protocol/dynpf_protocol",
     "runtime/dynpf_runtime/every.py",
+    "runtime/dynpf_runtime/faults.py",
+    "runtime/dynpf_runtime/gaps.py",
+    "runtime/dynpf_runtime/graph.py",
+    "runtime/dynpf_runtime/inbox.py",
+    "runtime/dynpf_runtime/machines",
     "runtime/dynpf_runtime/node.py",
+    "runtime/dynpf_runtime/source.py",
     "services/dynpf_services/estimates.py",
     "services/dynpf_services/nodes.py",
     "services/dynpf_services/sensors",
@@ -48,6 +55,8 @@ MODULES = (
         "typing",
     ),
     *("cv2", "msgspec", "numba", "numpy", "yaml"),
+    # What the machines of a run know besides: the executor of a node, the plan, and how a recording ended.
+    *("dynpf_runtime.executor", "dynpf_runtime.plan", "dynpf_formats.recording.header"),
     # What a node is built of: its scenario, from which everything has been read that there is to read.
     *(f"dynpf_services.scenario.{name}" for name in ("context", "kinds", "schema", "user_component")),
 )

@@ -33,8 +33,9 @@ class Beat(msgspec.Struct, frozen=True, array_like=True):
 
 
 class Recorded(msgspec.Struct, frozen=True, array_like=True):
-    """The recorder has the whole run and has closed the file."""
+    """The recorder, by its boot, has the whole run and has closed the file."""
 
+    boot: str
     complete: bool
     reason: str
     path: str
@@ -44,6 +45,7 @@ class Stop(msgspec.Struct, frozen=True, array_like=True):
     """Somebody asks the source to make the next tick the last."""
 
     node: str
+    boot: str
     reason: str
 
 

@@ -10,7 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
-from dynpf_runtime.bus.session import ALIVE, TICK, Bus
+from dynpf_protocol.keys import ALIVE, TICK
+from dynpf_runtime.bus.session import Bus
 
 __all__ = ["DATA", "PATIENCE_S", "Child", "Running", "join_bus", "processes_of", "service_of", "start", "until"]
 

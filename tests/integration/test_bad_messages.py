@@ -6,8 +6,9 @@ from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import read_recording
 from dynpf_formats.shipped import known_topics
 from dynpf_protocol.codec import encode
+from dynpf_protocol.control import Recorded, Stop, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
-from dynpf_runtime.bus.session import BEAT, CONTROL, DATA, TICK
+from dynpf_protocol.keys import BEAT, CONTROL, DATA, TICK
 from dynpf_systems.parts.messages import Detections
 
 from tests.integration.processes import watch_run
@@ -37,6 +38,8 @@ def test_what_a_stranger_publishes_is_refused_and_changes_nothing(tmp_path, dynp
         put("no/such/topic", good, "sensors", boot, 0)
         for key in (f"{TICK}sensors", f"{BEAT}sensors", f"{CONTROL}stop", f"{CONTROL}recorded"):
             watched.bus.put(key, b"\xff")
+        watched.bus.put(f"{CONTROL}stop", encode_control(Stop("sensors", "deadbeef", "enough")))
+        watched.bus.put(f"{CONTROL}recorded", encode_control(Recorded("deadbeef", False, "no room left", "run.mcap")))
         watched.await_ticks(30)
     assert run.wait() == 0, run.stderr
     assert "Traceback" not in run.stderr

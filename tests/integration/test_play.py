@@ -4,8 +4,9 @@ import json
 
 from dynpf_formats.recording.reader import read_recording
 from dynpf_protocol.envelope import decode_envelope
+from dynpf_protocol.keys import DATA
 from dynpf_runtime.bus.processes import free_port
-from dynpf_runtime.bus.session import DATA, open_router
+from dynpf_runtime.bus.session import open_router
 
 from tests.integration.processes import until
 

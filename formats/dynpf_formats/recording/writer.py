@@ -172,16 +172,18 @@ class RecordingWriter:
         """Record one journal entry of the envelope's node; the envelope's sequence counts entries."""
         self.message(JOURNAL_PREFIX + envelope.node, envelope, payload)
 
-    def message(self, name: str, envelope: Envelope, payload: bytes) -> None:
+    def message(self, name: str, envelope: Envelope, payload: bytes, entry: JournalEntry | None = None) -> None:
         """Record one message, or journal entry, as it travelled. The envelope's tick is left to the journal.
 
-        Raises UnknownTopicError, BadMessageError for what should be a journal entry, RecordingError.
+        ``entry`` is what the payload holds, where the caller knows. Raises UnknownTopicError, BadMessageError for what
+        should be a journal entry, RecordingError.
         """
         if self._failure is not None:
             raise self._failure
         if len(payload) > MAX_PAYLOAD:
             _check_size(self.path, f"message {envelope.sequence} on {name}", len(payload))
-        entry = _entry(name, payload) if name.startswith(JOURNAL_PREFIX) else None
+        if entry is None and name.startswith(JOURNAL_PREFIX):
+            entry = _entry(name, payload)
         source = (name, envelope.node, envelope.boot)
         track = self._tracks.get(source) or self._open(source)
         if envelope.sequence == track.expected:

@@ -21,7 +21,8 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
 
 def run(options: argparse.Namespace) -> int:
     from dynpf_protocol.errors import RunError
-    from dynpf_runtime.bus.session import ALIVE, BEAT, Bus
+    from dynpf_protocol.keys import ALIVE, BEAT
+    from dynpf_runtime.bus.session import Bus
 
     deadline = time.monotonic() + options.timeout
     try:

@@ -33,8 +33,9 @@ def run(options: argparse.Namespace) -> int:
     from dynpf_formats.recording.reader import read_recording
     from dynpf_protocol.envelope import Envelope, encode_envelope
     from dynpf_protocol.errors import UsageError
-    from dynpf_runtime.bus.member import StopSignal, say
-    from dynpf_runtime.bus.session import DATA, Bus
+    from dynpf_protocol.keys import DATA
+    from dynpf_runtime.bus.session import Bus
+    from dynpf_runtime.bus.terminal import StopSignal, say
 
     recording = read_recording(options.recording)
     wanted = set(options.topics or ())
@@ -49,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
         StopSignal.installed() as stop,
         Bus.connect(options.connect, lambda text: say("play", text), lambda: stop.requested) as bus,
     ):
-        stop.wakes(bus)
+        stop.wakes(bus.wake)
         began = time.monotonic()
         first_ns = records[0].stamp_ns if records else 0
         for place, record in enumerate(records):

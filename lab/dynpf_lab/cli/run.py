@@ -85,7 +85,7 @@ def _check_output(path: Path) -> None:
 
 
 def _run_inline(scenario: Scenario, path: Path, log: "PlayedLog | None") -> None:
-    from dynpf_runtime.bus.member import StopSignal
+    from dynpf_runtime.bus.terminal import StopSignal
     from dynpf_services.scenario.record import record_inline
 
     with StopSignal.installed() as stop:
@@ -93,8 +93,8 @@ def _run_inline(scenario: Scenario, path: Path, log: "PlayedLog | None") -> None
 
 
 def _run_on_bus(scenario: Scenario, plan: "Plan", path: Path, log: "PlayedLog | None", code: "Sequence[Path]") -> None:
-    from dynpf_runtime.bus.member import StopSignal
     from dynpf_runtime.bus.processes import run_on_bus
+    from dynpf_runtime.bus.terminal import StopSignal
     from dynpf_runtime.rehearsal import rehearse_run
     from dynpf_services.scenario.schema import whole_json
 

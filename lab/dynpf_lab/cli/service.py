@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from dynpf_runtime.bus.member import StopSignal, say
+    from dynpf_runtime.bus.terminal import StopSignal, say
     from dynpf_services.scenario.build import plan_of
 
     log = load_log(options) if options.name != "router" or options.log else None

@@ -7,8 +7,8 @@ from dynpf_formats.importers.mrclam import import_mrclam
 from dynpf_formats.importers.recording import write_recording
 from dynpf_formats.recording.reader import Recording, read_recording
 from dynpf_protocol.errors import RunError, UsageError
-from dynpf_runtime.bus.member import StopSignal
 from dynpf_runtime.bus.processes import run_on_bus
+from dynpf_runtime.bus.terminal import StopSignal
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.played_log import PlayedLog

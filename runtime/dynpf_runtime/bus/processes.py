@@ -15,7 +15,7 @@ from pathlib import Path
 from dynpf_protocol.errors import BROKEN_OFF, RunError
 from setproctitle import setproctitle
 
-from dynpf_runtime.bus.member import StopSignal, say
+from dynpf_runtime.bus.terminal import StopSignal, say
 
 __all__ = ["Command", "free_port", "run_on_bus"]
 

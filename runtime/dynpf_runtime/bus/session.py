@@ -9,33 +9,16 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from queue import Empty, SimpleQueue
-from typing import NamedTuple
 
 import zenoh
 from dynpf_protocol.errors import UsageError
 
-__all__ = ["ALIVE", "BEAT", "CONTROL", "DATA", "JOURNAL", "READY", "SCENARIO", "TICK", "Arrival", "Bus", "open_router"]
+from dynpf_runtime.machines.events import Arrived, Token
 
-DATA = "dynpf/data/"
-JOURNAL = "dynpf/journal/"
-TICK = "dynpf/tick/"
-BEAT = "dynpf/beat/"
-CONTROL = "dynpf/control/"
-ALIVE = "dynpf/alive/"
-READY = "dynpf/ready/"
-SCENARIO = "dynpf/scenario"
+__all__ = ["Bus", "open_router"]
 
 LEASE_MS = 1500
 """After this long without a sign, Zenoh takes a hung peer for dead."""
-
-
-class Arrival(NamedTuple):
-    """Something that came in: a sample, or a liveliness token that appeared or went (``present``)."""
-
-    key: str
-    payload: bytes
-    attachment: bytes
-    present: bool
 
 
 def _config(mode: str, *, connect: tuple[str, ...] = (), listen: tuple[str, ...] = ()) -> zenoh.Config:
@@ -65,15 +48,16 @@ def open_router(endpoint: str) -> Iterator["Bus"]:
             f"router: cannot listen at {endpoint}: {reason}; stop what runs there or give another --listen"
         ) from error
     with session:
-        yield Bus(session)
+        yield Bus(session, hub=True)
 
 
 class Bus:
     """A session with one queue for everything that it receives."""
 
-    def __init__(self, session: zenoh.Session) -> None:
+    def __init__(self, session: zenoh.Session, *, hub: bool = False) -> None:
         self._session = session
-        self._queue: SimpleQueue[Arrival] = SimpleQueue()
+        self._hub = hub
+        self._queue: SimpleQueue[Arrived | Token | None] = SimpleQueue()
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._declared: list[object] = []  # Zenoh undeclares what is garbage collected
 
@@ -112,14 +96,8 @@ class Bus:
 
         def enqueue(sample: zenoh.Sample) -> None:
             attachment = sample.attachment
-            queue.put(
-                Arrival(
-                    str(sample.key_expr),
-                    sample.payload.to_bytes(),
-                    b"" if attachment is None else attachment.to_bytes(),
-                    True,
-                )
-            )
+            told = b"" if attachment is None else attachment.to_bytes()
+            queue.put(Arrived(str(sample.key_expr), sample.payload.to_bytes(), told))
 
         self._declared.append(self._session.declare_subscriber(key, enqueue))
 
@@ -128,7 +106,7 @@ class Bus:
         queue = self._queue
 
         def enqueue(sample: zenoh.Sample) -> None:
-            queue.put(Arrival(str(sample.key_expr), b"", b"", sample.kind == zenoh.SampleKind.PUT))
+            queue.put(Token(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
 
         self._declared.append(self._session.liveliness().declare_subscriber(key, enqueue, history=True))
 
@@ -145,19 +123,15 @@ class Bus:
         """Answer every query of ``key`` with ``payload``."""
         self._declared.append(self._session.declare_queryable(key, lambda query: query.reply(key, payload)))
 
-    def ask(self, key: str, patience_s: float, stopped: Callable[[], bool]) -> bytes | None:
-        """Return the answer to ``key``, or None if nobody gives one within ``patience_s``."""
-        deadline = time.monotonic() + patience_s
-        while True:
-            for reply in self._session.get(key, timeout=patience_s):
-                if reply.ok is not None:
-                    return reply.ok.payload.to_bytes()
-            if stopped() or time.monotonic() > deadline:
-                return None
-            time.sleep(0.02)  # Zenoh says at once that nobody answers yet
+    def ask(self, key: str, patience_s: float = 5.0) -> bytes | None:
+        """Return the answer to ``key``; None if it does not come within ``patience_s``, or nobody is to give one."""
+        for reply in self._session.get(key, timeout=patience_s):
+            if reply.ok is not None:
+                return reply.ok.payload.to_bytes()
+        return None
 
-    def receive(self, timeout_s: float) -> Arrival | None:
-        """Return the next arrival, or None after ``timeout_s``."""
+    def receive(self, timeout_s: float) -> Arrived | Token | None:
+        """Return what has come in next, or None after ``timeout_s`` or when woken."""
         try:
             return self._queue.get(timeout=timeout_s) if timeout_s > 0 else self._queue.get_nowait()
         except Empty:
@@ -165,7 +139,7 @@ class Bus:
 
     def wake(self) -> None:
         """Make a waiting ``receive`` return; may be called from a signal handler."""
-        self._queue.put(Arrival("", b"", b"", True))
+        self._queue.put(None)
 
     @property
     def waiting(self) -> int:
@@ -174,5 +148,5 @@ class Bus:
 
     @property
     def connected(self) -> bool:
-        """Whether the router is there."""
-        return bool(self._session.info.routers_zid())
+        """Whether the router is there; the hub is that itself."""
+        return self._hub or bool(self._session.info.routers_zid())

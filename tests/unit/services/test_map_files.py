@@ -10,7 +10,7 @@ import pytest
 from dynpf_formats.recording.reader import read_recording
 from dynpf_lab.cli.main import main
 from dynpf_protocol.errors import ScenarioError
-from dynpf_runtime.bus.agreement import first_difference
+from dynpf_runtime.machines.agreement import first_difference
 from dynpf_services.scenario.build import build_nodes
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.schema import resolved_json, whole_json

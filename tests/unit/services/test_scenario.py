@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from dynpf_protocol.errors import ScenarioError
-from dynpf_runtime.bus.agreement import first_difference
+from dynpf_runtime.machines.agreement import first_difference
 from dynpf_services.scenario.build import build_nodes, plan_of
 from dynpf_services.scenario.load import find_scenario, load_scenario, override_resolved, parse_scenario, scenario_files
 from dynpf_services.scenario.schema import LogFacts, resolved_json, whole_json

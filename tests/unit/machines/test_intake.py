@@ -2,9 +2,10 @@ import pytest
 from dynpf_protocol.codec import encode
 from dynpf_protocol.control import TickDone, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
+from dynpf_protocol.keys import DATA, TICK
 from dynpf_protocol.messages import Odometry
-from dynpf_runtime.bus.intake import Intake, Refusal
-from dynpf_runtime.bus.session import DATA, TICK, Arrival
+from dynpf_runtime.machines.events import Arrived
+from dynpf_runtime.machines.intake import Intake, Refusal
 from dynpf_runtime.node import Received
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -29,8 +30,8 @@ def intake() -> Intake:
 
 def arrival(
     sequence: int = 0, *, topic: str = TOPIC, node: str = "sensors", boot: str = "s1", payload: bytes = PAYLOAD
-) -> Arrival:
-    return Arrival(DATA + topic, payload, encode_envelope(Envelope(node, boot, sequence, 3, 30, 300)), True)
+) -> Arrived:
+    return Arrived(DATA + topic, payload, encode_envelope(Envelope(node, boot, sequence, 3, 30, 300)))
 
 
 def test_a_good_message_becomes_an_input() -> None:
@@ -42,9 +43,9 @@ def test_a_good_message_becomes_an_input() -> None:
 
 REFUSED = {
     "topic 'no/topic' is not in the topic table": arrival(topic="no/topic"),
-    "unreadable envelope: Input data was truncated": Arrival(DATA + TOPIC, PAYLOAD, b"", True),
-    "unreadable envelope: Expected `int` >= 0": Arrival(DATA + TOPIC, PAYLOAD, b"\x96\xa1a\xa1b\xff\x00\x00\x00", True),
-    "unreadable envelope: 'utf-8' codec": Arrival(DATA + TOPIC, PAYLOAD, b"\x96\xa2\xc2a\xa1b\x00\x00\x00\x00", True),
+    "unreadable envelope: Input data was truncated": Arrived(DATA + TOPIC, PAYLOAD, b""),
+    "unreadable envelope: Expected `int` >= 0": Arrived(DATA + TOPIC, PAYLOAD, b"\x96\xa1a\xa1b\xff\x00\x00\x00"),
+    "unreadable envelope: 'utf-8' codec": Arrived(DATA + TOPIC, PAYLOAD, b"\x96\xa2\xc2a\xa1b\x00\x00\x00\x00"),
     "unknown sender 'vision'; expected sensors": arrival(node="vision"),
     "unknown sender 'estimator' with boot 's1'; this run's is None": arrival(
         topic="estimator/pose", node="estimator", boot="s1"
@@ -110,16 +111,16 @@ def test_a_flood_of_different_reasons_is_not_told_for_ever() -> None:
 def test_no_bytes_whatever_get_past_or_stop_it(payload: bytes, attachment: bytes, key: str) -> None:
     box = intake()
     good = arrival()
-    assert isinstance(box.accept(Arrival(good.key, payload, attachment, True)), Refusal)
-    assert isinstance(box.accept(Arrival(good.key, payload, good.attachment, True)), Refusal)
-    assert isinstance(box.accept(Arrival(DATA + key, payload, good.attachment, True)), Refusal)
-    assert isinstance(box.accept_tick(Arrival(TICK + "sensors", payload, b"", True)), Refusal)
+    assert isinstance(box.accept(Arrived(good.key, payload, attachment)), Refusal)
+    assert isinstance(box.accept(Arrived(good.key, payload, good.attachment)), Refusal)
+    assert isinstance(box.accept(Arrived(DATA + key, payload, good.attachment)), Refusal)
+    assert isinstance(box.accept_tick(Arrived(TICK + "sensors", payload, b"")), Refusal)
     assert not isinstance(box.accept(arrival(1)), Refusal)
 
 
 def test_the_end_of_a_tick_counts_only_from_a_peer_of_this_run() -> None:
     def tick(key: str, node: str, boot: str) -> TickDone | Refusal:
-        return box.accept_tick(Arrival(TICK + key, encode_control(TickDone(node, boot, 0, 0, 0, {}, True)), b"", True))
+        return box.accept_tick(Arrived(TICK + key, encode_control(TickDone(node, boot, 0, 0, 0, {}, True)), b""))
 
     box = intake()
     assert tick("sensors", "sensors", "s1") == TickDone("sensors", "s1", 0, 0, 0, {}, True)

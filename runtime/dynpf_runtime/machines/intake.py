@@ -11,10 +11,11 @@ from dynpf_protocol.codec import decode
 from dynpf_protocol.control import TickDone, decode_control
 from dynpf_protocol.envelope import Envelope, decode_envelope
 from dynpf_protocol.errors import ProtocolError
+from dynpf_protocol.keys import DATA, TICK
 from dynpf_protocol.topics import LOG_NODE, topic
 
-from dynpf_runtime.bus.session import DATA, TICK, Arrival
 from dynpf_runtime.graph import Graph
+from dynpf_runtime.machines.events import Arrived
 from dynpf_runtime.node import Received
 
 __all__ = ["Intake", "Refusal", "check_sender"]
@@ -29,7 +30,7 @@ class Refusal(NamedTuple):
     envelope: Envelope | None = None
 
 
-def check_sender(arrival: Arrival, boots: Mapping[str, str], graph: Graph) -> tuple[str, Envelope]:
+def check_sender(arrival: Arrived, boots: Mapping[str, str], graph: Graph) -> tuple[str, Envelope]:
     """Return topic and envelope of a message from a known sender; raises ProtocolError.
 
     Records of an imported log carry the boot of the graph's source, which feeds them in.
@@ -57,7 +58,7 @@ class Intake:
         self._reasons: set[tuple[str, str]] = set()
         self.refused: Counter[str] = Counter()
 
-    def accept(self, arrival: Arrival) -> tuple[Received, Envelope] | Refusal:
+    def accept(self, arrival: Arrived) -> tuple[Received, Envelope] | Refusal:
         name = arrival.key[len(DATA) :]
         envelope = None
         try:
@@ -72,7 +73,7 @@ class Intake:
             return self._refuse(name, str(error), envelope)
         return Received(name, known.node, known.boot, known.sequence, known.stamp_ns, message), known
 
-    def accept_tick(self, arrival: Arrival) -> TickDone | Refusal:
+    def accept_tick(self, arrival: Arrived) -> TickDone | Refusal:
         """Return a peer's word that it has ended a tick, or refuse it."""
         node = arrival.key[len(TICK) :]
         try:

@@ -1,0 +1,62 @@
+"""The terminal: what a process tells the person there, and the signals by which that person ends it."""
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+__all__ = ["StopSignal", "say"]
+
+
+def say(name: str, text: str) -> None:
+    """Tell the person at the terminal."""
+    print(f"dynpf {name}: {text}", file=sys.stderr, flush=True)
+
+
+class StopSignal:
+    """Ctrl-C or a termination signal: the first asks the run to end cleanly, the second ends this process at once.
+
+    So does the end of ``parent``, the process that started this one and would otherwise have stopped it.
+    """
+
+    def __init__(self, parent: int | None = None) -> None:
+        self._parent = parent
+        self._requested = False
+        self.at_once = False
+        self.reason = ""
+        self._wake: Callable[[], None] | None = None
+
+    @property
+    def requested(self) -> bool:
+        if self._parent is not None and not self._requested and os.getppid() != self._parent:
+            self.request("the process that started this one is gone")
+        return self._requested
+
+    def request(self, reason: str) -> None:
+        self.at_once = self._requested
+        self._requested = True
+        self.reason = self.reason or reason
+        if self._wake is not None:
+            self._wake()
+
+    def wakes(self, wake: Callable[[], None]) -> None:
+        """Let ``wake`` be called when somebody wants this process to end; it may be called from a signal handler."""
+        self._wake = wake
+
+    @classmethod
+    @contextmanager
+    def installed(cls, parent: int | None = None) -> Iterator["StopSignal"]:
+        """Catch SIGINT and SIGTERM while the block runs."""
+        stop = cls(parent)
+
+        def handle(_number: int, _frame: FrameType | None) -> None:
+            stop.request("stopped by the user")
+
+        before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield stop
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)

@@ -1,0 +1,290 @@
+"""Membership: how a process joins a run, knows its peers, beats, and learns that somebody is gone.
+
+A process joins in two steps: *alive* when its subscriptions stand, *ready* when it has seen every peer alive. The
+source begins when all are ready, so no message can precede its subscribers, and every sender is known by its boot.
+"""
+
+from collections.abc import Iterator, Sequence
+from enum import IntEnum
+
+from dynpf_protocol.control import Beat, Recorded, Stop, decode_control, encode_control
+from dynpf_protocol.errors import BrokenOffError, ProtocolError, RunError, UsageError
+from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, READY, RECORDER, ROUTER, SCENARIO
+
+from dynpf_runtime.machines.agreement import first_difference
+from dynpf_runtime.machines.effects import NEVER_NS, Ask, Count, Declare, Effect, Put, Subscribe, Tell, Watch
+from dynpf_runtime.machines.events import Answered, Arrived, Counted, Event, RouterGone, Started, StopAsked, Token, Woke
+from dynpf_runtime.machines.roster import Change, Roster, holder
+from dynpf_runtime.plan import Plan
+
+__all__ = ["BEAT_NS", "SURE_NS", "WEDGED_NS", "Membership"]
+
+BEAT_NS = 500_000_000
+WEDGED_NS = 15_000_000_000
+SURE_NS = 50_000_000
+"""When the router goes, the peers' tokens go first: a moment later it is clear who it was."""
+
+_ANSWER_NS = 5_000_000_000
+_ASK_AGAIN_NS = 20_000_000  # Zenoh says at once that nobody answers yet
+_PATIENCE_NS = 1_000_000_000  # then the person at the terminal is told who is waited for
+
+_ROUTER_GONE = "the router is gone; the run cannot go on"
+
+
+class _Stage(IntEnum):
+    ASKING = 0  # whether its scenario is the router's, and its name free
+    JOINING = 1  # alive, but another of its name may have come at the same moment
+    ALIVE = 2
+    READY = 3  # it leads the run, and waits until all are ready
+    RUNNING = 4
+
+
+class Membership:
+    """The place of the process ``name`` in a run of ``plan``, by one ``boot``.
+
+    ``prepare`` is done once it is known that the process fits, before it is alive. Who ``leads`` the run is running
+    when all are ready; the others as soon as they are ready themselves, for then the first messages may come.
+    ``endpoint`` is for texts alone.
+    """
+
+    def __init__(
+        self, name: str, plan: Plan, boot: str, endpoint: str, prepare: Sequence[Effect], *, leads: bool
+    ) -> None:
+        self.name = name
+        self.boot = boot
+        self.peers = frozenset({*plan.graph.nodes, RECORDER} - {name})
+        self.ticks = 0  # how many this process has behind it
+        self.recorded: Recorded | None = None
+        self.stop_reason = ""
+        self.leaving = False  # the run is over: peers may go
+        self.wake_ns = NEVER_NS
+        self._text = plan.text
+        self._endpoint = endpoint
+        self._prepare = prepare
+        self._leads = leads
+        self._stage = _Stage.ASKING
+        self._stop_sent = False
+        self._roster = Roster(self.peers)
+        self._router = Roster({ROUTER})
+        self._rivals: set[str] = set()
+        self._beats: dict[tuple[str, str], int] = {}
+        self._peer_ticks: dict[str, int] = {}
+        self._next_beat_ns = 0
+        self._ask_at_ns = self._ask_until_ns = NEVER_NS
+        self._tell_at_ns = 0
+        self._told: set[str] = set()
+        self._suspect: tuple[str, int] | None = None
+
+    @property
+    def joined(self) -> bool:
+        """Whether the process fits into the run, and has prepared for it."""
+        return self._stage is not _Stage.ASKING
+
+    @property
+    def running(self) -> bool:
+        """Whether the run may begin as far as this process is concerned."""
+        return self._stage is _Stage.RUNNING
+
+    @property
+    def boots(self) -> dict[str, str]:
+        """The boot of each peer that is there, changed in place."""
+        return self._roster.boots
+
+    @property
+    def present(self) -> set[str]:
+        """The peers that are alive."""
+        return self._roster.present
+
+    def behind(self, peer: str) -> int:
+        """Return how many ticks ``peer`` had behind it at its last beat."""
+        return self._peer_ticks.get(peer, 0)
+
+    def handle(self, event: Event, now_ns: int) -> Iterator[Effect]:
+        """Yield what follows from an event; of what arrives, only beats and control concern it.
+
+        Raises UsageError where the process does not fit into the run, RunError when a peer or the router is gone, and
+        KeyboardInterrupt when this process shall end at once.
+        """
+        match event:
+            case Started():
+                self._ask_until_ns = now_ns + _ANSWER_NS
+                yield Ask(SCENARIO)
+            case Answered(payload):
+                yield from self._answered(payload, now_ns)
+            case Counted(keys):
+                yield from self._counted(keys, now_ns)
+            case Token():
+                yield from self._token(event, now_ns)
+            case Arrived(key) if key.startswith((BEAT, CONTROL)):
+                yield from self._hear(event, now_ns)
+            case StopAsked():
+                yield from self._stop(event)
+            case RouterGone():
+                if not self.leaving:
+                    raise BrokenOffError(_ROUTER_GONE)
+            case Woke():
+                self._judge(now_ns)
+        if self._stage is _Stage.ASKING and now_ns >= self._ask_at_ns:
+            self._ask_at_ns = NEVER_NS
+            yield Ask(SCENARIO)
+        if self._stage >= _Stage.JOINING and now_ns >= self._next_beat_ns:
+            yield from self._beat(now_ns)
+        if _Stage.ALIVE <= self._stage < _Stage.RUNNING:
+            yield from self._assemble(now_ns)
+        self.wake_ns = self._due_ns(now_ns)
+
+    def _due_ns(self, now_ns: int) -> int:
+        if self._stage is _Stage.ASKING:
+            return self._ask_at_ns
+        due_ns = self._next_beat_ns
+        if self._stage < _Stage.RUNNING and self._tell_at_ns > now_ns:
+            due_ns = min(due_ns, self._tell_at_ns)
+        return due_ns if self._suspect is None else min(due_ns, self._suspect[1])
+
+    def _answered(self, theirs: bytes | None, now_ns: int) -> Iterator[Effect]:
+        router = f"the router at {self._endpoint}"
+        if theirs is None:
+            if now_ns > self._ask_until_ns:
+                raise RunError(f"{router} does not say which scenario it runs; is it a dynpf router?")
+            self._ask_at_ns = now_ns + _ASK_AGAIN_NS
+            return
+        try:
+            difference = first_difference(self._text, theirs.decode())
+        except (ValueError, RecursionError) as error:  # the text is compared, and nothing that it names is looked for
+            raise RunError(f"{router} tells a scenario that cannot be read: {error}") from error
+        if difference is not None:
+            key, here, there = difference
+            raise UsageError(
+                f"{self.name}: refused: this scenario differs from the router's in {key}: "
+                f"here {here!r}, there {there!r}"
+            )
+        yield Count(f"{ALIVE}{self.name}/*")
+
+    def _counted(self, keys: Sequence[str], now_ns: int) -> Iterator[Effect]:
+        """Become alive if nobody has the name; then look again, for another may have come at the same moment.
+
+        Of two such each has declared itself before it looks again, so that one of them sees the other.
+        """
+        others = [key.rpartition("/")[2] for key in keys if key != f"{ALIVE}{self.name}/{self.boot}"]
+        if self._stage is _Stage.ASKING:
+            if others:
+                raise self._taken(others[0])
+            self._stage = _Stage.JOINING
+            yield from self._prepare
+            yield from (Subscribe(f"{CONTROL}*"), Subscribe(f"{BEAT}**"), Watch(f"{ALIVE}**"), Watch(f"{READY}**"))
+            yield Declare(f"{ALIVE}{self.name}/{self.boot}")
+            yield Count(f"{ALIVE}{self.name}/*")
+            return
+        for boot in others:
+            self._rival(boot, ready=False, present=True)
+        self._stage = _Stage.ALIVE
+        self._tell_at_ns = now_ns + _PATIENCE_NS
+
+    def _rival(self, boot: str, *, ready: bool, present: bool) -> None:
+        """Give way to another of this name that is ready, or has the smaller boot; of two, one stays."""
+        if self._stage >= _Stage.READY:
+            return  # it is the other that gives way
+        if not present:
+            if not ready:
+                self._rivals.discard(boot)
+            return
+        if ready or boot < self.boot:
+            raise self._taken(boot)
+        self._rivals.add(boot)
+
+    def _taken(self, boot: str) -> UsageError:
+        return UsageError(f"{self.name} already runs at {self._endpoint} (boot {boot}); stop it first")
+
+    def _assemble(self, now_ns: int) -> Iterator[Effect]:
+        """Be ready when every peer is alive, and begin; tell who is waited for if it takes long."""
+        if self._stage is _Stage.ALIVE:
+            missing = self.peers - self.boots.keys()
+            if missing or self._rivals:
+                yield from self._tell_missing("waiting for", missing, now_ns)
+                return
+            yield Declare(f"{READY}{self.name}/{self.boot}")
+            self._stage = _Stage.READY
+            self._told, self._tell_at_ns = set(), now_ns + _PATIENCE_NS
+        missing = self.peers - self._roster.ready
+        if self._leads and missing:
+            yield from self._tell_missing("waiting until ready:", missing, now_ns)
+        else:
+            self._stage = _Stage.RUNNING
+
+    def _tell_missing(self, what: str, names: set[str] | frozenset[str], now_ns: int) -> Iterator[Effect]:
+        if names and now_ns >= self._tell_at_ns and names != self._told:
+            self._told = set(names)
+            yield Tell(f"{what} {', '.join(sorted(names))}")
+
+    def _beat(self, now_ns: int) -> Iterator[Effect]:
+        self._next_beat_ns = now_ns + BEAT_NS
+        yield Put(f"{BEAT}{self.name}", encode_control(Beat(self.name, self.boot, self.ticks)))
+        for (peer, boot), seen_ns in self._beats.items():
+            if now_ns - seen_ns > WEDGED_NS and self.boots.get(peer) == boot and not self.leaving:
+                raise BrokenOffError(
+                    f"{peer} has not answered for {WEDGED_NS // 10**9} s: it hangs; the run cannot go on"
+                )
+
+    def _token(self, token: Token, now_ns: int) -> Iterator[Effect]:
+        node, boot, ready = holder(token)
+        if node == self.name and boot != self.boot:
+            self._rival(boot, ready=ready, present=token.present)
+        elif node == ROUTER:
+            self._router.take(token)
+        elif node in self.peers:
+            change = self._roster.take(token)
+            if change is Change.SECOND:
+                yield Tell(f"a second {node} (boot {boot}) is refused; this run's is {self.boots[node]}")
+            elif change is Change.GONE and self._suspect is None and not self._may_go(node):
+                self._suspect = node, now_ns + SURE_NS
+
+    def _may_go(self, node: str) -> bool:
+        return self.leaving or (node == RECORDER and self.recorded is not None)
+
+    def _judge(self, now_ns: int) -> None:
+        """Name the peer whose token is gone, now that the router would be known to be gone."""
+        if self._suspect is None or now_ns < self._suspect[1]:
+            return
+        node, _ = self._suspect
+        self._suspect = None
+        if not self._may_go(node):
+            raise BrokenOffError(
+                f"{node} is gone (killed, crashed or cut off) after tick {self.ticks}; the run cannot go on"
+            )
+
+    def _hear(self, arrived: Arrived, now_ns: int) -> Iterator[Effect]:
+        try:
+            if arrived.key.startswith(BEAT):
+                beat = decode_control(arrived.payload, Beat)
+                if self.boots.get(beat.node) == beat.boot:  # a stranger's says nothing of the peer whose name it takes
+                    self._beats[beat.node, beat.boot] = now_ns
+                    self._peer_ticks[beat.node] = beat.ticks
+            elif arrived.key == f"{CONTROL}recorded":
+                self._take_recorded(decode_control(arrived.payload, Recorded))
+            elif arrived.key == f"{CONTROL}stop":
+                self._take_stop(decode_control(arrived.payload, Stop))
+        except ProtocolError as error:
+            yield Tell(f"{arrived.key}: message refused: {error}")
+
+    def _take_recorded(self, recorded: Recorded) -> None:
+        if recorded.boot == self.boot:
+            return  # its own word
+        if self.boots.get(RECORDER) != recorded.boot:
+            raise ProtocolError(f"unknown sender {RECORDER!r} with boot {recorded.boot!r}")
+        self.recorded = recorded
+        if not recorded.complete and not self.leaving:
+            raise BrokenOffError(f"the recorder has closed the recording: {recorded.reason}")
+
+    def _take_stop(self, stop: Stop) -> None:
+        known = {**self.boots, **self._router.boots, self.name: self.boot}
+        if known.get(stop.node) != stop.boot:
+            raise ProtocolError(f"unknown sender {stop.node!r} with boot {stop.boot!r}")
+        self.stop_reason = stop.reason
+
+    def _stop(self, asked: StopAsked) -> Iterator[Effect]:
+        if asked.at_once or not self.running:
+            raise KeyboardInterrupt
+        if not self._stop_sent:
+            self._stop_sent = True
+            self.stop_reason = self.stop_reason or asked.reason
+            yield Put(f"{CONTROL}stop", encode_control(Stop(self.name, self.boot, asked.reason)))

@@ -1,0 +1,255 @@
+"""The host of one node: takes what arrives, decides when the node steps, numbers, encodes, journals, publishes."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Protocol
+
+from dynpf_protocol.control import TickDone, encode_control
+from dynpf_protocol.envelope import Envelope, encode_envelope
+from dynpf_protocol.errors import DynpfError, RunError
+from dynpf_protocol.journal import encode_entry
+from dynpf_protocol.keys import DATA, JOURNAL, RECORDER, TICK
+from dynpf_protocol.messages import Diagnostics, Log, LogLevel, timestamp
+
+from dynpf_runtime.executor import Executor, Sent
+from dynpf_runtime.faults import FaultyLink
+from dynpf_runtime.gaps import GapWatch, notice_gaps
+from dynpf_runtime.inbox import LockstepInbox, RealtimeInbox
+from dynpf_runtime.machines.effects import NEVER_NS, Effect, Ended, Put, Subscribe, Tell
+from dynpf_runtime.machines.events import Arrived, Event, Now, Woke
+from dynpf_runtime.machines.intake import Intake, Refusal
+from dynpf_runtime.machines.membership import Membership
+from dynpf_runtime.machines.turns import FollowLockstep, FollowRealtime, LeadLockstep, LeadRealtime, Turn, Turns
+from dynpf_runtime.node import Node
+from dynpf_runtime.plan import Plan
+from dynpf_runtime.source import Feed, LogRecord, feed_log, feed_ticks
+
+__all__ = ["AHEAD", "Gauges", "NodeHost"]
+
+_RUN = (DATA, TICK)
+
+AHEAD = 1000
+"""How many ticks the source may run ahead of the recorder."""
+
+REPORT_NS = 1_000_000_000
+RECORDED_NS = 30_000_000_000
+"""How long the recorder may take, after the last step, to say that it has the run."""
+
+
+class Gauges(Protocol):
+    """What a host reports of its process without making anything depend on it."""
+
+    def stopwatch_s(self) -> float:
+        """Return the seconds of a clock."""
+
+    def waiting(self) -> int:
+        """Return how many arrivals wait to be handled."""
+
+
+class NodeHost:
+    """The process of ``node``, by one ``boot``, from joining to the recorder's word that the run is kept.
+
+    ``log`` is what the source plays, if it plays one; ``endpoint`` is for texts alone.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        node: Node,
+        plan: Plan,
+        boot: str,
+        *,
+        endpoint: str,
+        log: Sequence[LogRecord],
+        gauges: Gauges,
+    ) -> None:
+        graph = plan.graph
+        self._spec = graph.specs[name]
+        self._plan = plan
+        self._awaited = graph.awaited
+        self._log = log
+        self._gauges = gauges
+        self._leads = name == graph.source
+        keys = [*(DATA + topic for topic in graph.subscribed(name)), *(TICK + other for other in graph.lags[name])]
+        prepare = [Subscribe(key) for key in keys]
+        self._member = Membership(name, plan, boot, endpoint, prepare, leads=self._leads)
+        self._executor = Executor(node, self._spec, graph.topics, boot, plan.state_digest_ticks)
+        self._intake = Intake(self._member.boots, graph)
+        self._gaps = GapWatch()
+        link = FaultyLink(plan.faults, name, plan.seed)
+        self._inbox = (LockstepInbox if plan.clock == "lockstep" else RealtimeInbox)(graph, name, link)
+        self._turns: Turns | None = None  # while others are still to come
+        self._early: list[Arrived] = []  # from strangers: to be refused as any other
+        self._running = False
+        self._recorded_by_ns = NEVER_NS
+        self._step_time_s = 0.0
+        self._report_at_ns = 0
+        self._stamp_ns = 0
+
+    @property
+    def wake_ns(self) -> int:
+        wake_ns = self._member.wake_ns
+        other_ns = self._turns.wake_ns if self._turns is not None and self._running else self._recorded_by_ns
+        return wake_ns if wake_ns < other_ns else other_ns
+
+    def handle(self, event: Event, now: Now) -> Iterable[Effect]:
+        """Return what follows from an event: what other nodes wait for first, before the step is accounted for."""
+        if (
+            self._running
+            and type(event) is Arrived
+            and event.key.startswith(_RUN)
+            and now.monotonic_ns < self._member.wake_ns
+        ):  # what comes most often takes the shortest way
+            refusal = self._receive(event, now)
+            if refusal is None:
+                turn = self._turn(now, idle=False)
+                return () if turn is None else self._caught(self._advance(now, turn))
+            return self._caught(self._refused(refusal, now))
+        return self._caught(self._handle(event, now))
+
+    @staticmethod
+    def _caught(effects: Iterator[Effect]) -> Iterator[Effect]:
+        try:
+            yield from effects
+        except (DynpfError, KeyboardInterrupt) as error:
+            yield Ended(error)
+
+    def _handle(self, event: Event, now: Now) -> Iterator[Effect]:
+        yield from self._member.handle(event, now.monotonic_ns)
+        if type(event) is Arrived and event.key.startswith(_RUN):
+            if self._turns is None:
+                self._early.append(event)
+            elif self._running and (refusal := self._receive(event, now)) is not None:
+                yield from self._refuse(refusal, now)
+        if self._turns is None and self._member.running:
+            yield from self._begin(now)
+        if self._running:
+            yield from self._advance(now, self._turn(now, idle=type(event) is Woke))
+        elif self._turns is not None:
+            yield from self._await_recorded(now)
+
+    def _begin(self, now: Now) -> Iterator[Effect]:
+        self._turns = self._turns_of(now)
+        self._running = True
+        for early in self._early:
+            refusal = self._receive(early, now)
+            if refusal is not None:
+                yield from self._refuse(refusal, now)
+            if self._running:
+                yield from self._advance(now, self._turn(now, idle=False))
+        self._early.clear()
+
+    def _turns_of(self, now: Now) -> Turns:
+        plan, inbox = self._plan, self._inbox
+        leads = self._leads
+        if isinstance(inbox, LockstepInbox):
+            alone = len(plan.graph.nodes) == 1
+            return LeadLockstep(inbox, self._feeds(now), plan.rate, alone=alone) if leads else FollowLockstep(inbox)
+        return LeadRealtime(inbox, self._feeds(now), plan.rate or 1.0) if leads else FollowRealtime(inbox)
+
+    def _feeds(self, now: Now) -> Iterator[Feed]:
+        plan = self._plan
+        if not plan.plays_log:
+            return feed_ticks(plan.tick_ns, plan.max_ticks)
+        boot = self._executor.boot
+        return feed_log(self._log, plan.graph, boot=boot, publish_ns=now.wall_ns, max_ticks=plan.max_ticks)
+
+    def _turn(self, now: Now, *, idle: bool) -> Turn | None:
+        turns, member = self._turns, self._member
+        assert turns is not None
+        held = self._leads and member.ticks - member.behind(RECORDER) > AHEAD
+        return turns.take(now.monotonic_ns, idle=idle, stopping=bool(member.stop_reason), held=held)
+
+    def _advance(self, now: Now, turn: Turn | None) -> Iterator[Effect]:
+        """Step as often as it is due; the source once, for the world may want to be heard between two ticks."""
+        while turn is not None:
+            yield from self._step(turn, now)
+            if not self._running or self._leads:
+                return
+            turn = self._turn(now, idle=False)
+
+    def _step(self, turn: Turn, now: Now) -> Iterator[Effect]:
+        """Run one step and publish what came of it."""
+        (tick, _, inputs, _), stamp_ns = turn.ready, turn.stamp_ns
+        name, executor = self._spec.name, self._executor
+        self._stamp_ns = stamp_ns
+        events = notice_gaps(executor, self._gaps, turn.ready, stamp_ns, now.wall_ns)
+        began_s = self._gauges.stopwatch_s()
+        executed = executor.step(tick, stamp_ns, inputs, now.wall_ns)
+        self._step_time_s += self._gauges.stopwatch_s() - began_s
+        last = turn.last or executed.finished
+        sent = (*turn.fed, *events, *executed.sent)
+        # What other nodes wait for goes first; what is only recorded or looked at, and the journal, follow.
+        for one in sent:
+            if one.topic in self._awaited:
+                yield _put(one)
+        counts = dict(Counter(one.topic for one in sent))
+        if last or now.monotonic_ns >= self._report_at_ns:  # the last before the recorder hears that this was all
+            yield self._report(now)
+        done = TickDone(name, executor.boot, executor.steps, tick, stamp_ns, counts, last)
+        yield Put(TICK + name, encode_control(done))
+        for one in sent:
+            if one.topic not in self._awaited:
+                yield _put(one)
+        entry = executor.journal(tick, stamp_ns, inputs, executed.sent, last=last)
+        envelope = Envelope(name, executor.boot, entry.step, tick, stamp_ns, now.wall_ns)
+        yield Put(JOURNAL + name, encode_entry(entry), encode_envelope(envelope))
+        self._member.ticks = tick + 1
+        if last:
+            self._running = False
+            self._member.leaving = True
+            self._recorded_by_ns = now.monotonic_ns + RECORDED_NS
+
+    def _receive(self, arrived: Arrived, now: Now) -> Refusal | None:
+        """Put what has arrived into the inbox, or return why not."""
+        if arrived.key.startswith(TICK):
+            done = self._intake.accept_tick(arrived)
+            if isinstance(done, Refusal):
+                return done
+            self._inbox.done(done)
+            return None
+        accepted = self._intake.accept(arrived)
+        if isinstance(accepted, Refusal):
+            if accepted.envelope is not None:
+                self._inbox.deliver_refused(accepted.envelope.node, accepted.envelope.tick)
+            return accepted
+        received, envelope = accepted
+        self._inbox.deliver(received, envelope.tick, now.monotonic_ns)
+        return None
+
+    def _refused(self, refusal: Refusal, now: Now) -> Iterator[Effect]:
+        yield from self._refuse(refusal, now)
+        yield from self._advance(now, self._turn(now, idle=False))  # nobody waits for it any more
+
+    def _refuse(self, refusal: Refusal, now: Now) -> Iterator[Effect]:
+        if not refusal.first_of_its_kind:
+            return
+        text = f"{refusal.topic}: message refused: {refusal.reason}"
+        yield Tell(text)
+        message = Log(timestamp=timestamp(self._stamp_ns), level=LogLevel.WARNING, message=text, name=self._spec.name)
+        yield self._said("log", message, now)
+
+    def _report(self, now: Now) -> Put:
+        self._report_at_ns = now.monotonic_ns + REPORT_NS
+        message = Diagnostics(
+            node=self._spec.name,
+            steps=self._executor.steps,
+            step_time_s=self._step_time_s,
+            refused=dict(self._intake.refused),
+            queue=self._gauges.waiting(),
+        )
+        return self._said("diagnostics", message, now)
+
+    def _said(self, topic: str, message: Diagnostics | Log, now: Now) -> Put:
+        return _put(self._executor.stamp(topic, message, self._member.ticks, self._stamp_ns, now.wall_ns))
+
+    def _await_recorded(self, now: Now) -> Iterator[Effect]:
+        """End when the recorder has said that it has the whole run; raises RunError if it does not."""
+        if self._member.recorded is not None:
+            yield Ended()
+        elif now.monotonic_ns >= self._recorded_by_ns:
+            raise RunError(f"the recorder has not confirmed the run within {RECORDED_NS // 10**9} s")
+
+
+def _put(sent: Sent) -> Put:
+    return Put(DATA + sent.topic, sent.payload, encode_envelope(sent.envelope))

@@ -1,0 +1,77 @@
+"""The router: the hub of a run, which knows its scenario, and when it is over."""
+
+from collections.abc import Iterator
+
+from dynpf_protocol.control import Beat, Recorded, Stop, decode_control, encode_control
+from dynpf_protocol.errors import BrokenOffError, ProtocolError
+from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, READY, RECORDER, ROUTER, SCENARIO
+
+from dynpf_runtime.machines.effects import Answer, Declare, Effect, Ended, Put, Subscribe, Tell, Watch
+from dynpf_runtime.machines.events import Arrived, Event, Now, Started, StopAsked, Token
+from dynpf_runtime.machines.membership import BEAT_NS
+from dynpf_runtime.machines.roster import Roster, holder
+
+__all__ = ["RouterMachine"]
+
+
+class RouterMachine:
+    """Answers for the ``scenario`` of a run, a resolved one, until the run has ended and everybody has left."""
+
+    def __init__(self, scenario: str, boot: str) -> None:
+        self.wake_ns = 0
+        self._scenario = scenario
+        self._boot = boot
+        self._present: set[str] = set()
+        self._recorder = Roster({RECORDER})
+        self._recorded: Recorded | None = None
+        self._began = False
+        self._stopping = False
+
+    def handle(self, event: Event, now: Now) -> Iterator[Effect]:
+        """Yield what follows from an event. The end is a BrokenOffError if the run was not recorded whole."""
+        match event:
+            case Started():
+                yield Answer(SCENARIO, self._scenario.encode())
+                yield from (Subscribe(f"{CONTROL}*"), Watch(f"{ALIVE}**"), Watch(f"{READY}**"))
+                yield Declare(f"{ALIVE}{ROUTER}/{self._boot}")
+            case Token():
+                self._token(event)
+            case Arrived(key) if key == f"{CONTROL}recorded":
+                yield from self._hear(event)
+            case StopAsked():
+                if event.at_once or not self._began:
+                    yield Ended(KeyboardInterrupt())
+                    return
+                if not self._stopping:
+                    self._stopping = True
+                    yield Put(f"{CONTROL}stop", encode_control(Stop(ROUTER, self._boot, event.reason)))
+        if self._began and not self._present:
+            yield Ended(self._outcome())
+        elif now.monotonic_ns >= self.wake_ns:
+            self.wake_ns = now.monotonic_ns + BEAT_NS
+            yield Put(f"{BEAT}{ROUTER}", encode_control(Beat(ROUTER, self._boot, 0)))
+
+    def _token(self, token: Token) -> None:
+        name, _, ready = holder(token)
+        if name == RECORDER:
+            self._recorder.take(token)
+        if ready:
+            self._began = True
+        elif name != ROUTER:
+            (self._present.add if token.present else self._present.discard)(token.key)
+
+    def _hear(self, arrived: Arrived) -> Iterator[Effect]:
+        try:
+            recorded = decode_control(arrived.payload, Recorded)
+            if self._recorder.boots.get(RECORDER) != recorded.boot:
+                raise ProtocolError(f"unknown sender {RECORDER!r} with boot {recorded.boot!r}")
+            self._recorded = recorded
+        except ProtocolError as error:
+            yield Tell(f"{arrived.key}: message refused: {error}")
+
+    def _outcome(self) -> BrokenOffError | None:
+        if self._recorded is None:
+            return BrokenOffError("everybody has left before the run was recorded")
+        if not self._recorded.complete:
+            return BrokenOffError(f"the run ended incomplete: {self._recorded.reason}")
+        return None

@@ -1,0 +1,63 @@
+"""Whole runs on a simulated network: router, recorder and nodes of a plan, as their processes would be."""
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from dynpf_formats.recording.header import Attachment
+from dynpf_protocol.keys import RECORDER, ROUTER
+from dynpf_runtime.machines.node_host import NodeHost
+from dynpf_runtime.machines.recorder import RecorderMachine
+from dynpf_runtime.machines.router import RouterMachine
+from dynpf_runtime.plan import Plan
+from dynpf_runtime.simulation import Network, Simulation
+from dynpf_runtime.source import LogRecord
+from dynpf_services.recorder.host import RecorderFile
+
+__all__ = ["host_of", "simulated"]
+
+ENDPOINT = "tcp/simulated:1"
+NETWORK = Network()
+
+
+class Still:
+    """No time passes, and nothing waits: what a host reports of itself says nothing."""
+
+    def stopwatch_s(self) -> float:
+        return 0.0
+
+    def waiting(self) -> int:
+        return 0
+
+
+def host_of(name: str, plan: Plan, boot: str, log: Sequence[LogRecord] = ()) -> NodeHost:
+    """Return the machine of a node's process."""
+    node = plan.graph.specs[name].build()
+    return NodeHost(name, node, plan, boot, endpoint=ENDPOINT, log=log, gauges=Still())
+
+
+def simulated(
+    files: ExitStack,
+    plan: Plan,
+    path: Path,
+    seed: int = 1,
+    *,
+    log: Sequence[LogRecord] = (),
+    attachments: Sequence[Attachment] = (),
+    without: Sequence[str] = (),
+    network: Network = NETWORK,
+) -> Simulation:
+    """Return a simulation of a run, recorded into ``path``, in which no process but those ``without`` lacks.
+
+    Whoever leaves ``files`` closes the recording of a run that was not simulated to its end.
+    """
+    simulation = Simulation(seed, ROUTER, network)
+    file = files.enter_context(RecorderFile(plan, "recorder-1", path, attachments))
+    if ROUTER not in without:
+        simulation.add(ROUTER, RouterMachine(plan.text, "router-1"))
+    if RECORDER not in without:
+        simulation.add(RECORDER, RecorderMachine(plan, "recorder-1", ENDPOINT, str(path)), file.perform)
+    for name in plan.graph.nodes:
+        if name not in without:
+            simulation.add(name, host_of(name, plan, f"{name}-1", log))
+    return simulation

@@ -1,0 +1,266 @@
+"""Membership by itself: a script tells who appears, who goes, and what comes in between."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from dynpf_protocol.control import Beat, Recorded, Stop, encode_control
+from dynpf_protocol.errors import BrokenOffError, DynpfError, UsageError
+from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, READY, SCENARIO
+from dynpf_runtime.machines.effects import Ask, Count, Declare, Effect, Put, Subscribe, Tell
+from dynpf_runtime.machines.events import Answered, Arrived, Counted, Event, RouterGone, Started, Token, Woke
+from dynpf_runtime.machines.membership import BEAT_NS, SURE_NS, WEDGED_NS, Membership
+from dynpf_services.scenario.build import plan_of
+from dynpf_services.scenario.load import load_scenario
+from dynpf_services.scenario.schema import resolved_json
+
+PEERS = ("sensors", "estimator", "controller", "recorder")
+SCENARIO_HERE = load_scenario("landmark-room")
+TEXT = resolved_json(SCENARIO_HERE)
+PREPARED = Subscribe("what it needs")
+
+
+class Scripted:
+    """A membership of the simulator, given one event after the other at a time that the script sets."""
+
+    def __init__(self, boot: str = "mine", *, leads: bool = True) -> None:
+        self.machine = Membership("simulator", plan_of(SCENARIO_HERE), boot, "tcp/here:1", [PREPARED], leads=leads)
+        self.now_ns = 0
+        self.effects: list[Effect] = []
+
+    def give(self, *events: Event) -> list[Effect]:
+        """Return what comes of the events."""
+        new = [effect for event in events for effect in self.machine.handle(event, self.now_ns)]
+        self.effects += new
+        return new
+
+    def joined(self) -> "Scripted":
+        self.give(Started(), Answered(TEXT.encode()), Counted(()), Counted((f"{ALIVE}simulator/mine",)))
+        return self
+
+    def assembled(self) -> "Scripted":
+        self.joined().give(*(token(prefix, node) for prefix in (ALIVE, READY) for node in PEERS))
+        assert self.machine.running
+        return self
+
+    @property
+    def tokens(self) -> list[str]:
+        return [effect.key for effect in self.effects if type(effect) is Declare]
+
+    @property
+    def told(self) -> list[str]:
+        return [effect.text for effect in self.effects if type(effect) is Tell]
+
+
+def token(prefix: str, node: str, *, present: bool = True, boot: str = "boot") -> Token:
+    return Token(f"{prefix}{node}/{boot}", present)
+
+
+def control(what: str, message: Beat | Recorded | Stop) -> Arrived:
+    return Arrived(what, encode_control(message), b"")
+
+
+def test_it_asks_for_the_scenario_and_its_name_before_it_does_anything_else() -> None:
+    one = Scripted()
+    assert one.give(Started()) == [Ask(SCENARIO)]
+    assert one.give(Answered(None)) == []
+    one.now_ns = one.machine.wake_ns
+    assert one.give(Woke()) == [Ask(SCENARIO)]
+    assert one.give(Answered(TEXT.encode())) == [Count(f"{ALIVE}simulator/*")]
+    assert one.give(Counted(()))[0] == PREPARED
+
+
+def test_nobody_who_answers_is_told_after_five_seconds() -> None:
+    one = Scripted()
+    one.give(Started(), Answered(None))
+    one.now_ns = 6 * 10**9
+    with pytest.raises(DynpfError, match="the router at tcp/here:1 does not say which scenario it runs"):
+        one.give(Woke(), Answered(None))
+
+
+def test_it_is_ready_only_when_all_are_alive_and_runs_only_when_all_are_ready() -> None:
+    one = Scripted().joined()
+    assert one.tokens == [f"{ALIVE}simulator/mine"]
+    one.give(*(token(ALIVE, node) for node in PEERS))
+    assert one.machine.boots == dict.fromkeys(PEERS, "boot")
+    assert one.tokens == [f"{ALIVE}simulator/mine", f"{READY}simulator/mine"]
+    one.give(*(token(READY, node) for node in PEERS[1:]), token(READY, "sensors", boot="another"))
+    assert not one.machine.running
+    one.give(token(READY, "sensors"))
+    assert one.machine.running
+
+
+def test_who_does_not_lead_runs_as_soon_as_it_is_ready() -> None:
+    one = Scripted(leads=False).joined()
+    one.give(*(token(ALIVE, node) for node in PEERS))
+    assert one.machine.running
+
+
+def test_after_a_second_it_tells_whom_it_waits_for_and_wakes_for_nothing_but_beats() -> None:
+    one = Scripted().joined()
+    wakes = []
+    while one.now_ns < 3 * 10**9:
+        one.now_ns = one.machine.wake_ns
+        wakes.append(one.now_ns)
+        one.give(Woke())
+    assert one.told == ["waiting for controller, estimator, recorder, sensors"]
+    assert all(later - earlier >= BEAT_NS or later == 10**9 for earlier, later in pairwise(wakes))
+    one.give(token(ALIVE, "sensors"))
+    assert one.told[1:] == ["waiting for controller, estimator, recorder"]
+
+
+def test_who_leaves_before_the_run_began_may_be_replaced() -> None:
+    script = [token(ALIVE, "sensors"), token(ALIVE, "sensors", present=False), token(ALIVE, "sensors", boot="second")]
+    one = Scripted().joined()
+    one.give(*script, *(token(ALIVE, node) for node in PEERS[1:]))
+    assert one.machine.boots["sensors"] == "second"
+
+
+def test_of_two_starts_of_a_peer_the_one_that_stays_counts() -> None:
+    one = Scripted().joined()
+    one.give(token(ALIVE, "sensors"), token(ALIVE, "sensors", boot="second"))
+    assert one.machine.boots["sensors"] == "boot"
+    one.give(token(ALIVE, "sensors", present=False))
+    assert one.machine.boots["sensors"] == "second"
+    assert one.told == []
+
+
+def test_a_second_start_of_a_peer_is_not_believed_once_the_run_has_begun() -> None:
+    one = Scripted().assembled()
+    one.give(token(ALIVE, "estimator", boot="other"), token(ALIVE, "estimator", boot="other", present=False))
+    assert one.machine.boots["estimator"] == "boot"
+    assert one.told == ["a second estimator (boot other) is refused; this run's is boot"]
+
+
+def test_of_two_that_join_at_the_same_moment_the_one_with_the_smaller_boot_stays() -> None:
+    for boot, other in (("a", "b"), ("b", "a")):
+        one = Scripted(boot)
+        one.give(Started(), Answered(TEXT.encode()), Counted(()))
+        both = Counted((f"{ALIVE}simulator/a", f"{ALIVE}simulator/b"))
+        if boot == "b":
+            with pytest.raises(UsageError, match=r"simulator already runs at tcp/here:1 \(boot a\); stop it first"):
+                one.give(both)
+            continue
+        one.give(both, *(token(ALIVE, node) for node in PEERS))
+        assert len(one.tokens) == 1, "it is ready although the other is still there"
+        one.give(token(ALIVE, "simulator", boot=other, present=False))
+        assert len(one.tokens) == 2
+
+
+def test_who_is_ready_stays_and_the_other_gives_way_whatever_its_boot() -> None:
+    ready = Scripted("mine").assembled()
+    ready.give(token(ALIVE, "simulator", boot="a"))
+    late = Scripted("a")
+    late.give(Started(), Answered(TEXT.encode()), Counted(()), Counted((f"{ALIVE}simulator/mine",)))
+    with pytest.raises(UsageError, match="simulator already runs"):
+        late.give(token(READY, "simulator", boot="mine"))
+
+
+def test_a_peer_that_goes_breaks_the_run_off_and_is_named_a_moment_later() -> None:
+    one = Scripted().assembled()
+    one.give(token(ALIVE, "estimator", present=False))
+    one.now_ns += SURE_NS
+    with pytest.raises(BrokenOffError, match="estimator is gone"):
+        one.give(Woke())
+
+
+def test_when_the_router_goes_it_is_the_router_that_is_named() -> None:
+    one = Scripted().assembled()
+    one.give(token(ALIVE, "estimator", present=False))
+    one.now_ns += SURE_NS
+    with pytest.raises(BrokenOffError, match="the router is gone"):
+        one.give(RouterGone())
+
+
+def test_a_peer_whose_beats_stay_away_is_said_to_hang() -> None:
+    one = Scripted().assembled()
+    one.give(control(f"{BEAT}estimator", Beat("estimator", "boot", 3)))
+    one.now_ns = WEDGED_NS
+    one.give(Woke())
+    one.now_ns += BEAT_NS
+    with pytest.raises(BrokenOffError, match="estimator has not answered for 15 s: it hangs"):
+        one.give(Woke())
+
+
+def test_when_the_run_is_over_everybody_may_go() -> None:
+    one = Scripted().assembled()
+    one.machine.leaving = True
+    one.give(token(ALIVE, "estimator", present=False))
+    one.now_ns += SURE_NS
+    one.give(Woke(), RouterGone(), control(f"{CONTROL}recorded", Recorded("boot", True, "finished", "run.mcap")))
+    assert one.machine.recorded is not None
+    assert one.machine.recorded.reason == "finished"
+
+
+def test_a_recording_that_is_closed_too_early_breaks_the_run_off() -> None:
+    closed = control(f"{CONTROL}recorded", Recorded("boot", False, "no room left", "run.mcap"))
+    with pytest.raises(BrokenOffError, match="no room left"):
+        Scripted().assembled().give(closed)
+
+
+@pytest.mark.parametrize(("node", "boot"), [("sensors", "boot"), ("router", "hub"), ("simulator", "mine")])
+def test_a_member_or_the_router_may_ask_to_stop(node: str, boot: str) -> None:
+    one = Scripted().assembled()
+    one.give(token(ALIVE, "router", boot="hub"), control(f"{CONTROL}stop", Stop(node, boot, "enough")))
+    assert (one.machine.stop_reason, one.told) == ("enough", [])
+
+
+@pytest.mark.parametrize(
+    "stranger",
+    [
+        Arrived(f"{CONTROL}stop", b"\xff\xff", b""),
+        control(f"{CONTROL}stop", Stop("sensors", "another", "enough")),
+        control(f"{CONTROL}stop", Stop("router", "boot", "enough")),
+        control(f"{CONTROL}stop", Stop("nobody", "boot", "enough")),
+        control(f"{CONTROL}recorded", Recorded("another", False, "no room left", "run.mcap")),
+        control(f"{CONTROL}recorded", Recorded("another", True, "finished", "run.mcap")),
+    ],
+)
+def test_a_strangers_word_is_refused_told_and_changes_nothing(stranger: Arrived) -> None:
+    one = Scripted().assembled()
+    one.give(stranger)
+    assert (one.machine.stop_reason, one.machine.recorded) == ("", None)
+    assert len(one.told) == 1
+    assert one.told[0].startswith(f"{stranger.key}: message refused: ")
+
+
+def test_a_beat_counts_only_with_its_peers_boot() -> None:
+    one = Scripted().assembled()
+    one.give(*(control(f"{BEAT}recorder", Beat("recorder", boot, 7)) for boot in ("boot", "another")))
+    one.give(control(f"{BEAT}recorder", Beat("recorder", "another", 10**6)))
+    assert one.machine.behind("recorder") == 7
+
+
+def test_it_beats_twice_a_second() -> None:
+    one = Scripted().assembled()
+    one.effects.clear()
+    while one.now_ns < 10 * BEAT_NS:
+        one.now_ns = one.machine.wake_ns
+        one.give(Woke())
+    assert [type(effect) for effect in one.effects] == [Put] * 10
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        TEXT.replace('"kind":"arcs"', '"kind":"mark_of_a_stranger:X"').encode(),
+        b'{"map":{"kind":"bitmap","file":"/dev/zero"},"maps":["/etc/passwd"]}',
+        b"\xff\xfe",
+        b"no JSON",
+        b"[" * 100_000,
+        b'{"a":' * 900 + b"1" + b"}" * 900,
+    ],
+)
+def test_a_strangers_scenario_is_refused_and_nothing_that_it_names_is_touched(
+    answer: bytes, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    mark = tmp_path / "mark"
+    (tmp_path / "mark_of_a_stranger.py").write_text(f"open({str(mark)!r}, 'x').close()")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    one = Scripted()
+    one.give(Started())
+    with pytest.raises(DynpfError, match=r"differs from the router's in|tells a scenario that cannot be read"):
+        one.give(Answered(answer))
+    assert not mark.exists()
+    assert not one.machine.joined
+    assert Scripted().joined().machine.joined  # the control: the same one is taken
