@@ -44,6 +44,7 @@ check: .venv/.dev
 	$(BIN)/python -m checks.pure_code
 	$(BIN)/python -m checks.portable_code
 	$(BIN)/python -m checks.data_code
+	$(BIN)/python -m checks.sizes
 	$(BIN)/python -m checks.system_names
 	$(BIN)/python -m pip check
 

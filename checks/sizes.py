@@ -13,7 +13,7 @@ __all__ = ["too_long"]
 
 PACKAGES = (
     *("benchmarks", "checks", "docs", "dynpf", "examples", "experiments", "formats", "lab", "protocol", "runtime"),
-    *("services", "systems", "tests"),
+    *("services", "systems"),
 )
 MODULE_LINES, FUNCTION_LINES = 400, 60
 

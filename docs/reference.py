@@ -3,25 +3,19 @@
 Types, ranges and defaults are read from the structs themselves, units and meanings from the comments beside the fields.
 """
 
-import ast
-import inspect
-import io
-import textwrap
-import tokenize
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
-import msgspec
 from dynpf_formats.shipped import known_topics, load, systems
 from dynpf_protocol.journal import JournalEntry
 from dynpf_protocol.messages import LogLevel
 from dynpf_protocol.topics import TOPICS, Delivery, Topic
 from dynpf_services.scenario.kinds import fact_kind, fact_names
 from dynpf_services.scenario.schema import RunTable
-from dynpf_services.scenario.user_component import UserComponent
 from dynpf_services.scenario.vocabulary import whole_type
 from msgspec import inspect as types
+
+from docs.fields import Structs, anchor, described, inside, pieces_of, struct_of, table, type_text
 
 __all__ = ["PAGES", "scenarios", "topics"]
 
@@ -188,10 +182,6 @@ one), but not the code. A recording is not believed: `dynpf replay` imports a mo
 without the module, and says when it is not the one that was recorded. Processes that join a run must have the same.
 """
 
-TIMES = {"Timestamp", "Duration"}
-
-Structs = dict[str, types.StructType]
-
 
 def topics() -> str:
     """Return the reference of topics and messages."""
@@ -202,7 +192,7 @@ def topics() -> str:
     lines += [
         "",
         "A recording holds besides, for each node, the topic `journal/NODE` of type",
-        f"[{JournalEntry.schema_name}](#{_anchor(JournalEntry.schema_name)}).",
+        f"[{JournalEntry.schema_name}](#{anchor(JournalEntry.schema_name)}).",
         "",
         "## Messages",
         "",
@@ -212,12 +202,12 @@ def topics() -> str:
     named[JournalEntry.schema_name] = JournalEntry
     pieces: Structs = {}
     for name, kind in sorted(named.items()):
-        info = _struct(kind)
-        pieces |= _pieces(info)
-        lines += ["", f"### {name}", "", *_described(info, pieces)]
+        info = struct_of(kind)
+        pieces |= pieces_of(info)
+        lines += ["", f"### {name}", "", *described(info, pieces)]
     lines += ["", "## Pieces of messages"]
     for name, info in sorted(pieces.items()):
-        lines += ["", f"### {name}", "", *_described(info, pieces)]
+        lines += ["", f"### {name}", "", *described(info, pieces)]
     lines += ["", f"Log levels: {', '.join(f'{level.value} {level.name.lower()}' for level in LogLevel)}.", ""]
     return "\n".join(lines)
 
@@ -227,7 +217,7 @@ def _rows(topics: Iterable[Topic]) -> Iterator[str]:
     rows = (
         (
             f"`{row.name}`",
-            f"[{row.type.schema_name}](#{_anchor(row.type.schema_name)})",
+            f"[{row.type.schema_name}](#{anchor(row.type.schema_name)})",
             ", ".join(row.publishers),
             "yes" if row.wakes else "no",
             "fresh" if row.delivery is Delivery.FRESH else "reliable",
@@ -236,218 +226,36 @@ def _rows(topics: Iterable[Topic]) -> Iterator[str]:
         )
         for row in topics
     )
-    yield from _table(("Topic", "Type", "From", "Wakes", "Delivery", "Compared", "What it is"), rows)
+    yield from table(("Topic", "Type", "From", "Wakes", "Delivery", "Compared", "What it is"), rows)
 
 
 def scenarios() -> str:
     """Return the reference of the keys of a scenario."""
     lines = [SCENARIOS_HEAD]
-    info = _struct(whole_type())
-    lines += [*_described(_struct(RunTable), {}), "", NODES_AND_TABLES.rstrip(), "", *_shared(), ""]
+    info = struct_of(whole_type())
+    lines += [*described(struct_of(RunTable), {}), "", NODES_AND_TABLES.rstrip(), "", *_shared(), ""]
     lines += [OWN_NODES.rstrip(), "", OWN_COMPONENTS.rstrip()]
     for path, inner in _sections(info, ""):
         kind = f', kind = "{inner.tag}"' if inner.tag is not None else ""
-        lines += ["", f"## `{path}`{kind}", "", *_described(inner, {})]
+        lines += ["", f"## `{path}`{kind}", "", *described(inner, {})]
     return "\n".join([*lines, ""])
 
 
 def _shared() -> list[str]:
     """Return the table of the tables that nodes share."""
     kinds = ((name, fact_kind(name)) for name in fact_names())
-    rows = ((f"`{name}`", _type(types.type_info(kind.type), {}), kind.about) for name, kind in kinds)
-    return [*_table(("Table", "Type", "What it is"), rows)]
+    rows = ((f"`{name}`", type_text(types.type_info(kind.type), {}), kind.about) for name, kind in kinds)
+    return [*table(("Table", "Type", "What it is"), rows)]
 
 
 def _sections(info: types.StructType, path: str) -> Iterator[tuple[str, types.StructType]]:
     """Yield the tables below a table, each with its name as it stands in the file, depth first."""
     for field in info.fields:
-        inside, many = _inside(field.type)
-        for inner in inside:
+        found, many = inside(field.type)
+        for inner in found:
             name = f"{path}.{field.name}".lstrip(".")
             yield (f"[[{name}]]" if many else f"[{name}]"), inner
             yield from _sections(inner, name)
-
-
-def _inside(info: types.Type) -> tuple[list[types.StructType], bool]:
-    match info:
-        case types.StructType():
-            return [info], False
-        case types.UnionType(types=choices):
-            return [one for one in choices if isinstance(one, types.StructType)], False
-        case types.VarTupleType(item_type=item):
-            return _inside(item)[0], True
-    return [], False
-
-
-def _pieces(info: types.Type) -> Structs:
-    """Return the structs inside a message by name, times left out."""
-    match info:
-        case types.StructType(fields=fields):
-            found: Structs = {}
-            for field in fields:
-                for inner in _inside(field.type)[0]:
-                    if inner.cls.__name__ not in TIMES:
-                        found |= {inner.cls.__name__: inner, **_pieces(inner)}
-            return found
-    return {}
-
-
-def _described(info: types.StructType, links: Structs) -> list[str]:
-    """Return a struct's docstring and the table of its fields."""
-    lines = [*inspect.cleandoc(info.cls.__doc__ or "").splitlines(), ""] if info.cls.__doc__ else []
-    if info.cls is UserComponent:
-        return lines[:-1]
-    if not info.fields:
-        return [*lines, "No keys."]
-    notes = _notes(info.cls)
-    rows = (
-        (f"`{one.encode_name}`", _type(one.type, links), _range(one.type), _default(one), notes.get(one.name, ""))
-        for one in info.fields
-    )
-    return [*lines, *_table(("Field", "Type", "Range", "Default", "Unit and meaning"), rows)]
-
-
-def _type(info: types.Type, links: Mapping[str, Any]) -> str:
-    match info:
-        case types.FloatType():
-            return "number"
-        case types.IntType():
-            return "integer"
-        case types.BoolType():
-            return "true or false"
-        case types.StrType():
-            return "text"
-        case types.BytesType():
-            return "base64"
-        case types.LiteralType(values=values):
-            return " or ".join(f'`"{value}"`' for value in values)
-        case types.EnumType(cls=cls):
-            return f"integer ({cls.__name__})"
-        case types.StructType(cls=cls):
-            name = cls.__name__
-            return f"[{name}](#{_anchor(name)})" if name in links else ("sec, nsec" if name in TIMES else "table")
-        case types.VarTupleType(item_type=item):
-            return f"list of {_type(item, links)}"
-        case types.TupleType(item_types=items):
-            return f"{len(items)} x {_type(items[0], links)}"
-        case types.DictType(value_type=value):
-            return f"table of {_type(value, links)}"
-        case types.UnionType(types=choices):
-            return " or ".join(dict.fromkeys(_type(one, links) for one in choices if not _none(one)))
-    return type(info).__name__
-
-
-def _none(info: types.Type) -> bool:
-    return isinstance(info, types.NoneType)
-
-
-def _range(info: types.Type) -> str:
-    match info:
-        case types.FloatType() | types.IntType():
-            bounds = (
-                (">=", info.ge),
-                (">", info.gt),
-                ("<=", info.le),
-                ("<", info.lt),
-                ("multiple of", info.multiple_of),
-            )
-            return ", ".join(f"{word} {_number(value)}" for word, value in bounds if value is not None)
-        case types.VarTupleType(item_type=item, min_length=low, max_length=high):
-            if low is not None and low == high:
-                return f"{low} of them"
-            lengths = [f"at least {low}" if low else "", f"at most {high}" if high is not None else ""]
-            each = _range(item)
-            return ", ".join([*filter(None, lengths), *([f"each {each.removeprefix('each ')}"] if each else [])])
-        case types.TupleType(item_types=items):
-            return f"each {_range(items[0])}" if _range(items[0]) else ""
-        case types.UnionType(types=choices):
-            return next(filter(None, map(_range, choices)), "")
-    return ""
-
-
-def _number(value: float) -> str:
-    if isinstance(value, int) and value >= 2**31 and value & (value - 1) == 0:
-        return f"2^{value.bit_length() - 1}"
-    return f"{value:g}"
-
-
-def _default(field: types.Field) -> str:
-    if field.required:
-        return "required"
-    if field.default_factory is not msgspec.NODEFAULT:
-        return "computed" if field.default_factory not in (list, dict) else "empty"
-    if field.default is msgspec.NODEFAULT:  # UNSET: the field need not be there
-        return "left out"
-    value = msgspec.to_builtins(field.default)
-    match value:
-        case None:
-            return "absent"
-        case bool():
-            return str(value).lower()
-        case float():
-            return f"{value:.6g}"
-        case "":
-            return "empty"
-        case dict():
-            return "its defaults"
-        case [] | ():
-            return "empty"
-        case [dict(), *_] | (dict(), *_):
-            return "one, its defaults"
-        case list() | tuple():
-            return f"[{', '.join(one if isinstance(one, str) else f'{one:.6g}' for one in value)}]"
-    return str(value)
-
-
-def _notes(kind: type) -> dict[str, str]:
-    """Return what the source says beside, above or, as a text, below each field of a struct; inherited ones first."""
-    bases = [base for base in reversed(kind.__mro__) if issubclass(base, msgspec.Struct) and base is not msgspec.Struct]
-    return {name: note for base in bases for name, note in _own_notes(base).items()}
-
-
-def _own_notes(kind: type) -> dict[str, str]:
-    try:
-        source = textwrap.dedent(inspect.getsource(kind))
-    except OSError:  # made of a list: there is no source, and the tables that it holds have their own
-        return {}
-    comments = {
-        token.start[0]: token.string.lstrip("# ")
-        for token in tokenize.generate_tokens(io.StringIO(source).readline)
-        if token.type == tokenize.COMMENT
-    }
-    statement = ast.parse(source).body[0]
-    assert isinstance(statement, ast.ClassDef)
-    code = {row for node in statement.body for row in range(node.lineno, (node.end_lineno or node.lineno) + 1)}
-    notes: dict[str, str] = {}
-    name = ""
-    for node in statement.body:
-        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-            name = node.target.id
-            above: list[str] = []
-            row = node.lineno - 1
-            while row in comments and row not in code:
-                above.insert(0, comments[row])
-                row -= 1
-            beside = comments.get(node.end_lineno or node.lineno)
-            notes[name] = " ".join([*above, *([beside] if beside else [])])
-        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and name:
-            notes[name] = " ".join(str(node.value.value).split())
-    return {name: note for name, note in notes.items() if note}
-
-
-def _struct(kind: type) -> types.StructType:
-    info = types.type_info(kind)
-    assert isinstance(info, types.StructType)
-    return info
-
-
-def _anchor(title: str) -> str:
-    return title.lower().replace(".", "")
-
-
-def _table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]]) -> list[str]:
-    lines = [head, ("---",) * len(head), *rows]
-    return ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines]
 
 
 PAGES = {Path(__file__).with_name("topics.md"): topics, Path(__file__).with_name("scenarios.md"): scenarios}
