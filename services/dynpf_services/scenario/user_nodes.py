@@ -119,6 +119,10 @@ def _rows(kind: type[Node], node: str) -> dict[str, Topic]:
     for own, what in kind.writes.items():
         if not isinstance(what, Topic) and not (isinstance(what, type) and issubclass(what, Message)):
             raise ValueError(f"{kind.__name__}.writes: {own!r} is {what!r}; expected a type of messages")
+        if isinstance(what, Topic) and not what.compared:
+            raise ValueError(
+                f"{kind.__name__}.writes: {own!r} has compared=False; the outputs of a node are always compared"
+            )
         described = (kind.__doc__ or kind.__name__).strip().partition("\n")[0].rstrip(".")
         rows[own] = (
             what if isinstance(what, Topic) else Topic(name=own, type=what, publishers=(node,), description=described)

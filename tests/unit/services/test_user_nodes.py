@@ -86,6 +86,13 @@ MODULE = """
             return state, ()
 
 
+    class Uncompared(Node, frozen=True, kw_only=True):
+        writes = {"count": Topic(name="count", type=Count, publishers=("own",), description="", compared=False)}
+
+        def step(self, state, moment):
+            return state, ()
+
+
     class Every(Sensor, frozen=True, kw_only=True):
         topic = "count"
         message = Count
@@ -160,6 +167,11 @@ def test_a_sensor_reads_every_so_many_true_states(room: Any) -> None:
         ("Silent", [], "nodes.own.kind: 'counting:Silent' has no method sense"),
         ("Undecided", [], "nodes.own: Undecided.State needs a default for each of its fields"),
         ("Plain", [], "nodes.own: Plain.writes: 'count' is 3; expected a type of messages"),
+        (
+            "Uncompared",
+            [],
+            "nodes.own: Uncompared.writes: 'count' has compared=False; the outputs of a node are always",
+        ),
     ],
 )
 def test_what_is_no_node_is_told_before_a_run(room: Any, name: str, settings: list[str], told: str) -> None:
