@@ -65,7 +65,11 @@ class SearchParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 class HypothesesParams(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="colon_hypotheses"
 ):
-    """Lengths in map units (px)."""
+    """Lengths in map units (px).
+
+    The prior of bulges (``bulge_height``, ``bulge_deviation``, ``bulge_width``) fits the bulges of the tubes that
+    ``dynpf.colon.maps`` draws, 25 to 50 px high: the filter knows the kind of change that it meets there.
+    """
 
     n: Count = 100  # particles
     motion: CapsuleStepParams = CapsuleStepParams()
@@ -173,8 +177,8 @@ class Hypotheses:
     ) -> tuple[Belief, Finding]:
         """Return the belief after a motion (None: none) and ranges (B,) at its end, and what was found.
 
-        ``told``: the name of a listed map that is said to hold from now on, whether or not that is true. Ranges that
-        are NaN tell nothing. Raises ValueError for another number of ranges, or a name that is not listed.
+        ``told``: the name of a listed map that is reported to hold from now on, rightly or wrongly. Ranges that are NaN
+        tell nothing. Raises ValueError for another number of ranges, or a name that is not listed.
         """
         read = checked_ranges(ranges)
         if told is not None and told not in self.names[:-1]:

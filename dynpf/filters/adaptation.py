@@ -114,7 +114,7 @@ class Recovery(Protocol):
     def assess(
         self, memory: tuple[float, ...], log_evidence: float, readings: int = 1
     ) -> tuple[tuple[float, ...], float]:
-        """Return the memory after an update, and the share of particles to draw anew at the next resampling.
+        """Return the memory after an update, and the share of particles to replace at the next resampling.
 
         ``log_evidence`` is the log of the particles' mean likelihood before normalization, for ``readings`` readings
         together. It counts as so many equal ones: their geometric mean does not depend on how many there are. A NaN,
@@ -129,7 +129,7 @@ class AugmentedParams(
 
     alpha_slow: Rate = 0.001
     alpha_fast: Rate = 0.1
-    share_max: Share = 1.0  # of the particles, drawn anew at once
+    share_max: Share = 1.0  # of the particles, replaced at once
 
     def __post_init__(self) -> None:
         if self.alpha_slow >= self.alpha_fast:
@@ -171,7 +171,7 @@ class SensorResettingParams(
     """The likelihood that a filter on its track should see; it depends on the measurement model and its units."""
 
     log_likelihood: float  # of one reading, natural logarithm; a density's may be above 0
-    share_max: Share = 1.0  # of the particles, drawn anew at once
+    share_max: Share = 1.0  # of the particles, replaced at once
 
 
 class SensorResetting:
@@ -206,14 +206,14 @@ def log_average(log_average: float, log_value: float, rate: float) -> float:
 
 
 class PoseSource(Protocol):
-    """Where particles that are drawn anew come from."""
+    """Where particles come from that replace doubted ones."""
 
     def draw(self, count: int, readings: Sequence[Any], stream: Stream) -> Floats:
         """Return poses (3, count) float32, given the readings of the moment; there may be none."""
 
 
 class Doubt(NamedTuple):
-    """How far a filter is to doubt its particles: what it remembers, the share to draw anew, and from where.
+    """How far a filter is to doubt its particles: what it remembers, the share to replace, and from where.
 
     ``places`` are those that a search of the map has found, if there was one; ``unfit`` is how many searches in a row
     have found nowhere that explains the readings as usual. ``jumped`` is how likely it is that the robot has just been
@@ -229,7 +229,7 @@ class Doubt(NamedTuple):
 
 
 class Rescuer(Protocol):
-    """How a lost filter finds back: when to draw particles anew, and from where."""
+    """How a lost filter finds back: when to replace particles, and from where."""
 
     def begin(self) -> tuple[float, ...]:
         """Return the memory of having seen nothing."""
@@ -242,7 +242,7 @@ class Rescuer(Protocol):
 
 
 class Rescue(NamedTuple):
-    """Doubt by the likelihood alone; particles that are drawn anew come from the source."""
+    """Doubt by the likelihood alone; particles that replace others come from the source."""
 
     recovery: Recovery
     source: PoseSource

@@ -221,7 +221,7 @@ class Health:
 
 
 def _figures(memory: HealthMemory, signs: Signs) -> Figures:
-    xx, xy, yy = (float(signs.covariance[place]) for place in ((0, 0), (0, 1), (1, 1)))
+    xx, xy, yy = (float(signs.covariance[index]) for index in ((0, 0), (0, 1), (1, 1)))
     # The larger eigenvalue of the covariance of the position.
     variance = 0.5 * (xx + yy) + hypot(0.5 * (xx - yy), xy)
     known = memory.updates > 0 and memory.log_slow > -math.inf

@@ -43,7 +43,7 @@ class Gaussian(NamedTuple):
 
 
 class Innovation(NamedTuple):
-    """What a reading said beyond what was expected of it: measured minus expected (M,), and its covariance (M, M).
+    """The difference between a reading and its expectation: measured minus expected (M,), and its covariance (M, M).
 
     ``nis`` is the normalized innovation squared, the squared Mahalanobis distance: chi-square with M degrees of freedom
     when the filter is consistent; NaN where the innovation is not finite. A reading that was not ``used`` left the
@@ -184,15 +184,15 @@ def judged(vector: FloatArray, covariance: FloatArray, gate: float | None) -> In
     Raises SingularMatrixError where the covariance has no inverse.
     """
     rows = len(covariance)
-    told = kernels.gaussian.mahalanobis(
+    distance = kernels.gaussian.mahalanobis(
         shaped("an innovation covariance", covariance, rows, rows), shaped("an innovation", vector, rows)
     )
-    return weighed(vector, covariance, told, gate)
+    return weighed(vector, covariance, distance, gate)
 
 
-def weighed(vector: FloatArray, covariance: FloatArray, told: tuple[float, bool], gate: float | None) -> Innovation:
+def weighed(vector: FloatArray, covariance: FloatArray, distance: tuple[float, bool], gate: float | None) -> Innovation:
     """Return the innovation of which a kernel has told what ``mahalanobis`` does; raises as ``judged`` does."""
-    nis, regular = told
+    nis, regular = distance
     if not regular:
         raise _singular(covariance)
     return Innovation(vector, covariance, nis, not math.isnan(nis) if gate is None else nis <= gate)

@@ -79,8 +79,8 @@ def _add_log(values, out):
 def _add_half_difference(first, second, out):
     """Add half the difference of squares."""
     for p in range(out.size):
-        one = np.float64(first[p])
-        out[p] += 0.5 * (one * one - second[p] * second[p])
+        a = np.float64(first[p])
+        out[p] += 0.5 * (a * a - second[p] * second[p])
 
 
 @device

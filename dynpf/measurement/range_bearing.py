@@ -40,7 +40,11 @@ class RangeBearingReadings(NamedTuple):
 class RangeBearingParams(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="range_bearing"
 ):
-    """Noise and trust. The range's variance is sigma_range^2 + (sigma_range_per_m range)^2."""
+    """Noise and trust. The range's variance is sigma_range^2 + (sigma_range_per_m range)^2.
+
+    The defaults were chosen on data sets 7 and 9 of UTIAS MRCLAM, whose barcodes small robots read by camera: they are
+    of that sensor, and no more than a start for another one.
+    """
 
     sigma_range: Positive = 0.08  # m, at range zero
     sigma_range_per_m: NonNegative = 0.2  # m per m
@@ -287,7 +291,7 @@ def _poses(states: Floats) -> FloatArray:
 
 
 def _moving(reading: RangeBearingReadings) -> NDArray[np.bool_]:
-    """Return of which readings the landmark moves, (K,)."""
+    """Return a mask (K,) of the readings whose landmark moves."""
     if reading.places is None:
         return np.zeros(len(reading.ranges), dtype=np.bool_)
     return np.asarray(np.isfinite(reading.places).all(axis=0), dtype=np.bool_)
@@ -304,7 +308,7 @@ def _arrays(reading: RangeBearingReadings) -> tuple[NDArray[np.int64], NDArray[n
 
 
 def _array(values: ArrayLike, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return an array as it is if the kernels take it, else a copy: for a read-only one they would compile anew."""
+    """Return an array as it is if the kernels take it, else a copy: for a read-only one they would compile again."""
     if isinstance(values, np.ndarray) and values.dtype == dtype:
         flags = values.flags
         if flags.writeable and flags.c_contiguous:
