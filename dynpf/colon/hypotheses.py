@@ -8,7 +8,7 @@ and whether a part has moved at all, is kept once.
 """
 
 from collections.abc import Mapping
-from typing import Annotated, NamedTuple
+from typing import Annotated, NamedTuple, Self
 
 import msgspec
 import numpy as np
@@ -62,9 +62,7 @@ class SearchParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     patience: Annotated[int, Meta(ge=0)] = 7  # readings after which the search ends anyway
 
 
-class HypothesesParams(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="colon_hypotheses"
-):
+class HypothesesParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Lengths in map units (px).
 
     The prior of bulges (``bulge_height``, ``bulge_deviation``, ``bulge_width``) fits the bulges of the tubes that
@@ -91,6 +89,10 @@ class HypothesesParams(
     bulge_roughness: NonNegative = 4.0  # of how far a wall is from being such a bell, besides its roughness
     unrest: Share = 0.1  # how much of what is known of whether a wall has moved is forgotten within a step
     search: SearchParams = SearchParams()
+
+    def obedient(self) -> Self:
+        """Return the parameters of a filter that takes the map that it is told of for the one that holds."""
+        return msgspec.structs.replace(self, change=0.0, told=1.0)
 
 
 class Belief(NamedTuple):
