@@ -91,7 +91,7 @@ class HypothesesParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     search: SearchParams = SearchParams()
 
     def obedient(self) -> Self:
-        """Return the parameters of a filter that takes the map that it is told of for the one that holds."""
+        """Return the parameters of a filter that takes the map reported to it for the one that holds."""
         return msgspec.structs.replace(self, change=0.0, told=1.0)
 
 
@@ -180,7 +180,7 @@ class Hypotheses:
         """Return the belief after a motion (None: none) and ranges (B,) at its end, and what was found.
 
         ``told``: the name of a listed map that is reported to hold from now on, rightly or wrongly. Ranges that are NaN
-        tell nothing. Raises ValueError for another number of ranges, or a name that is not listed.
+        carry no information. Raises ValueError for another number of ranges, or a name that is not listed.
         """
         read = checked_ranges(ranges)
         if told is not None and told not in self.names[:-1]:

@@ -74,7 +74,7 @@ ROUTE = Route(
 
 
 class Case(NamedTuple):
-    """The map that becomes true at the change, and the one that the filter is told; before, both are "a"."""
+    """The map that becomes true at the change, and the one reported to the filter; before, both are "a"."""
 
     true: str
     told: str

@@ -34,7 +34,7 @@ __all__ = [
     "Sizing",
     "kld_bound",
     "log_average",
-    "tells_nothing",
+    "uninformative",
 ]
 
 CellM = Annotated[float, Meta(ge=1e-3)]
@@ -118,7 +118,7 @@ class Recovery(Protocol):
 
         ``log_evidence`` is the log of the particles' mean likelihood before normalization, for ``readings`` readings
         together. It counts as so many equal ones: their geometric mean does not depend on how many there are. A NaN,
-        +inf, or no readings tell nothing: memory stays as it was and the share is 0.
+        +inf, or no readings carry no information: memory stays as it was and the share is 0.
         """
 
 
@@ -155,7 +155,7 @@ class Augmented:
         self, memory: tuple[float, ...], log_evidence: float, readings: int = 1
     ) -> tuple[tuple[float, ...], float]:
         """See Recovery; the memory is (log w_slow, log w_fast)."""
-        if tells_nothing(log_evidence, readings):
+        if uninformative(log_evidence, readings):
             return memory, 0.0
         log_mean = log_evidence / readings
         slow, fast = memory or (log_mean, log_mean)
@@ -188,13 +188,13 @@ class SensorResetting:
         self, memory: tuple[float, ...], log_evidence: float, readings: int = 1
     ) -> tuple[tuple[float, ...], float]:
         """See Recovery."""
-        if tells_nothing(log_evidence, readings):
+        if uninformative(log_evidence, readings):
             return memory, 0.0
         short = min(log_evidence / readings - self.params.log_likelihood, 0.0)
         return memory, min(1.0 - exp(short), self.params.share_max)
 
 
-def tells_nothing(log_evidence: float, readings: int) -> bool:
+def uninformative(log_evidence: float, readings: int) -> bool:
     """Return whether there was no reading, or its likelihood is no number."""
     return readings < 1 or math.isnan(log_evidence) or log_evidence == math.inf
 

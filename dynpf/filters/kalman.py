@@ -164,7 +164,7 @@ def as_belief(mean: FloatArray, covariance: FloatArray, angles: tuple[int, ...])
 
 
 def not_finite(belief: Gaussian) -> ValueError:
-    """Return the error that a belief which is not finite is told by."""
+    """Return the error for a belief that is not finite."""
     return ValueError(f"the belief is not finite: mean {belief.mean.tolist()}, covariance {belief.covariance.tolist()}")
 
 
@@ -191,7 +191,7 @@ def judged(vector: FloatArray, covariance: FloatArray, gate: float | None) -> In
 
 
 def weighed(vector: FloatArray, covariance: FloatArray, distance: tuple[float, bool], gate: float | None) -> Innovation:
-    """Return the innovation of which a kernel has told what ``mahalanobis`` does; raises as ``judged`` does."""
+    """Return the innovation for a kernel's result (see ``kernels.gaussian.mahalanobis``); raises as ``judged`` does."""
     nis, regular = distance
     if not regular:
         raise _singular(covariance)

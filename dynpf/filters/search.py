@@ -164,8 +164,8 @@ class Search:
         # Comparisons come before anything is made an integer.
         inside = (column >= 0.0) & (column < width) & (row >= 0.0) & (row < height)
         free = np.zeros(poses.shape[1], dtype=bool)
-        places = whole(row[inside], 0, height - 1), whole(column[inside], 0, width - 1)
-        free[inside] = self.grid.cells[places] == FREE
+        cells = whole(row[inside], 0, height - 1), whole(column[inside], 0, width - 1)
+        free[inside] = self.grid.cells[cells] == FREE
         return free
 
 

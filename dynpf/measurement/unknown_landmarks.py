@@ -49,7 +49,7 @@ class UnknownLandmarksParams(
 class UnknownLandmarks:
     """As ``RangeBearing``, but each reading is compared with every landmark; identities, where given, are ignored.
 
-    A reading that is not finite tells nothing: it is not admitted and adds zero to the log-likelihood of every
+    A reading that is not finite carries no information: it is not admitted and adds zero to the log-likelihood of every
     particle. The same holds for all readings when the map has no landmark.
     """
 
@@ -68,7 +68,7 @@ class UnknownLandmarks:
         )
 
     def admit(self, particles: Floats, weights: Floats, reading: ReadingsT) -> ReadingsT | None:  # noqa: ARG002
-        """Return the readings that tell something, None if there is none: any landmark may explain any of them."""
+        """Return the readings that carry information, None if there is none: any landmark may explain any of them."""
         ranges, bearings = _arrays(reading)
         kept = np.isfinite(ranges) & np.isfinite(bearings)
         if not (kept.any() and self._positions.size):
