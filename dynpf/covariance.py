@@ -23,5 +23,5 @@ def semidefinite_root(covariance: FloatArray) -> FloatArray:
 
 
 def negative_eigenvalue(covariance: FloatArray) -> ValueError:
-    """Return the error that a covariance with a negative eigenvalue is told by."""
+    """Return the error for a covariance with a negative eigenvalue."""
     return ValueError(f"a covariance has no negative eigenvalue; {covariance.tolist()} has one")

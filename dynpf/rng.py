@@ -141,7 +141,7 @@ class Draws:
         return self._generator.permutation(values)
 
     def choice(self, values: ArrayLike, size: Size | None = None) -> Any:
-        """Return one of the values, all equally likely, or as many as ``size`` says, each drawn anew."""
+        """Return one of the values, all equally likely, or as many as ``size`` says, each drawn by itself."""
         return self._generator.choice(values, size)
 
 

@@ -43,7 +43,7 @@ ANGLES = np.array(BEAMS, dtype=np.float32)
 
 
 def checked_ranges(ranges: Floats) -> Floats:
-    """Return ranges (B,) in float32, none above the cap, NaN where nothing is told; raises ValueError if not five."""
+    """Return ranges (B,) in float32, none above the cap, NaN where nothing was read; raises ValueError if not five."""
     read = np.array(ranges, dtype=np.float32)
     if read.shape != ANGLES.shape:
         raise ValueError(f"ranges of shape {read.shape}; expected one for each of {ANGLES.size} beams")

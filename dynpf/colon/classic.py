@@ -1,4 +1,4 @@
-"""COLON's own filter: a blunt likelihood in the one map that it is told, and resampling at every step."""
+"""COLON's own filter: a blunt likelihood in the one map reported to it, and resampling at every step."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -40,7 +40,7 @@ class Classic:
     """
 
     def __init__(self, maps: Mapping[str, OccupancyGrid]) -> None:
-        """Take the maps that it may be told of, by name."""
+        """Take the maps that may be reported, by name."""
         self._filters = {
             name: ParticleFilter(
                 CapsuleStep(CapsuleStepParams()),
@@ -58,7 +58,7 @@ class Classic:
     def update(
         self, cloud: Cloud, motion: CapsuleMotion | None, ranges: Floats, stream: Stream, reference: str
     ) -> tuple[Cloud, ClassicFinding]:
-        """Return the cloud after a motion (None: none) and ranges (B,) in the map told of, and what was found."""
+        """Return the cloud after a motion (None: none) and ranges (B,) in the reported map, and what was found."""
         readings = [RangeVector(np.asarray(ranges, dtype=np.float32))]
         resampled, report = self._filters[reference].update(cloud, motion, readings, stream)
         program = resampled.particles[:3, report.estimate.heaviest].astype(np.float64)

@@ -28,9 +28,7 @@ from dynpf.types import Count, FloatArray, Floats, NonNegative, Positive
 __all__ = ["EndRadius", "EndRadiusParams", "RadiusFinding"]
 
 
-class EndRadiusParams(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="colon_end_radius"
-):
+class EndRadiusParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Lengths in map units (px)."""
 
     n: Count = 100

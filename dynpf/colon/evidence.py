@@ -32,7 +32,7 @@ class Beams(NamedTuple):
 class Displacements(NamedTuple):
     """How far the nodes of a wall have moved: a Gaussian for each particle.
 
-    ``means`` (M, J), of which ``ancestors`` (N,) tells each particle's; one ``covariance`` (J, J), and the
+    ``means`` (M, J), of which ``ancestors`` (N,) is the index of each particle's; one ``covariance`` (J, J), and the
     probabilities ``chances`` (J,) that the nodes have moved at all.
     """
 
@@ -62,7 +62,7 @@ class Stops(NamedTuple):
     variance: Floats  # of that distance
     facing: Floats  # cosine of the angle between the beam and the wall's normal
     unmoved: Floats  # density of the range if the wall has not moved
-    node: Indices  # the node before that point of the wall, -1 where a beam says nothing of a wall
+    node: Indices  # the node before that point of the wall, -1 where a beam carries no information about a wall
     share: Floats  # of the way from there to the following node
 
     @classmethod

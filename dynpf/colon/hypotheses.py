@@ -8,7 +8,7 @@ and whether a part has moved at all, is kept once.
 """
 
 from collections.abc import Mapping
-from typing import Annotated, NamedTuple
+from typing import Annotated, NamedTuple, Self
 
 import msgspec
 import numpy as np
@@ -62,10 +62,12 @@ class SearchParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     patience: Annotated[int, Meta(ge=0)] = 7  # readings after which the search ends anyway
 
 
-class HypothesesParams(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="colon_hypotheses"
-):
-    """Lengths in map units (px)."""
+class HypothesesParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Lengths in map units (px).
+
+    The prior of bulges (``bulge_height``, ``bulge_deviation``, ``bulge_width``) fits the bulges of the tubes that
+    ``dynpf.colon.maps`` draws, 25 to 50 px high: the filter knows the kind of change that it meets there.
+    """
 
     n: Count = 100  # particles
     motion: CapsuleStepParams = CapsuleStepParams()
@@ -87,6 +89,10 @@ class HypothesesParams(
     bulge_roughness: NonNegative = 4.0  # of how far a wall is from being such a bell, besides its roughness
     unrest: Share = 0.1  # how much of what is known of whether a wall has moved is forgotten within a step
     search: SearchParams = SearchParams()
+
+    def obedient(self) -> Self:
+        """Return the parameters of a filter that takes the map reported to it for the one that holds."""
+        return msgspec.structs.replace(self, change=0.0, told=1.0)
 
 
 class Belief(NamedTuple):
@@ -173,8 +179,8 @@ class Hypotheses:
     ) -> tuple[Belief, Finding]:
         """Return the belief after a motion (None: none) and ranges (B,) at its end, and what was found.
 
-        ``told``: the name of a listed map that is said to hold from now on, whether or not that is true. Ranges that
-        are NaN tell nothing. Raises ValueError for another number of ranges, or a name that is not listed.
+        ``told``: the name of a listed map that is reported to hold from now on, rightly or wrongly. Ranges that are NaN
+        carry no information. Raises ValueError for another number of ranges, or a name that is not listed.
         """
         read = checked_ranges(ranges)
         if told is not None and told not in self.names[:-1]:

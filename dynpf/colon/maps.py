@@ -22,28 +22,28 @@ def tube_map(family: Family, seed: int, name: str, route: Floats) -> OccupancyGr
     "other 7": with a bulge that the number 7 stands for; "end 105": with a round end of that radius in px. Raises
     ValueError for a name that means nothing, and where the route does not fit.
     """
-    one = tube(family, seed)
+    drawn = tube(family, seed)
     try:
-        grid = _named(one, seed, name)
+        grid = _named(drawn, seed, name)
     except (KeyError, ValueError):
         raise ValueError(f"map {name!r}: expected one of {NAMES}") from None
     return bore(grid, route, name)
 
 
-def _named(one: Tube, seed: int, name: str) -> OccupancyGrid:
+def _named(drawn: Tube, seed: int, name: str) -> OccupancyGrid:
     """Raises KeyError or ValueError for a name that means nothing."""
     kind, _, number = name.partition(" ")
-    near_the_end = Bulge(False, one.bend + 25.0)
+    near_the_end = Bulge(False, drawn.bend + 25.0)
     if not number:
-        return one.bore(*{"a": (), "b": (near_the_end,), "c": (Bulge(False, one.bend + 115.0),)}[name])
+        return drawn.bore(*{"a": (), "b": (near_the_end,), "c": (Bulge(False, drawn.bend + 115.0),)}[name])
     if not 0.0 <= float(number) <= _MOST[kind]:
         raise ValueError
     if kind == "end":
-        return one.round_ended(RoundEnd(float(number)))
+        return drawn.round_ended(RoundEnd(float(number)))
     if kind == "other":
         random = generator(int(number), "studies", seed, "bulge")
-        return one.bore(Bulge(False, one.bend + random.uniform(-20.0, 150.0), random.uniform(25.0, 50.0)))
-    return one.bore({"b": near_the_end}[kind].grown(float(number)))
+        return drawn.bore(Bulge(False, drawn.bend + random.uniform(-20.0, 150.0), random.uniform(25.0, 50.0)))
+    return drawn.bore({"b": near_the_end}[kind].grown(float(number)))
 
 
 def drawn_map(data: bytes, name: str, route: Floats) -> OccupancyGrid:

@@ -93,7 +93,7 @@ class Tube(NamedTuple):
         kept = slice(0, int(straight))
         strip = _strip(self.centre[:, kept], self.left[kept], self.right[kept])
         disc = np.zeros_like(strip)
-        centre = [round(place * 2**_SUBPIXEL_BITS) for place in (end.x, end.y)]
+        centre = [round(coordinate * 2**_SUBPIXEL_BITS) for coordinate in (end.x, end.y)]
         cv2.circle(disc, centre, round(end.radius * 2**_SUBPIXEL_BITS), 1, -1, cv2.LINE_8, _SUBPIXEL_BITS)
         return _grid(strip | disc)
 

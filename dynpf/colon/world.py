@@ -74,7 +74,7 @@ ROUTE = Route(
 
 
 class Case(NamedTuple):
-    """The map that becomes true at the change, and the one that the filter is told; before, both are "a"."""
+    """The map that becomes true at the change, and the one reported to the filter; before, both are "a"."""
 
     true: str
     told: str
@@ -94,9 +94,7 @@ def timeline(before: str, *after: str, route: Route = ROUTE) -> MapTimeline[str]
     return MapTimeline(tuple(step for i, step in enumerate(steps) if i == 0 or step[1] != steps[i - 1][1]))
 
 
-class Capsule(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="colon_capsule"
-):
+class Capsule(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How well the true capsule moves and reads. COLON's does both without noise."""
 
     sigma: NonNegative = 0.0  # px, of x and of y, a motion

@@ -128,7 +128,7 @@ class Potential:
         """
         size_x, size_y, size_t = self.values.shape
         x, y = ((states[:, axis] - self.lower[axis]) / self.spacing for axis in (0, 1))
-        i, j = (whole(place, 0, size - 2)[:, None] for place, size in ((x, size_x), (y, size_y)))
+        i, j = (whole(position, 0, size - 2)[:, None] for position, size in ((x, size_x), (y, size_y)))
         k = whole(np.floor(states[:, 2] * (size_t / (2.0 * np.pi))) % size_t, 0, size_t - 1)[:, None]
         at = i + CORNERS[0], j + CORNERS[1], (k + CORNERS[2]) % size_t
         depth = self.depths[at]
@@ -202,8 +202,8 @@ def crossed_parts(
     nodes = _downhill(moving, starts[np.argmin(moving.at(starts))])
     parts = lower + CARRYING_SPACING * nodes[:, :2]
     robots = parts - layout.grip_distance(part) * directions(ANGLES.size)[nodes[:, 2]]
-    for place, carrier in zip(parts, robots, strict=True):
-        crossed += _touched(place[None, :], float(layout.radii[part]), obstacles)
+    for position, carrier in zip(parts, robots, strict=True):
+        crossed += _touched(position[None, :], float(layout.radii[part]), obstacles)
         crossed += _touched(carrier[None, :], radius, obstacles)
     return [int(indices[index]) for index in dict.fromkeys(crossed)]
 
@@ -222,9 +222,9 @@ def _touched(points: FloatArray, radius: float, obstacles: Obstacles) -> list[in
 def _downhill(potential: Potential, state: FloatArray) -> NDArray[np.intp]:
     """Return the nodes (M, 3) from the one next to ``state`` down to the goal, each the lowest beside the last."""
     shape = np.array(potential.values.shape)
-    place = np.clip(np.rint((state[:2] - potential.lower) / potential.spacing), 0, shape[:2] - 1)
+    position = np.clip(np.rint((state[:2] - potential.lower) / potential.spacing), 0, shape[:2] - 1)
     turn = np.rint(state[2] * shape[2] / (2.0 * np.pi)) % shape[2]
-    node = whole(np.append(place, turn), 0, int(shape.max()) - 1)
+    node = whole(np.append(position, turn), 0, int(shape.max()) - 1)
     steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3), axis=-1).reshape(-1, 3)
     way = [node]
     while True:

@@ -19,7 +19,6 @@ from dynpf.types import FloatArray
 __all__ = [
     "log_mate_part",
     "log_move_part",
-    "log_next_part",
     "mate_part_gradient",
     "move_part_gradient",
     "next_part_gradient",
@@ -34,15 +33,11 @@ CONTACT_FLOOR = 1e-2
 GOAL_FLOOR = 1e-12
 
 
-def log_next_part(parts: FloatArray, layout: Layout, exponent: float) -> float:
-    """Return log phi(b) of part positions (p, 2): k log ||b - g||^2 less log beta over pairs (PARTS eq. 2.1)."""
-    first, second = np.triu_indices(len(parts), 1)
-    factors = _factors(parts[first] - parts[second], layout.radii[first] + layout.radii[second])
-    return float(exponent * log(_squared(parts - layout.goals)) - log(factors).sum())
-
-
 def next_part_gradient(parts: FloatArray, layout: Layout, exponent: float) -> FloatArray:
-    """Return the gradient of log phi with respect to each part's position, (p, 2)."""
+    """Return the gradient of log phi with respect to each part's position, (p, 2) (PARTS eq. 2.1).
+
+    log phi(b) of part positions b (p, 2) is k log ||b - g||^2 less log beta over pairs, k the exponent.
+    """
     difference = parts[:, None, :] - parts[None, :, :]
     factors = _factors(difference, layout.radii[:, None] + layout.radii[None, :])
     np.fill_diagonal(factors, np.inf)

@@ -34,7 +34,7 @@ __all__ = [
     "Sizing",
     "kld_bound",
     "log_average",
-    "tells_nothing",
+    "uninformative",
 ]
 
 CellM = Annotated[float, Meta(ge=1e-3)]
@@ -114,11 +114,11 @@ class Recovery(Protocol):
     def assess(
         self, memory: tuple[float, ...], log_evidence: float, readings: int = 1
     ) -> tuple[tuple[float, ...], float]:
-        """Return the memory after an update, and the share of particles to draw anew at the next resampling.
+        """Return the memory after an update, and the share of particles to replace at the next resampling.
 
         ``log_evidence`` is the log of the particles' mean likelihood before normalization, for ``readings`` readings
         together. It counts as so many equal ones: their geometric mean does not depend on how many there are. A NaN,
-        +inf, or no readings tell nothing: memory stays as it was and the share is 0.
+        +inf, or no readings carry no information: memory stays as it was and the share is 0.
         """
 
 
@@ -129,7 +129,7 @@ class AugmentedParams(
 
     alpha_slow: Rate = 0.001
     alpha_fast: Rate = 0.1
-    share_max: Share = 1.0  # of the particles, drawn anew at once
+    share_max: Share = 1.0  # of the particles, replaced at once
 
     def __post_init__(self) -> None:
         if self.alpha_slow >= self.alpha_fast:
@@ -155,7 +155,7 @@ class Augmented:
         self, memory: tuple[float, ...], log_evidence: float, readings: int = 1
     ) -> tuple[tuple[float, ...], float]:
         """See Recovery; the memory is (log w_slow, log w_fast)."""
-        if tells_nothing(log_evidence, readings):
+        if uninformative(log_evidence, readings):
             return memory, 0.0
         log_mean = log_evidence / readings
         slow, fast = memory or (log_mean, log_mean)
@@ -171,7 +171,7 @@ class SensorResettingParams(
     """The likelihood that a filter on its track should see; it depends on the measurement model and its units."""
 
     log_likelihood: float  # of one reading, natural logarithm; a density's may be above 0
-    share_max: Share = 1.0  # of the particles, drawn anew at once
+    share_max: Share = 1.0  # of the particles, replaced at once
 
 
 class SensorResetting:
@@ -188,13 +188,13 @@ class SensorResetting:
         self, memory: tuple[float, ...], log_evidence: float, readings: int = 1
     ) -> tuple[tuple[float, ...], float]:
         """See Recovery."""
-        if tells_nothing(log_evidence, readings):
+        if uninformative(log_evidence, readings):
             return memory, 0.0
         short = min(log_evidence / readings - self.params.log_likelihood, 0.0)
         return memory, min(1.0 - exp(short), self.params.share_max)
 
 
-def tells_nothing(log_evidence: float, readings: int) -> bool:
+def uninformative(log_evidence: float, readings: int) -> bool:
     """Return whether there was no reading, or its likelihood is no number."""
     return readings < 1 or math.isnan(log_evidence) or log_evidence == math.inf
 
@@ -206,14 +206,14 @@ def log_average(log_average: float, log_value: float, rate: float) -> float:
 
 
 class PoseSource(Protocol):
-    """Where particles that are drawn anew come from."""
+    """Where particles come from that replace doubted ones."""
 
     def draw(self, count: int, readings: Sequence[Any], stream: Stream) -> Floats:
         """Return poses (3, count) float32, given the readings of the moment; there may be none."""
 
 
 class Doubt(NamedTuple):
-    """How far a filter is to doubt its particles: what it remembers, the share to draw anew, and from where.
+    """How far a filter is to doubt its particles: what it remembers, the share to replace, and from where.
 
     ``places`` are those that a search of the map has found, if there was one; ``unfit`` is how many searches in a row
     have found nowhere that explains the readings as usual. ``jumped`` is how likely it is that the robot has just been
@@ -229,7 +229,7 @@ class Doubt(NamedTuple):
 
 
 class Rescuer(Protocol):
-    """How a lost filter finds back: when to draw particles anew, and from where."""
+    """How a lost filter finds back: when to replace particles, and from where."""
 
     def begin(self) -> tuple[float, ...]:
         """Return the memory of having seen nothing."""
@@ -242,7 +242,7 @@ class Rescuer(Protocol):
 
 
 class Rescue(NamedTuple):
-    """Doubt by the likelihood alone; particles that are drawn anew come from the source."""
+    """Doubt by the likelihood alone; particles that replace others come from the source."""
 
     recovery: Recovery
     source: PoseSource

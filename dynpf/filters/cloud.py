@@ -41,7 +41,7 @@ def uniform_cloud(particles: Floats, memory: tuple[float, ...] = ()) -> Cloud:
 def weighted_cloud(particles: Floats, log_weights: Floats) -> tuple[Cloud, float]:
     """Return the cloud of log-weights (N,) that need not be normalized, and the log of the sum of their exponentials.
 
-    A NaN counts as an impossible particle. Where every particle is impossible nothing tells which to prefer: the
+    A NaN counts as an impossible particle. Where every particle is impossible none is to be preferred: the
     weights are equal and the log-sum is -inf. Particles at +inf share all of the weight.
     """
     count = log_weights.size

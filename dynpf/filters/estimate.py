@@ -1,4 +1,4 @@
-"""What weighted particles say about the state: mean and covariance, the modes, quantiles, and a credible radius.
+"""What weighted particles say about the state: mean and covariance, the modes, and quantiles.
 
 Everywhere a particle whose pose or weight is not finite counts as if it were not there. Weights need not sum to one.
 """
@@ -11,14 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynpf import kernels
-from dynpf.portable import hypot
 from dynpf.se2 import circular_mean, wrap_angle
 from dynpf.types import FloatArray, Floats
 
 __all__ = [
     "Mode",
     "PoseEstimate",
-    "credible_radius",
     "mean_and_covariance",
     "modes",
     "pose_estimate",
@@ -145,16 +143,6 @@ def quantiles(values: ArrayLike, weights: ArrayLike, q: float | Sequence[float])
     reached = np.searchsorted(cumulative, shares * cumulative[-1]).clip(max=order.size - 1)
     found: NDArray[np.float64] = np.asarray(kept[0][order][reached], dtype=np.float64)
     return found
-
-
-def credible_radius(particles: Floats, weights: Floats, p: float) -> float:
-    """Return the radius in metres about the mean position that holds a share ``p`` of the weight.
-
-    Raises ValueError when no finite particle has weight, or p is outside [0, 1].
-    """
-    kept, weight = _finite(particles[:3], weights, positive=True)
-    mean = pose_estimate(kept, weight).mean
-    return float(quantiles(hypot(kept[0] - mean[0], kept[1] - mean[1]), weight, p))
 
 
 def turn_bins(cell_rad: float) -> int:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from dynpf.filters.adaptation import log_average, tells_nothing
+from dynpf.filters.adaptation import log_average, uninformative
 from dynpf.params import validated
 from dynpf.portable import exp, hypot
 from dynpf.types import Count, FloatArray, Positive, Rate, Share
@@ -57,7 +57,7 @@ class HealthParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 class Signs(NamedTuple):
-    """What one update tells about a filter, the log-evidence taken before the weights are normalized."""
+    """The signs of one update, the log-evidence taken before the weights are normalized."""
 
     covariance: FloatArray  # of the pose, (3, 3)
     n_eff: float
@@ -171,7 +171,7 @@ class Health:
         if seen > 0:
             share = signs.refused / seen
             memory = memory._replace(refused=memory.refused + params.alpha_fast * (share - memory.refused))
-        if tells_nothing(signs.log_evidence, signs.readings):
+        if uninformative(signs.log_evidence, signs.readings):
             return memory
         log_mean = signs.log_evidence / signs.readings
         impossible = memory.impossible + 1 if log_mean == -math.inf else 0
@@ -221,7 +221,7 @@ class Health:
 
 
 def _figures(memory: HealthMemory, signs: Signs) -> Figures:
-    xx, xy, yy = (float(signs.covariance[place]) for place in ((0, 0), (0, 1), (1, 1)))
+    xx, xy, yy = (float(signs.covariance[index]) for index in ((0, 0), (0, 1), (1, 1)))
     # The larger eigenvalue of the covariance of the position.
     variance = 0.5 * (xx + yy) + hypot(0.5 * (xx - yy), xy)
     known = memory.updates > 0 and memory.log_slow > -math.inf

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from dynpf.filters.adaptation import Doubt, tells_nothing
+from dynpf.filters.adaptation import Doubt, uninformative
 from dynpf.filters.cloud import Cloud
 from dynpf.filters.search import Places, Search
 from dynpf.params import validated
@@ -73,7 +73,7 @@ class Jump:
 
     def doubt(self, cloud: Cloud, log_evidence: float, count: int, readings: Sequence[Any]) -> Doubt:
         """See Rescuer; the memory is a JumpMemory, or empty."""
-        if tells_nothing(log_evidence, count):
+        if uninformative(log_evidence, count):
             return Doubt(cloud.memory, 0.0, self.search)
         known = JumpMemory(*cloud.memory) if cloud.memory else None
         doubt = (

@@ -43,7 +43,7 @@ class Gaussian(NamedTuple):
 
 
 class Innovation(NamedTuple):
-    """What a reading said beyond what was expected of it: measured minus expected (M,), and its covariance (M, M).
+    """The difference between a reading and its expectation: measured minus expected (M,), and its covariance (M, M).
 
     ``nis`` is the normalized innovation squared, the squared Mahalanobis distance: chi-square with M degrees of freedom
     when the filter is consistent; NaN where the innovation is not finite. A reading that was not ``used`` left the
@@ -164,7 +164,7 @@ def as_belief(mean: FloatArray, covariance: FloatArray, angles: tuple[int, ...])
 
 
 def not_finite(belief: Gaussian) -> ValueError:
-    """Return the error that a belief which is not finite is told by."""
+    """Return the error for a belief that is not finite."""
     return ValueError(f"the belief is not finite: mean {belief.mean.tolist()}, covariance {belief.covariance.tolist()}")
 
 
@@ -184,15 +184,15 @@ def judged(vector: FloatArray, covariance: FloatArray, gate: float | None) -> In
     Raises SingularMatrixError where the covariance has no inverse.
     """
     rows = len(covariance)
-    told = kernels.gaussian.mahalanobis(
+    distance = kernels.gaussian.mahalanobis(
         shaped("an innovation covariance", covariance, rows, rows), shaped("an innovation", vector, rows)
     )
-    return weighed(vector, covariance, told, gate)
+    return weighed(vector, covariance, distance, gate)
 
 
-def weighed(vector: FloatArray, covariance: FloatArray, told: tuple[float, bool], gate: float | None) -> Innovation:
-    """Return the innovation of which a kernel has told what ``mahalanobis`` does; raises as ``judged`` does."""
-    nis, regular = told
+def weighed(vector: FloatArray, covariance: FloatArray, distance: tuple[float, bool], gate: float | None) -> Innovation:
+    """Return the innovation for a kernel's result (see ``kernels.gaussian.mahalanobis``); raises as ``judged`` does."""
+    nis, regular = distance
     if not regular:
         raise _singular(covariance)
     return Innovation(vector, covariance, nis, not math.isnan(nis) if gate is None else nis <= gate)

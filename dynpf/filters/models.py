@@ -26,7 +26,7 @@ _BLOCK = 256
 
 
 class Outcome(StrEnum):
-    """What became of a reading."""
+    """The outcome of a reading."""
 
     USED = "used"
     REFUSED = "refused"  # nothing of it could be believed: outside the gate, not a number, or of nothing in the map
@@ -65,7 +65,7 @@ class Models:
     def believable(
         self, particles: Floats, weights: Floats, readings: Sequence[Any]
     ) -> tuple[list[Evidence], list[Outcome]]:
-        """Return what of the readings can be believed, and what became of each reading.
+        """Return the believable parts of the readings, and the outcome of each reading.
 
         Raises TypeError for a type of reading that no measurement model takes.
         """

@@ -87,7 +87,7 @@ class Search:
         """
         self.params = validated(params)
         self.grid = grid
-        able = {taken: one for taken, one in models.measurements.items() if isinstance(one, Smoothable)}
+        able = {taken: model for taken, model in models.measurements.items() if isinstance(model, Smoothable)}
         if not able:
             raise ValueError("a search needs a measurement model that can be smoothed, such as likelihood_field")
         cells = max(round(params.spacing / grid.resolution), 1)
@@ -107,7 +107,7 @@ class Search:
             side, lever = self._side / (1 << level), params.lever * self._turn / (1 << level)
             # Along any direction: of a square's position by one coordinate, and of a turn at the lever's end.
             sigma = hypot(side, lever) / math.sqrt(12.0)
-            smoothed = {taken: one.smoothed(sigma) for taken, one in able.items()}
+            smoothed = {taken: model.smoothed(sigma) for taken, model in able.items()}
             self._levels.append(Models(models.motion, smoothed, models.threads))
 
     def draw(self, count: int, readings: Sequence[Any], stream: Stream) -> Floats:
@@ -150,7 +150,9 @@ class Search:
     def _scores(self, level: int, poses: Floats, readings: Sequence[Any]) -> Floats:
         models = self._levels[level]
         evidence = [
-            Evidence(models.measurements[type(one)], one, 1) for one in readings if type(one) in models.measurements
+            Evidence(models.measurements[type(reading)], reading, 1)
+            for reading in readings
+            if type(reading) in models.measurements
         ]
         if not evidence:
             return np.zeros(poses.shape[1], dtype=np.float32)
@@ -162,8 +164,8 @@ class Search:
         # Comparisons come before anything is made an integer.
         inside = (column >= 0.0) & (column < width) & (row >= 0.0) & (row < height)
         free = np.zeros(poses.shape[1], dtype=bool)
-        places = whole(row[inside], 0, height - 1), whole(column[inside], 0, width - 1)
-        free[inside] = self.grid.cells[places] == FREE
+        cells = whole(row[inside], 0, height - 1), whole(column[inside], 0, width - 1)
+        free[inside] = self.grid.cells[cells] == FREE
         return free
 
 

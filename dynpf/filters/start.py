@@ -128,7 +128,7 @@ class FromReadings:
     Candidates come from the first reading whose model can tell where it may have been taken (``poses``), else from the
     base; a box of the base bounds both. A systematic comb through their likelihoods leaves the poses: likely ones
     several times, so that a filter must move or spread them. Candidates that a reading has proposed are weighed by it
-    once more, which draws them closer to it than its noise would. Where no reading tells anything, or no candidate
+    once more, which draws them closer to it than its noise would. Where no reading carries information, or no candidate
     explains them, the candidates are chosen evenly.
     """
 

@@ -9,7 +9,7 @@ The sums are taken over the differences d_i between what becomes of the points a
     mean = y_0 + s  with  s = w sum d_i,    covariance = w sum d_i d_i^T + (beta - alpha^2) s s^T
 
 This is the same in exact arithmetic, but has no large weights of opposite signs to cancel, is a sum of squares, and
-lets an angle be wrapped where it is well defined: in a difference. The points of an update are drawn anew from the
+lets an angle be wrapped where it is well defined: in a difference. The points of an update are drawn again from the
 predicted belief, so that they include the process noise.
 """
 
@@ -104,8 +104,8 @@ class UnscentedKalman(Generic[ControlT]):
         differences, shift = np.empty((rows, offsets.shape[1])), np.empty(rows)
         vector, covariance = np.empty(rows), np.empty((rows, rows))
         settings, found = (spread, self._curvature, noise), (differences, shift, vector, covariance)
-        told = kernels.gaussian.unscented_expect(innovations, angular, *settings, *found)
-        innovation = kalman.weighed(vector, covariance, told, gate)
+        expectation = kernels.gaussian.unscented_expect(innovations, angular, *settings, *found)
+        innovation = kalman.weighed(vector, covariance, expectation, gate)
         if not innovation.used:
             return belief, innovation
         after = Gaussian(np.empty(belief.mean.shape), np.empty(belief.covariance.shape))

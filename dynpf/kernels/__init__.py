@@ -1,7 +1,7 @@
 """The hot loops, compiled by numba: one module a stage, each held to its twin in ``dynpf.reference``.
 
 Importing numba takes longer than everything else together, so a module here is loaded when it is first asked for:
-``from dynpf import kernels``, then ``kernels.odometry.move(...)``.
+``from dynpf import kernels``, then ``kernels.motion.follow_arcs(...)``.
 """
 
 from importlib import import_module

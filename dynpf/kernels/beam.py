@@ -84,10 +84,10 @@ def sum_over_beams(x, y, theta, table, tables, size, frame, out):
                 direction[i] = heading[i] + angle
             trace(column, row, direction, count, tables, size, reach, reals, integers, values, length)
             for i in range(count):
-                place = length[i] * per_cell
-                node = min(np.floor(place), last)
+                position = length[i] * per_cell
+                node = min(np.floor(position), last)
                 before = densities[_u(_i(node))]
                 after = densities[_u(_i(node)) + _u(1)]
-                total[i] += before + (place - node) * (after - before)
+                total[i] += before + (position - node) * (after - before)
         for i in range(count):
             summed[i] = total[i]

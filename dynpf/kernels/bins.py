@@ -150,8 +150,8 @@ def _join_neighbours(found, turn_bins, table, shift, numbers, parents):
             beside = (turn + step % 3 - 1 + turn_bins) % turn_bins
             slot = _slot(table, shift, _key(column + step // 9 - 1, row + step // 3 % 3 - 1, beside))
             if table[slot] != _EMPTY and parents[numbers[slot]] >= 0:
-                one, other = _root(parents, cell), _root(parents, _i(numbers[slot]))
-                parents[max(one, other)] = min(one, other)
+                this, other = _root(parents, cell), _root(parents, _i(numbers[slot]))
+                parents[max(this, other)] = min(this, other)
     for cell in range(found.size):
         if parents[cell] >= 0:
             # A parent comes before its cell, and so has been led to the root already.

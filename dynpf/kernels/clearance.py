@@ -84,14 +84,14 @@ def _nearest(step, rows, required, tolerance, taken, active, gram, right, out):
         while True:
             if _met(step, rows, required, tolerance, taken, active[:size], gram, right, out):
                 return True
-            # The next set: the last place that can still move on does, and those behind it follow.
-            place = size - 1
-            while place >= 0 and active[place] == taken.size - size + place:
-                place -= 1
-            if place < 0:
+            # The next set: the last index that can still move on does, and those behind it follow.
+            index = size - 1
+            while index >= 0 and active[index] == taken.size - size + index:
+                index -= 1
+            if index < 0:
                 break
-            active[place] += 1
-            for i in range(place + 1, size):
+            active[index] += 1
+            for i in range(index + 1, size):
                 active[i] = active[i - 1] + 1
     return False
 

@@ -1,7 +1,7 @@
 """COLON: how likely ranges are where a listed map holds, and which of the listed maps holds.
 
-Ranges are read by B beams; beams are rows, particles columns. A range that is NaN tells nothing, and one at the cap
-only that the wall is farther.
+Ranges are read by B beams; beams are rows, particles columns. A range that is NaN carries no information, and one at
+the cap only that the wall is farther.
 """
 
 import numpy as np
@@ -79,8 +79,8 @@ def given_way(maps, since, transition, reading, maps_now, since_now, fresh):
 def weighed(maps, ancestors, log_likelihood, posterior, total):
     """Weigh maps by what ranges say: write their probabilities (K, N) at particles, and the log-likelihood of all (N,).
 
-    ``maps`` (K, M): their probabilities before, of which ``ancestors`` (N,) tells each particle's; ``log_likelihood``
-    (K, N) under each of them. A map of probability zero keeps it.
+    ``maps`` (K, M): their probabilities before, of which ``ancestors`` (N,) is the index of each particle's;
+    ``log_likelihood`` (K, N) under each of them. A map of probability zero keeps it.
     """
     count, particles = log_likelihood.shape
     most = np.full(particles, _IMPOSSIBLE)

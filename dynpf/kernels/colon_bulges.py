@@ -1,4 +1,4 @@
-"""COLON: bulges, displacements of a wall that have one of some shapes, times a height that nobody knows.
+"""COLON: bulges, displacements of a wall that have one of some shapes, times an unknown height.
 
 Shapes are those of a wall (``dynpf.colon.wall.Wall``), S in all; what is known of each particle's bulges is a
 ``dynpf.colon.evidence.Bulges``, which the kernels change in place.

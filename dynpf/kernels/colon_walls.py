@@ -1,4 +1,4 @@
-"""COLON: ranges in a map whose walls have moved by nobody knows how much, and what they tell of the walls.
+"""COLON: ranges in a map whose walls have moved by an unknown distance, and how the walls are learned from them.
 
 Ranges are read by B beams; beams are rows, particles columns. The walls are those of a reference map, with nodes along
 them (``dynpf.colon.wall.Wall``); what belongs together comes as a tuple of ``dynpf.colon.evidence``.
@@ -62,8 +62,8 @@ def _node_variance(covariance, j, k, share):
 
 
 @device
-def _tell_nothing(stops, beam, i, rough):
-    """Write that a beam says nothing of a wall."""
+def _leave_out(stops, beam, i, rough):
+    """Write the entries of a beam that carries no information about a wall."""
     stops.blame[beam, i] = _ZERO
     stops.distance[beam, i] = _ZERO
     stops.variance[beam, i] = rough
@@ -93,7 +93,7 @@ def changed(beams, walls, displacements, noise, out, stops):
         z = read[beam]
         if not z < range_max:
             for i in range(out.size):
-                _tell_nothing(stops, beam, i, rough)
+                _leave_out(stops, beam, i, rough)
                 if not np.isnan(z):
                     unmoved = beam_density(expected[beam, i] - z, sigma, wide, outliers, range_max)
                     stops.unmoved[beam, i] = unmoved

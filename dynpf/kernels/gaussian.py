@@ -261,8 +261,8 @@ def unscented_predict(moved, spread, curvature, noise, angles, new_mean, new_cov
 
 @kernel
 def unscented_expect(innovations, angular, spread, curvature, noise, differences, shift, vector, covariance):
-    """Fill what the points' ``innovations`` (M, 2 D + 1) tell: their differences (M, 2 D) from that at the mean, the
-    shift (M,) of their mean from that, the innovation (M,), and its covariance (M, M).
+    """Fill the moments of the points' ``innovations`` (M, 2 D + 1): their differences (M, 2 D) from that at the mean,
+    the shift (M,) of their mean from that, the innovation (M,), and its covariance (M, M).
 
     Returns its squared Mahalanobis distance and whether its covariance has an inverse, as ``mahalanobis`` does.
     """

@@ -38,7 +38,7 @@ def _block(row, start):
 
 
 @device
-def _tells(distance, bearing):
+def _informs(distance, bearing):
     """Return whether a reading is finite."""
     return abs(distance) < _INFINITY and abs(bearing) < _INFINITY
 
@@ -90,7 +90,7 @@ def log_likelihood(x, y, theta, readings, marks, noise, out):
         for k in range(ranges.size):
             m = _column(landmarks[k], ids)
             distance, bearing = ranges[k], bearings[k]
-            if m < 0 or not _tells(distance, bearing):
+            if m < 0 or not _informs(distance, bearing):
                 continue
             east, north = easts[m], norths[m]
             variance = _range_variance(distance, sigma_range, sigma_range_per_m)
@@ -139,7 +139,7 @@ def distances(x, y, theta, weights, readings, marks, noise, out):
         out[k] = np.nan
         m = _column(landmarks[k], ids)
         distance, bearing = ranges[k], bearings[k]
-        if m < 0 or not _tells(distance, bearing):
+        if m < 0 or not _informs(distance, bearing):
             continue
         sums[:, :lanes] = 0.0
         east, north = easts[m], norths[m]
@@ -243,7 +243,7 @@ def log_likelihood_unlabelled(x, y, theta, readings, positions, mixture, noise, 
         total[:size] = _f(0.0)
         for k in range(ranges.size):
             distance, bearing = ranges[k], bearings[k]
-            if not _tells(distance, bearing):
+            if not _informs(distance, bearing):
                 continue
             variance = _range_variance(distance, sigma_range, sigma_range_per_m)
             range_scale = _HALF / variance

@@ -79,8 +79,8 @@ def _add_log(values, out):
 def _add_half_difference(first, second, out):
     """Add half the difference of squares."""
     for p in range(out.size):
-        one = np.float64(first[p])
-        out[p] += 0.5 * (one * one - second[p] * second[p])
+        a = np.float64(first[p])
+        out[p] += 0.5 * (a * a - second[p] * second[p])
 
 
 @device
@@ -128,7 +128,7 @@ def roots(matrices, out):
 
 @kernel
 def add_reading(root, jacobian, innovation, information, log_peak, precision, pull, log_density):
-    """Add what a reading tells of the standard normal noise e of a motion f + L e.
+    """Add the information of a reading about the standard normal noise e of a motion f + L e.
 
     Of ``root`` L (D, D, N) lower triangular, ``jacobian`` H (M, D, N), ``innovation`` v (M, N) and ``information``
     R^-1 (M, M): A^T R^-1 A with A = H L to ``precision`` (D, D, N), A^T R^-1 v to ``pull`` (D, N), and

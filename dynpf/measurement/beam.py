@@ -84,7 +84,7 @@ class BeamModel:
         self._peaks: tuple[float, tuple[Floats, Floats, Floats]] | None = None
 
     def admit(self, particles: Floats, weights: Floats, reading: Scan) -> BeamTable | None:  # noqa: ARG002
-        """Return the table of the beams that tell something, at most ``max_beams``; None if there are none."""
+        """Return the table of the beams that carry information, at most ``max_beams``; None if there are none."""
         table = self._table(reading)
         return table if table.angles.size else None
 

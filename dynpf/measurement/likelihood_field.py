@@ -66,10 +66,10 @@ class BeamEnds(NamedTuple):
 class LikelihoodField:
     """The model of a scan in an occupancy grid.
 
-    Beams without return (at the maximum range) and beams that are not numbers tell nothing; a scan of no other beams is
-    not admitted, and its log-likelihood is zero. Outside the grid nothing is known but the walls inside it: a beam
-    that ends far out there is as likely as one far from any wall, so a particle off the map is unlikely but possible.
-    One whose pose is not finite is impossible.
+    Beams without return (at the maximum range) and beams that are not numbers carry no information; a scan of no other
+    beams is not admitted, and its log-likelihood is zero. Outside the grid nothing is known but the walls inside it: a
+    beam that ends far out there is as likely as one far from any wall, so a particle off the map is unlikely but
+    possible. One whose pose is not finite is impossible.
     """
 
     def __init__(self, params: LikelihoodFieldParams, grid: OccupancyGrid) -> None:
@@ -97,7 +97,7 @@ class LikelihoodField:
         return made
 
     def admit(self, particles: Floats, weights: Floats, reading: Scan) -> BeamEnds | None:
-        """Return where the beams that tell something end, at most ``max_beams``; None if there are none."""
+        """Return where the beams that carry information end, at most ``max_beams``; None if there are none."""
         ends = self._ends(reading)
         if ends.x.size and self.params.beam_skip is not None:
             ends = self._agreed(particles, weights, ends, self.params.beam_skip)

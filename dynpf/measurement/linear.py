@@ -46,14 +46,14 @@ class LinearMeasurement:
 
     def admit(self, particles: Floats, weights: Floats, reading: Observation) -> Observation | None:  # noqa: ARG002
         """Return the observation, None unless every number of it is finite and there is one."""
-        return reading if _tells(reading) else None
+        return reading if _informs(reading) else None
 
     def log_likelihood(self, particles: Floats, reading: Observation) -> Floats:
         """Return the log-density of the observation for each particle (D, N), shape (N,), in the particles' precision.
 
         NaN or -inf for a particle that is not finite. Raises ValueError where D or M is not that of the matrix.
         """
-        if not _tells(reading):
+        if not _informs(reading):
             return np.zeros(particles.shape[1], dtype=particles.dtype)
         with np.errstate(over="ignore", invalid="ignore"):
             whitened = _product(self._whitening, self.innovation(particles, reading))
@@ -80,7 +80,7 @@ class LinearMeasurement:
         return np.zeros(len(self.matrix), dtype=np.bool_)
 
 
-def _tells(reading: Observation) -> bool:
+def _informs(reading: Observation) -> bool:
     return bool(np.size(reading.z) and np.isfinite(reading.z).all())
 
 

@@ -136,5 +136,5 @@ class PolarLines:
 
 
 def _arrays(reading: Lines) -> NDArray[np.float32]:
-    """Return the lines (3 or 4, K) as the kernel takes them, copied: a read-only array would be compiled for anew."""
+    """Return the lines (3 or 4, K) as the kernel takes them, copied: a read-only array would be compiled for again."""
     return np.array([values for values in reading if values is not None], dtype=np.float32)

@@ -23,7 +23,7 @@ class MeasurementModel(Protocol[ReadingT_contra]):
         """
 
     def log_likelihood(self, particles: Floats, reading: ReadingT_contra) -> Floats:
-        """Return log p(reading | particle), shape (N,): -inf where impossible, zeros where it tells nothing."""
+        """Return log p(reading | particle), shape (N,): -inf where impossible, zeros without information."""
 
 
 @runtime_checkable

@@ -37,7 +37,8 @@ class GaussianPositionParams(
 class GaussianPosition:
     """(x, y) plus Gaussian noise, of states (D, N) whose first two rows are x and y.
 
-    A position that is not finite tells nothing: it is not admitted and its log-likelihood is zero for every particle.
+    A position that is not finite carries no information: it is not admitted and its log-likelihood is zero for every
+    particle.
     """
 
     def __init__(self, params: GaussianPositionParams) -> None:

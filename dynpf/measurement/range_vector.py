@@ -60,7 +60,7 @@ class RangeVectorModel:
         self._closed_in = closed_in(grid.occupied)
 
     def admit(self, particles: Floats, weights: Floats, reading: RangeVector) -> RangeVector | None:  # noqa: ARG002
-        """Return the reading if a beam of it tells something, else None; raises ValueError as the likelihood does."""
+        """Return the reading, None if no beam carries information; raises ValueError as the likelihood does."""
         return reading if np.isfinite(self._capped(reading)).any() else None
 
     def count(self, reading: RangeVector) -> int:
@@ -96,12 +96,12 @@ class RangeVectorModel:
         # Comparisons, before anything is made an integer, also put NaN and infinity outside.
         within = (column >= 0.0) & (column < width) & (row >= 0.0) & (row < height)
         inside = np.zeros(within.shape, dtype=np.bool_)
-        places = whole(row[within], 0, height - 1), whole(column[within], 0, width - 1)
-        inside[within] = self._closed_in[places]
+        cells = whole(row[within], 0, height - 1), whole(column[within], 0, width - 1)
+        inside[within] = self._closed_in[cells]
         return inside
 
     def _capped(self, reading: RangeVector) -> NDArray[np.float32]:
-        """Return the ranges, none above the cap and NaN where nothing is told, (B,)."""
+        """Return the ranges, none above the cap and NaN where nothing was read, (B,)."""
         ranges = np.array(reading.ranges, dtype=np.float32)
         beams = len(self.params.angles)
         if ranges.shape not in {(0,), (beams,)}:

@@ -35,7 +35,7 @@ class Scan(NamedTuple):
         return np.array(compose(np.array(self.mount), np.array([x, y, theta])), dtype=np.float32)
 
     def usable(self, max_beams: int) -> "Scan":
-        """Return at most ``max_beams`` of the beams that tell something, evenly spaced among them, as float32.
+        """Return at most ``max_beams`` of the beams that carry information, evenly spaced among them, as float32.
 
         Those are the beams with an angle and a range that are numbers, no shorter than ``range_min``. A range beyond
         ``range_max``, infinity included (no return, ROS REP 117), reads ``range_max``. There may be no beam left.

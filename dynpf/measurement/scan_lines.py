@@ -30,7 +30,7 @@ class ScanLinesParams(
 
 
 class ScanLines:
-    """The model of a scan that looks at nothing but straight walls: beams that belong to none tell nothing.
+    """The model of a scan that looks at nothing but straight walls: beams that belong to none carry no information.
 
     TURTLEBOT takes a line for a wall wherever that is, behind another one, too. Here a ray is cast to the middle of
     what was seen of each line, and where a wall is before it the line is none of the map's for that particle.
@@ -59,8 +59,8 @@ class ScanLines:
             total = self.polar.log_likelihood(particles, lines)
         else:
             total = np.zeros(particles.shape[1], dtype=np.float32)
-            for place in range(lines.rho.size):
-                total += self._of_one(particles, Lines(*(np.asarray(row)[place : place + 1] for row in lines)))
+            for line in range(lines.rho.size):
+                total += self._of_one(particles, Lines(*(np.asarray(row)[line : line + 1] for row in lines)))
         if self.params.tempering != 1.0:
             total *= np.float32(self.params.tempering)
         return total

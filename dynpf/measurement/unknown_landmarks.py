@@ -29,7 +29,10 @@ ReadingsT = TypeVar("ReadingsT", UnlabelledReadings, RangeBearingReadings)
 class UnknownLandmarksParams(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="unknown_landmarks"
 ):
-    """Association, noise and trust. The range's variance is sigma_range^2 + (sigma_range_per_m range)^2."""
+    """Association, noise and trust. The range's variance is sigma_range^2 + (sigma_range_per_m range)^2.
+
+    The defaults of the noise are those of RangeBearingParams, chosen on two data sets of UTIAS MRCLAM.
+    """
 
     # What a reading is of, for each particle: the landmark of maximum likelihood, or any of them with equal chance.
     association: Literal["nearest", "mixture"] = "nearest"
@@ -46,7 +49,7 @@ class UnknownLandmarksParams(
 class UnknownLandmarks:
     """As ``RangeBearing``, but each reading is compared with every landmark; identities, where given, are ignored.
 
-    A reading that is not finite tells nothing: it is not admitted and adds zero to the log-likelihood of every
+    A reading that is not finite carries no information: it is not admitted and adds zero to the log-likelihood of every
     particle. The same holds for all readings when the map has no landmark.
     """
 
@@ -65,7 +68,7 @@ class UnknownLandmarks:
         )
 
     def admit(self, particles: Floats, weights: Floats, reading: ReadingsT) -> ReadingsT | None:  # noqa: ARG002
-        """Return the readings that tell something, None if there is none: any landmark may explain any of them."""
+        """Return the readings that carry information, None if there is none: any landmark may explain any of them."""
         ranges, bearings = _arrays(reading)
         kept = np.isfinite(ranges) & np.isfinite(bearings)
         if not (kept.any() and self._positions.size):
@@ -96,5 +99,5 @@ class UnknownLandmarks:
 
 
 def _arrays(reading: UnlabelledReadings | RangeBearingReadings) -> NDArray[np.float32]:
-    """Return ranges and bearings (2, K) as the kernel takes them, copied: a read-only array would compile anew."""
+    """Return ranges and bearings (2, K) as the kernel takes them, copied: a read-only array would compile again."""
     return np.array((reading.ranges, reading.bearings), dtype=np.float32)

@@ -75,7 +75,7 @@ def kurtosis(particles: FloatArray) -> float:
 
 
 def robot_bound(information: FloatArray, process_variance: float) -> RobotBound:
-    """Return how well the robot's position can be known, from what the readings of each tick tell.
+    """Return how well the robot's position can be known, from the readings of each tick.
 
     ``information`` (T,): of a coordinate, the sum of 1 / R over the sights of a tick, the first of which is all that
     is known at the start (eq. 3.40). ``process_variance``: of a coordinate, a tick. The robot moves as commanded, and

@@ -10,7 +10,7 @@ import numpy as np
 from dynpf.metrics.quantiles import normal_quantile, student_t_quantile
 from dynpf.types import FloatArray
 
-__all__ = ["Mean", "Proportion", "Spread", "mean", "proportion", "rmse", "spread"]
+__all__ = ["Mean", "Proportion", "Spread", "mean", "proportion", "spread"]
 
 
 class Spread(NamedTuple):
@@ -39,17 +39,6 @@ class Proportion(NamedTuple):
     rate: float
     low: float
     high: float
-
-
-def rmse(errors: FloatArray, axis: int | None = None) -> FloatArray:
-    """Return the root mean square of errors, shape (runs, T): over ``axis`` 0 at each time, over 1 of each run.
-
-    Without an axis the overall figure, shape (). An error with several rows goes in as its norm.
-    """
-    known = ~np.isnan(errors)
-    total = np.sum(np.where(known, errors, 0.0) ** 2, axis=axis)
-    count = np.sum(known, axis=axis)
-    return np.sqrt(np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
 
 def spread(values: FloatArray) -> Spread:

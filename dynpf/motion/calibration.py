@@ -39,7 +39,8 @@ _NOMINAL = np.array([1.0, 1.0, 0.0, 1.0])
 class CalibrationParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Standard deviations, of the prior around a calibration that is right, and of the random walk.
 
-    A walk is per square root of a second. What has neither stays as it is.
+    A walk is per square root of a second. What has neither stays as it is. The defaults were chosen on data sets 7 and
+    9 of UTIAS MRCLAM, whose robots turn by up to a tenth less than their odometry says.
     """
 
     turn_scale_sigma: NonNegative = 0.1
@@ -66,18 +67,19 @@ class CalibratedArcs:
     def __init__(self, params: ArcsParams, calibration: CalibrationParams) -> None:
         self.params = validated(params)
         self.calibration = validated(calibration)
-        walks = (one := self.calibration).turn_scale_walk, one.way_scale_walk, one.bearing_bias_walk
-        self._walks = np.array([*walks, one.range_scale_walk])[:, None]
-        self._lags = one.lag_sigma > 0.0
+        walks = (priors := self.calibration).turn_scale_walk, priors.way_scale_walk, priors.bearing_bias_walk
+        self._walks = np.array([*walks, priors.range_scale_walk])[:, None]
+        self._lags = priors.lag_sigma > 0.0
 
     def particles(self, poses: Floats, stream: Stream) -> Floats:
         """Return poses (3, N) with calibrations drawn from their priors, (7, N) or with a lag (10, N), float32."""
-        one = self.calibration
-        sigmas = np.array([one.turn_scale_sigma, one.way_scale_sigma, one.bearing_bias_sigma, one.range_scale_sigma])
+        priors = self.calibration
+        scales = priors.turn_scale_sigma, priors.way_scale_sigma
+        sigmas = np.array([*scales, priors.bearing_bias_sigma, priors.range_scale_sigma])
         drawn = _NOMINAL[:, None] + sigmas[:, None] * stream.normals(4, poses.shape[1])
         rows = [float32_rows(poses), float32_rows(drawn)]
         if self._lags:
-            lags = one.lag_sigma * stream.part("lag").normals(1, poses.shape[1])
+            lags = priors.lag_sigma * stream.part("lag").normals(1, poses.shape[1])
             rows += [float32_rows(lags), np.zeros((2, poses.shape[1]), dtype=np.float32)]
         return np.concatenate(rows)
 

@@ -94,8 +94,8 @@ class OdometryMotion:
 
     def _variances(self, control: Displacement, made: Steps) -> Steps:
         p = self.params
-        told = abs(made.way) >= SHORTEST_WAY_M
-        first, way, second = (one * one for one in (made if told else Steps(0.0, made.way, control.turn)))
+        goes = abs(made.way) >= SHORTEST_WAY_M
+        first, way, second = (step * step for step in (made if goes else Steps(0.0, made.way, control.turn)))
         return Steps(
             first=p.alpha_1 * first + p.alpha_2 * way,
             way=p.alpha_3 * way + p.alpha_4 * (first + second),

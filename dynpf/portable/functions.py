@@ -259,7 +259,7 @@ def normal_quantile(probability: float) -> float:
 
 
 def _ratio(polynomials: tuple[tuple[float, ...], tuple[float, ...]], value: float) -> float:
-    above, below = (reduce(lambda total, one: total * value + one, reversed(series)) for series in polynomials)
+    above, below = (reduce(lambda total, factor: total * value + factor, reversed(series)) for series in polynomials)
     return above / below
 
 

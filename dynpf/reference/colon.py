@@ -38,7 +38,7 @@ def changed(beams: Beams, walls: Wall, displacements: Displacements, noise: Wall
     total = np.zeros(expected.shape[1])
     blame, stopped_at, facings, shares = (np.zeros(expected.shape) for _ in range(4))
     variance_at, unmoved = np.full(expected.shape, rough), np.ones(expected.shape)
-    places = np.full(expected.shape, -1, dtype=np.int32)
+    nodes = np.full(expected.shape, -1, dtype=np.int32)
     height, width = beyond.shape
     for b in np.flatnonzero(~np.isnan(read)):
         still = beam_density(expected[b] - read[b], noise)
@@ -56,26 +56,26 @@ def changed(beams: Beams, walls: Wall, displacements: Displacements, noise: Wall
         facings[b] = facing = np.abs(along * cosine + across * sine) / np.maximum(np.hypot(along, across), 1.0)
         variance_at[b] = rough + facing**2 * noise.sigma_range**2
         stopped_at[b] = _between_cells(beyond, column, row)
-        places[b], shares[b] = node[r, c], share[r, c]
-        moved, variance = _at_nodes(own, displacements.covariance, places[b], following[places[b]], shares[b])
+        nodes[b], shares[b] = node[r, c], share[r, c]
+        moved, variance = _at_nodes(own, displacements.covariance, nodes[b], following[nodes[b]], shares[b])
         chances = displacements.chances
-        chance = (1.0 - shares[b]) * chances[places[b]] + shares[b] * chances[following[places[b]]]
+        chance = (1.0 - shares[b]) * chances[nodes[b]] + shares[b] * chances[following[nodes[b]]]
         spread = np.sqrt(variance + variance_at[b])
         stopped = chance * (1.0 - outliers) * facing * _normal(stopped_at[b] - moved, spread)
         likelihood = stopped + (1.0 - chance) * still + chance * outliers / range_max
         total += np.log(likelihood)
         blame[b] = stopped / likelihood
-    return total, Stops(blame, stopped_at, variance_at, facings, unmoved, places, shares)
+    return total, Stops(blame, stopped_at, variance_at, facings, unmoved, nodes, shares)
 
 
 def bulged(stops: Stops, walls: Wall, noise: WallNoise, shapeless: Floats, bulges: Bulges) -> tuple[FloatArray, Bulges]:
     """Return log-likelihoods (N,), and what is known of bulges afterwards."""
     after, mean, variance = (np.array(a, dtype=np.float64) for a in bulges)
-    places, shares, still, shapes = stops.node, stops.share, stops.unmoved, walls.shapes
+    nodes, shares, still, shapes = stops.node, stops.share, stops.unmoved, walls.shapes
     variance_at = stops.variance + noise.bulge_roughness**2
     base = np.log(still).sum(axis=0)
-    for b, i in np.argwhere(places >= 0):
-        j = places[b, i]
+    for b, i in np.argwhere(nodes >= 0):
+        j = nodes[b, i]
         reach = (1.0 - shares[b, i]) * shapes[:, j] + shares[b, i] * shapes[:, walls.following[j]]
         there = reach >= LEAST_REACH
         moved = np.minimum(reach / FULL_REACH, 1.0)
@@ -100,13 +100,13 @@ def follow_walls(
     """Return displacements (N, J), their covariance (J, J) and chances (J,) after where each beam was stopped."""
     held = displacements.means, displacements.covariance, displacements.chances
     mean, shared, moved = (np.array(a, dtype=np.float64) for a in held)
-    blame, stopped_at, noise, places, shares = stops.blame, stops.distance, stops.variance, stops.node, stops.share
+    blame, stopped_at, noise, nodes, shares = stops.blame, stops.distance, stops.variance, stops.node, stops.share
     weights = weights / weights.sum()
-    for b in np.flatnonzero((places >= 0).all(axis=1)):
+    for b in np.flatnonzero((nodes >= 0).all(axis=1)):
         observes = np.zeros(mean.shape)
         particles = np.arange(len(mean))
-        observes[particles, places[b]] += 1.0 - shares[b]
-        observes[particles, following[places[b]]] += shares[b]
+        observes[particles, nodes[b]] += 1.0 - shares[b]
+        observes[particles, following[nodes[b]]] += shares[b]
         cross = observes @ shared
         variance = np.sum(cross * observes, axis=1)
         of_each = np.divide(noise[b], blame[b], out=np.full(len(mean), np.inf), where=blame[b] > LEAST_BLAME)

@@ -52,10 +52,10 @@ def interpolate(ratios: FloatArray, frame: FloatArray, states: FloatArray) -> Fl
 
 def _interpolate_one(ratios: FloatArray, frame: FloatArray, state: FloatArray) -> float:
     last = np.array(ratios.shape[:2]) - 1
-    place = np.clip((state[:2] - frame[:2]) * frame[2], 0.0, last)
+    position = np.clip((state[:2] - frame[:2]) * frame[2], 0.0, last)
     turns = state[2] * frame[3]
-    first = np.append(np.minimum(place.astype(int), last - 1), int(np.floor(turns)))
-    fraction = np.append(place, turns) - first
+    first = np.append(np.minimum(position.astype(int), last - 1), int(np.floor(turns)))
+    fraction = np.append(position, turns) - first
     total = weights = 0.0
     for corner in np.ndindex(2, 2, 2):
         i, j, k = first + corner

@@ -67,7 +67,7 @@ def distances(
     sigma_range_per_m: float,
     sigma_bearing: float,
 ) -> FloatArray:
-    """Return the squared Mahalanobis distance of each reading's mean innovation, NaN if it tells nothing, (K,)."""
+    """Return the squared Mahalanobis distance of each reading's mean innovation, NaN without information, (K,)."""
     normalized = weights.astype(np.float64) / np.sum(weights, dtype=np.float64)
     out = np.full(len(ranges), np.nan)
     for k, (landmark, distance, bearing) in enumerate(zip(landmarks, ranges, bearings, strict=True)):

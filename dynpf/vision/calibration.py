@@ -117,10 +117,10 @@ def _checked(
 
 def _linear_homography(plane: NDArray[np.float64], image: NDArray[np.float64]) -> NDArray[np.float64]:
     """The eight leading entries of the homography by the direct linear transform, the last being 1."""
-    x, y, one, zero = plane[:, 0], plane[:, 1], np.ones(len(plane)), np.zeros(len(plane))
+    x, y, ones, zeros = plane[:, 0], plane[:, 1], np.ones(len(plane)), np.zeros(len(plane))
     u, v = image[:, 0], image[:, 1]
-    rows_u = np.stack([x, y, one, zero, zero, zero, -u * x, -u * y, -u], axis=1)
-    rows_v = np.stack([zero, zero, zero, x, y, one, -v * x, -v * y, -v], axis=1)
+    rows_u = np.stack([x, y, ones, zeros, zeros, zeros, -u * x, -u * y, -u], axis=1)
+    rows_v = np.stack([zeros, zeros, zeros, x, y, ones, -v * x, -v * y, -v], axis=1)
     singular, basis = singular_values(np.concatenate([rows_u, rows_v]))
     if singular[7] <= 1e-6 * singular[0] or abs(basis[8, 8]) < 1e-9:
         raise CalibrationError(

@@ -48,7 +48,7 @@ class ClassicFilter(
     n: Count = 100  # particles
 
 
-class HypothesesFilter(HypothesesParams, frozen=True, kw_only=True, tag="hypotheses"):
+class HypothesesFilter(HypothesesParams, frozen=True, kw_only=True, tag_field="kind", tag="hypotheses"):
     """The map is part of what is estimated: one of those listed, or none of these. Lengths are in px."""
 
     # Those listed; the first holds at the start.
@@ -57,7 +57,7 @@ class HypothesesFilter(HypothesesParams, frozen=True, kw_only=True, tag="hypothe
     schedule: Literal["ignored", "hint", "obeyed"] = "ignored"
 
 
-class EndRadiusFilter(EndRadiusParams, frozen=True, kw_only=True, tag="end_radius"):
+class EndRadiusFilter(EndRadiusParams, frozen=True, kw_only=True, tag_field="kind", tag="end_radius"):
     """The map is a member of the family of tubes with a round end, of a radius that is estimated. Lengths are in px."""
 
     # Of the members that are drawn; between two, ranges go from one to the other.

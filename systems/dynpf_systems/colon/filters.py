@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
 
-import msgspec
 import numpy as np
 from dynpf_protocol.errors import ScenarioError
 
@@ -124,8 +123,7 @@ class _Hypotheses:
     def __init__(self, table: HypothesesFilter, world: ColonWorld, key: str) -> None:
         self.grids = {name: world.grid(name, f"{key}.maps") for name in table.maps}
         self._schedule, self._world = table.schedule, world
-        obeyed = msgspec.structs.replace(table, change=0.0, told=1.0)
-        self._filter = Hypotheses(obeyed if table.schedule == "obeyed" else table, self.grids)
+        self._filter = Hypotheses(table.obedient() if table.schedule == "obeyed" else table, self.grids)
         for _, name in world.told.entries if table.schedule != "ignored" else ():
             if name not in table.maps:
                 raise ScenarioError(f"colon.told: map {name!r} is none of {key}.maps")

@@ -86,10 +86,11 @@ def test_the_density_of_a_range_is_one_in_all_but_for_the_cap() -> None:
 def test_a_changed_map_is_as_likely_as_the_textbook_says(seed: int, sigma: float, roughness: float) -> None:
     rng = np.random.default_rng(seed)
     walls, displacements = wall_of(rng), displacements_of(rng)
-    position, theta = rng.uniform(5, 35, (2, COUNT)).astype(np.float32), rng.uniform(-3, 3, COUNT).astype(np.float32)
+    x, y = rng.uniform(5, 35, (2, COUNT)).astype(np.float32)
+    theta = rng.uniform(-3, 3, COUNT).astype(np.float32)
     angles = np.linspace(-1.0, 1.0, BEAMS).astype(np.float32)
     read, expected = ranges(rng), rng.uniform(0.0, 30.0, (BEAMS, COUNT)).astype(np.float32)
-    beams, noise = Beams(*position, theta, angles, read, expected), noise_of(sigma, 0.05, roughness, 2.0 * sigma)
+    beams, noise = Beams(x, y, theta, angles, read, expected), noise_of(sigma, 0.05, roughness, 2.0 * sigma)
     out, ours = np.empty(COUNT, dtype=np.float32), Stops.empty(BEAMS, COUNT)
     kernels.colon_walls.changed(beams, walls, displacements, noise, out, ours)
     told, theirs = textbook.changed(beams, walls, displacements, noise)
@@ -99,8 +100,8 @@ def test_a_changed_map_is_as_likely_as_the_textbook_says(seed: int, sigma: float
     np.testing.assert_allclose(out[same], told[same], rtol=1e-4, atol=2e-3)
     tolerances = {"blame": 2e-3, "distance": 1e-2, "variance": 1e-2, "facing": 1e-3, "unmoved": 1e-4}
     for name, tolerance in tolerances.items():
-        of_both = (getattr(stops, name)[:, same] for stops in (ours, theirs))
-        np.testing.assert_allclose(*of_both, rtol=1e-4, atol=tolerance, err_msg=name)
+        found, expected = (getattr(stops, name)[:, same] for stops in (ours, theirs))
+        np.testing.assert_allclose(found, expected, rtol=1e-4, atol=tolerance, err_msg=name)
 
 
 @settings(max_examples=60, deadline=None)

@@ -120,7 +120,8 @@ def test_without_noise_the_capsule_is_on_the_route_and_reads_the_true_map(caster
     assert run.maps == ("a",) * 8 + ("b",) * 8
     for step in (0, 9):
         angles = PATH[2, step] + np.array(BEAMS)
-        exact = casters[run.maps[step]].ranges(*(np.full(5, v) for v in PATH[:2, step]), angles, 500.0)
+        x, y = (np.full(5, value) for value in PATH[:2, step])
+        exact = casters[run.maps[step]].ranges(x, y, angles, 500.0)
         np.testing.assert_array_equal(run.ranges[:, step], exact)
     assert (
         np.abs(run.ranges[:, 8:] - simulate(casters, timeline("a", "a"), Capsule(), seed=1).ranges[:, 8:]).max() > 20.0

@@ -94,7 +94,7 @@ def test_the_same_streams_give_the_same_belief(hypotheses: Hypotheses, runs: dic
 
 
 def test_a_forced_schedule_leaves_no_other_map(maps: dict[str, OccupancyGrid], runs: dict[int, Run]) -> None:
-    forced = Hypotheses(HypothesesParams(change=0.0, told=1.0), {"a": maps["a"], "b": maps["b"]})
+    forced = Hypotheses(HypothesesParams().obedient(), {"a": maps["a"], "b": maps["b"]})
     _, found = follow(forced, runs[1], forced.start(START), told="b")
     assert found[7].maps == {"a": 1.0, "b": 0.0, UNLISTED: 0.0}
     assert found[-1].maps == {"a": 0.0, "b": 1.0, UNLISTED: 0.0}

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dynpf.fields.clearance import disc_clearances, wall_clearances
 from dynpf.fields.descent import approach_step, carry_step
@@ -9,6 +10,7 @@ from dynpf.fields.laws import Margins, Pace
 from dynpf.fields.layout import Layout
 from dynpf.fields.navigation import Cost, Obstacles, carrying_potential, robot_potential
 from dynpf.rng import generator
+from dynpf.types import FloatArray
 
 COST = Cost(0.06, 3.0)
 PACE = Pace(longest=0.01, slow_distance=0.06, max_turn=0.04, arm=0.5, rate=0.3)
@@ -16,7 +18,7 @@ CLOSED, MARGIN = 0.002, 0.003
 RADII = np.array([0.06, 0.10, 0.08, 0.11, 0.07, 0.09])
 
 
-def crowded(seed):
+def crowded(seed: int) -> tuple[Layout, FloatArray, FloatArray]:
     """A layout of six parts with gaps of at least 4 cm, the robot between them."""
     random = generator(seed, "test", 0)
     while True:
@@ -29,12 +31,12 @@ def crowded(seed):
             return layout, places[-1], places[:-1]
 
 
-def margins(layout):
+def margins(layout: Layout) -> Margins:
     return Margins(np.full(len(layout.radii), MARGIN), MARGIN)
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_robot_descends_to_its_goal_among_parts(seed):
+def test_a_robot_descends_to_its_goal_among_parts(seed: int) -> None:
     layout, robot, parts = crowded(seed)
     obstacles = Obstacles(parts, layout.radii + CLOSED, layout.half_size - CLOSED)
     goal = next(
@@ -58,7 +60,7 @@ def test_a_robot_descends_to_its_goal_among_parts(seed):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_robot_with_a_part_descends_to_its_goal_among_parts(seed):
+def test_a_robot_with_a_part_descends_to_its_goal_among_parts(seed: int) -> None:
     layout, robot, parts = crowded(seed)
     held, others = 0, layout.others(0)
     obstacles = Obstacles(parts[others], layout.radii[others] + CLOSED, layout.half_size - CLOSED)
@@ -86,7 +88,7 @@ def test_a_robot_with_a_part_descends_to_its_goal_among_parts(seed):
     assert np.mean(np.array(falls) > 0.0) == 1.0
 
 
-def clearances(pose, parts, others, layout):
+def clearances(pose: FloatArray, parts: FloatArray, others: NDArray[np.intp], layout: Layout) -> list[float]:
     held = layout.held_position(pose, 0)
     return [
         *disc_clearances(pose[:2], 0.10, parts[others], layout.radii[others]),
@@ -96,7 +98,7 @@ def clearances(pose, parts, others, layout):
     ]
 
 
-def test_without_a_potential_it_only_wins_back_clearance():
+def test_without_a_potential_it_only_wins_back_clearance() -> None:
     """Deep in closed space, where no value is known, the step leads out of it and nowhere else."""
     layout = Layout(RADII[:1], np.zeros((1, 2)), np.ones(2), 0.10, 0.01)
     parts = np.zeros((1, 2))
@@ -106,7 +108,7 @@ def test_without_a_potential_it_only_wins_back_clearance():
     np.testing.assert_allclose(step, [0.0, MARGIN - 0.001], atol=1e-9)
 
 
-def test_a_part_comes_to_a_goal_nearer_to_a_wall_than_a_node_of_the_grid_is():
+def test_a_part_comes_to_a_goal_nearer_to_a_wall_than_a_node_of_the_grid_is() -> None:
     layout = Layout(RADII[:1], np.zeros((1, 2)), np.ones(2), 0.10, 0.01)
     goal, parts = np.array([-1.0 + RADII[0] + 0.01, 0.005]), np.zeros((1, 2))
     obstacles = Obstacles(np.zeros((0, 2)), np.zeros(0), np.ones(2) - CLOSED)

@@ -1,5 +1,7 @@
 """Navigation potentials: kernels as their twins, ways as long as they are, no local minima, who is in the way."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -34,7 +36,7 @@ BARRIER = Obstacles(np.column_stack([X, np.zeros(4)]), np.full(4, 0.16), LAYOUT.
 
 @settings(derandomize=True, deadline=None, max_examples=40)
 @given(seed=st.integers(0, 10**6), shape=st.sampled_from([(9, 7, 1), (6, 5, 4), (4, 4, 7)]))
-def test_marches_as_its_twin(seed, shape):
+def test_marches_as_its_twin(seed: int, shape: tuple[int, int, int]) -> None:
     """Float32 rounds each of a few dozen additions on the way by half a unit in the last place of at most 8."""
     random = generator(seed, "test", 0)
     slowness = random.uniform(1.0, 4.0, shape).astype(np.float32)
@@ -50,7 +52,7 @@ def test_marches_as_its_twin(seed, shape):
 
 @settings(derandomize=True, deadline=None, max_examples=40)
 @given(seed=st.integers(0, 10**6))
-def test_interpolates_and_measures_clearances_as_the_twins(seed):
+def test_interpolates_and_measures_clearances_as_the_twins(seed: int) -> None:
     random = generator(seed, "test", 0)
     potential = carrying_potential(
         LAYOUT._replace(half_size=np.array([0.4, 0.3])),
@@ -76,7 +78,7 @@ def test_interpolates_and_measures_clearances_as_the_twins(seed):
     )
 
 
-def test_in_the_open_it_is_the_distance():
+def test_in_the_open_it_is_the_distance() -> None:
     """First-order upwind differences overestimate a distance on the diagonal most: by about h log(r / h) / 2."""
     goal = np.array([0.2, -0.1])
     states = np.column_stack([generator(1, "test", 0).uniform(-0.65, 0.65, (200, 2)), np.zeros(200)])
@@ -86,7 +88,7 @@ def test_in_the_open_it_is_the_distance():
     assert error.max() < 0.03
 
 
-def test_the_way_around_an_obstacle_is_its_tangents_and_arc():
+def test_the_way_around_an_obstacle_is_its_tangents_and_arc() -> None:
     """Too long by up to 5 %: first-order differences, and a circle made of squares."""
     disc = Obstacles(np.zeros((1, 2)), np.array([0.2]), LAYOUT.half_size)
     radius, far = 0.3, 0.6  # of robot and obstacle together
@@ -96,7 +98,7 @@ def test_the_way_around_an_obstacle_is_its_tangents_and_arc():
     assert potential.at(np.array([[far, 0.0, 0.0]]))[0] == pytest.approx(around * 1.025, rel=0.025)
 
 
-def test_there_is_no_way_through_a_barrier_and_there_is_one_around():
+def test_there_is_no_way_through_a_barrier_and_there_is_one_around() -> None:
     goal = np.array([0.0, 0.5])
     beyond = np.array([[0.0, -0.5, 0.0], [0.3, 0.4, 0.0]])
     assert robot_potential(0.1, BARRIER, goal, FLAT).reached(beyond).tolist() == [False, True]
@@ -104,7 +106,7 @@ def test_there_is_no_way_through_a_barrier_and_there_is_one_around():
     assert robot_potential(0.1, gap, goal, FLAT).reached(beyond).tolist() == [True, True]
 
 
-def test_from_within_a_margin_the_gradient_leads_out_of_it():
+def test_from_within_a_margin_the_gradient_leads_out_of_it() -> None:
     potential = robot_potential(0.1, BARRIER, np.array([0.0, 0.5]), FLAT)
     state = np.array([0.25, 0.24, 0.0])
     assert spare(state[None, :2], 0.1, BARRIER)[0] < 0.0
@@ -112,7 +114,7 @@ def test_from_within_a_margin_the_gradient_leads_out_of_it():
     assert potential.gradient(state, 1.0)[1] < 0.0
 
 
-def test_no_state_with_a_way_is_a_local_minimum():
+def test_no_state_with_a_way_is_a_local_minimum() -> None:
     """Every node that the front reached, but those it started from, has a neighbour nearer to the goal."""
     obstacles = Obstacles(np.array([[0.0, 0.1], [0.35, -0.2]]), np.array([0.09, 0.12]), LAYOUT.half_size)
     potential = carrying_potential(LAYOUT, 0, obstacles, np.array([0.5, 0.3]), Cost(0.06, 3.0), arm=0.085, retreat=0.03)
@@ -137,7 +139,7 @@ def test_no_state_with_a_way_is_a_local_minimum():
     assert np.isfinite(values).sum() > 50_000
 
 
-def test_a_carried_part_ends_only_where_the_robot_fits_and_can_leave():
+def test_a_carried_part_ends_only_where_the_robot_fits_and_can_leave() -> None:
     """The goal lies by the wall at +x: a robot with its gripper away from the wall would stand in it."""
     goal = np.array([0.92, 0.0])
     potential = carrying_potential(LAYOUT, 0, OPEN, goal, FLAT, arm=0.085, retreat=0.03)
@@ -146,13 +148,13 @@ def test_a_carried_part_ends_only_where_the_robot_fits_and_can_leave():
     assert not inward < 0.1
 
 
-def test_who_stands_in_the_way_is_whom_the_way_crosses():
+def test_who_stands_in_the_way_is_whom_the_way_crosses() -> None:
     layout = LAYOUT._replace(radii=np.array([*[0.16] * 4, 0.06]), goals=np.zeros((5, 2)))
-    given = {"obstacles": BARRIER, "indices": np.arange(4), "cost": Cost(0.06, 3.0), "arm": 0.1}
+    crossed = partial(crossed_parts, layout, 4, obstacles=BARRIER, indices=np.arange(4), cost=Cost(0.06, 3.0), arm=0.1)
     part = np.array([0.25, -0.4])
-    across = crossed_parts(layout, 4, np.array([[0.25, 0.4], part]), goal=np.array([0.25, -0.6]), **given)
+    across = crossed(np.array([[0.25, 0.4], part]), goal=np.array([0.25, -0.6]))
     assert set(across) <= {1, 2, 3}
     assert across
     beside = np.array([[-0.2, -0.4], part])
-    assert crossed_parts(layout, 4, beside, goal=np.array([0.25, -0.55]), **given) == []
-    assert crossed_parts(layout, 4, beside, goal=X[2] * np.array([1.0, 0.0]) - [0.0, 0.05], **given) == [2]
+    assert crossed(beside, goal=np.array([0.25, -0.55])) == []
+    assert crossed(beside, goal=X[2] * np.array([1.0, 0.0]) - [0.0, 0.05]) == [2]

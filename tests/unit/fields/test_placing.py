@@ -15,28 +15,29 @@ LAYOUT = Layout(
 )
 
 
-def test_a_part_at_its_own_goal_blocks_nobody():
+def test_a_part_at_its_own_goal_blocks_nobody() -> None:
     blocked, blocking = blocked_goals(LAYOUT.goals, LAYOUT, 0.005)
     assert not blocked.any()
     assert not blocking.any()
 
 
-def test_a_swap_blocks_both():
+def test_a_swap_blocks_both() -> None:
     parts = LAYOUT.goals[[1, 0, 2]]
     blocked, blocking = blocked_goals(parts, LAYOUT, 0.005)
     assert blocked.tolist() == [True, True, False]
     assert blocking.tolist() == [True, True, False]
 
 
-def test_a_free_place_is_near_and_clear_of_parts_goals_and_walls():
+def test_a_free_place_is_near_and_clear_of_parts_goals_and_walls() -> None:
     parts = LAYOUT.goals[[1, 0, 2]]
     place = free_place(parts, 0, LAYOUT, 0.2)
+    assert place is not None
     for centres, radii in ((parts[1:], LAYOUT.radii[1:]), (LAYOUT.goals, LAYOUT.radii)):
         assert disc_clearances(place, 0.06, centres, radii).min() >= 0.2
     assert wall_clearances(place, 0.06, LAYOUT.half_size).min() >= 0.2 - 1e-12
     assert np.linalg.norm(place - parts[0]) < 0.45
 
 
-def test_a_full_workspace_has_no_free_place():
+def test_a_full_workspace_has_no_free_place() -> None:
     assert free_place(LAYOUT.goals, 0, LAYOUT, 0.9) is None
     assert free_place(LAYOUT.goals, 0, LAYOUT._replace(half_size=np.array([0.5, 0.5])), 0.5) is None

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from dynpf import kernels
 from dynpf.filters.estimate import (
-    credible_radius,
     mean_and_covariance,
     modes,
     pose_estimate,
@@ -118,7 +117,7 @@ def test_what_is_not_finite_counts_as_absent(dtype: type) -> None:
     ],
 )
 def test_without_a_finite_particle_of_weight_there_is_no_estimate(particles: Floats, weights: Floats) -> None:
-    for function in (pose_estimate, mean_and_covariance, modes, lambda p, w: credible_radius(p, w, 0.5)):
+    for function in (pose_estimate, mean_and_covariance, modes):
         with pytest.raises(ValueError, match="has weight"):
             function(particles, weights)
 
@@ -211,13 +210,6 @@ def test_quantiles_are_those_of_the_inverted_distribution(count: int, seed: int,
 def test_quantiles_refuse_shares_beyond_all() -> None:
     with pytest.raises(ValueError, match="from 0 to 1"):
         quantiles([1.0], [1.0], 1.1)
-
-
-def test_the_credible_radius_of_a_gaussian_is_rayleighs() -> None:
-    particles = generator(8, "test", 0).standard_normal((3, 100_000)).astype(np.float32)
-    for p in (0.5, 0.95):
-        expected = np.sqrt(-2.0 * np.log(1.0 - p))
-        assert credible_radius(particles, even(100_000), p) == pytest.approx(expected, rel=0.01)
 
 
 def test_a_whole_number_of_cells_makes_the_circle() -> None:

@@ -1,11 +1,14 @@
 """What is no number, or too large for one, leads no kernel out of its arrays, nor to what a processor makes of it."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from dynpf import kernels
 from dynpf.kernels import elementary, elementary64
 from dynpf.kernels.compiler import kernel
+from dynpf.types import Float32s, Int32s
 
 _sincos, _exp, _whole, _sincos64, _exp64 = (
     *(elementary.sincos, elementary.exp, elementary.whole),
@@ -15,13 +18,13 @@ STRANGE = [np.nan, np.inf, -np.inf, 1e30, -1e30, 3e9]
 
 
 @kernel
-def _wholes(numbers, out):
+def _wholes(numbers: Float32s, out: Int32s) -> None:
     for i in range(numbers.size):
         out[i] = _whole(numbers[i])
 
 
 @kernel
-def _functions(number, number64):
+def _functions(number: np.float32, number64: float) -> Any:
     return _sincos(number), _exp(number), _sincos64(number64), _exp64(number64)
 
 

@@ -14,6 +14,7 @@ from dynpf.filters.estimate import weighted_covariance
 from dynpf.filters.kalman import Gaussian
 from dynpf.portable import SingularMatrixError
 from dynpf.reference import proposal as reference
+from dynpf.types import Floats
 
 SIZES = {"size": st.integers(1, 6), "rows": st.integers(1, 8), "seed": st.integers(0, 10**6)}
 
@@ -132,6 +133,7 @@ def test_a_direction_without_noise_has_a_root_of_zero() -> None:
 @pytest.mark.parametrize("types", [(np.float32, np.float32), (np.float64, np.float32), (np.float64, np.float64)])
 def test_a_covariance_is_the_weighted_sum_of_outer_products(count: int, types: tuple[type, type]) -> None:
     random = np.random.default_rng(count)
-    deviation, weights = random.standard_normal((4, count)).astype(types[0]), random.random(count).astype(types[1])
+    deviation: Floats = random.standard_normal((4, count)).astype(types[0])
+    weights: Floats = random.random(count).astype(types[1])
     expected = np.einsum("n,in,jn->ij", weights.astype(np.float64), deviation, deviation, dtype=np.float64)
     assert weighted_covariance(deviation, weights) == pytest.approx(expected, rel=1e-12, abs=1e-12)

@@ -1,11 +1,14 @@
 """The kernels of vision and of the camera against NumPy, SciPy and OpenCV."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
 from scipy.optimize import brentq, least_squares
 
 from dynpf import kernels, rng
+from dynpf.types import Float32s, FloatArray
 from dynpf.vision.background import _exponents, _terms
 
 
@@ -146,7 +149,7 @@ def test_the_camera_s_parameters_are_the_least_squares_solution() -> None:
     truth = np.array([0.9, 0.05, 0.02, -0.04, -0.95, 0.01, 0.03, -0.02, -0.06])
     plane = random.uniform(-1.0, 1.0, (30, 2))
 
-    def seen(parameters: np.ndarray) -> np.ndarray:
+    def seen(parameters: FloatArray) -> Any:
         u, v, w = np.append(parameters[:8], 1.0).reshape(3, 3) @ np.vstack([plane.T, np.ones(30)])
         ideal = np.stack([u / w, v / w], axis=1)
         return ideal * (1.0 + parameters[8] * (ideal**2).sum(axis=1, keepdims=True))
@@ -170,7 +173,7 @@ def test_drawn_shapes_are_those_of_numpy_whatever_the_alignment() -> None:
         np.array(values, dtype=np.float32) for values in ((2.53, 2.11, 1.2), (2.5, 2.1, 0.8, 0.6, 0.3, 1.1, 1.0))
     )
 
-    def painted(outside: np.ndarray) -> np.ndarray:
+    def painted(outside: Float32s) -> Any:
         index = np.clip((outside + np.float32(2.0)) * np.float32(16.0), 0.0, 64.0) + np.float32(0.5)
         cover = profile[index.astype(int)][..., None]
         lit = light[..., None] * colour

@@ -3,16 +3,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
 
 from dynpf import kernels
 from dynpf.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from dynpf.maps.raycast import RayCaster
 from dynpf.reference import rays as reference
+from dynpf.types import Float32s, FloatArray
 
 RESOLUTION = 0.05
+Pose = tuple[float, float, float]
 
 
-def random_grid(seed, shape, density, origin=(0.0, 0.0, 0.0)):
+def random_grid(seed: int, shape: tuple[int, int], density: float, origin: Pose = (0.0, 0.0, 0.0)) -> OccupancyGrid:
     """Blocks and single cells, so that there is room to leap over."""
     draw = np.random.default_rng(seed)
     occupied = draw.random(shape) < density
@@ -21,16 +24,18 @@ def random_grid(seed, shape, density, origin=(0.0, 0.0, 0.0)):
     return OccupancyGrid.from_bools(occupied, RESOLUTION, origin)
 
 
-def random_rays(grid, count, seed, beyond=0.0):
+def random_rays(grid: OccupancyGrid, count: int, seed: int, beyond: float = 0.0) -> list[Float32s]:
     draw = np.random.default_rng(seed)
     height, width = grid.cells.shape
     column = draw.uniform(-beyond, width + beyond, count)
     row = draw.uniform(-beyond, height + beyond, count)
     x, y = grid.to_map(column, row)
-    return tuple(a.astype(np.float32) for a in (x, y, draw.uniform(-7.0, 7.0, count)))
+    return [values.astype(np.float32) for values in (x, y, draw.uniform(-7.0, 7.0, count))]
 
 
-def by_reference(grid, x, y, angles, range_max, *, shift=0.0):
+def by_reference(
+    grid: OccupancyGrid, x: Float32s, y: Float32s, angles: Float32s, range_max: float, *, shift: float = 0.0
+) -> FloatArray:
     """Return lengths in cells of rays that are shifted sideways by so many cells."""
     column, row = grid.to_cells(x, y)
     direction = angles.astype(np.float64) - grid.origin[2]
@@ -47,7 +52,9 @@ def by_reference(grid, x, y, angles, range_max, *, shift=0.0):
         ((1, 300), 0.01, (0.0, 0.0, 1.6), 5.0),
     ],
 )
-def test_rays_end_where_a_walk_from_cell_to_cell_ends(shape, density, origin, beyond):
+def test_rays_end_where_a_walk_from_cell_to_cell_ends(
+    shape: tuple[int, int], density: float, origin: Pose, beyond: float
+) -> None:
     grid, range_max = random_grid(1, shape, density, origin), 6.0
     x, y, angles = random_rays(grid, 30_000, 2, beyond)
     ranges = RayCaster(grid).ranges(x, y, angles, range_max) / RESOLUTION
@@ -65,7 +72,7 @@ def test_rays_end_where_a_walk_from_cell_to_cell_ends(shape, density, origin, be
     arrays(np.uint8, st.tuples(st.integers(1, 12), st.integers(1, 12)), elements=st.sampled_from([0, 0, 0, 1])),
     st.booleans(),
 )
-def test_a_cone_is_free_and_cannot_be_longer(occupied, crowded):
+def test_a_cone_is_free_and_cannot_be_longer(occupied: NDArray[np.uint8], crowded: bool) -> None:
     occupied = occupied if crowded else occupied * (np.arange(occupied.size).reshape(occupied.shape) % 5 == 0)
     occupied = occupied.astype(np.uint8)
     rows, columns = occupied.shape
@@ -86,7 +93,7 @@ def test_a_cone_is_free_and_cannot_be_longer(occupied, crowded):
                 assert (free == 0) == padded[row + 1, column]
 
 
-def test_a_ray_does_not_depend_on_the_others():
+def test_a_ray_does_not_depend_on_the_others() -> None:
     grid = random_grid(3, (120, 80), 0.01)
     x, y, angles = random_rays(grid, 2000, 4, 5.0)
     caster = RayCaster(grid)
@@ -97,7 +104,7 @@ def test_a_ray_does_not_depend_on_the_others():
     np.testing.assert_array_equal(np.concatenate(pieces), whole)
 
 
-def wall():
+def wall() -> NDArray[np.uint8]:
     """A wall that stands between x = 2 and x = 2.05 m of the grid's frame, unknown cells before it."""
     cells = np.full((80, 60), FREE, dtype=np.uint8)
     cells[:, 40] = OCCUPIED
@@ -106,7 +113,7 @@ def wall():
 
 
 @pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (7.0, -3.0, 2.1)])
-def test_a_wall_is_met_where_its_plane_is(origin):
+def test_a_wall_is_met_where_its_plane_is(origin: Pose) -> None:
     grid = OccupancyGrid(wall(), RESOLUTION, origin)
     directions = np.linspace(-0.9, 0.9, 41)
     x, y = grid.to_map(np.full(41, 10.3), np.full(41, 40.4))
@@ -114,7 +121,7 @@ def test_a_wall_is_met_where_its_plane_is(origin):
     np.testing.assert_allclose(ranges, np.minimum((40 - 10.3) * RESOLUTION / np.cos(directions), 2.0), rtol=3e-6)
 
 
-def test_rays_along_the_axes_and_diagonals_meet_a_frame_around_them():
+def test_rays_along_the_axes_and_diagonals_meet_a_frame_around_them() -> None:
     occupied = np.ones((21, 21), dtype=bool)
     occupied[1:-1, 1:-1] = False
     angles = np.arange(-8, 9) * np.pi / 4
@@ -123,7 +130,7 @@ def test_rays_along_the_axes_and_diagonals_meet_a_frame_around_them():
     np.testing.assert_allclose(ranges, np.where(np.arange(17) % 2, 9.5 * np.sqrt(2.0), 9.5), rtol=1e-6)
 
 
-def test_rays_from_outside_enter_the_grid_and_those_that_miss_it_go_on_for_ever():
+def test_rays_from_outside_enter_the_grid_and_those_that_miss_it_go_on_for_ever() -> None:
     caster = RayCaster(OccupancyGrid(wall(), RESOLUTION))
     x, y, angles = np.array([-5.0, 12.0, -5.0, 1.0, 30.0]), np.full(5, 2.0), np.array([0.0, np.pi, np.pi, 0.0, 1.0])
     y[3] = -1.0
@@ -131,16 +138,18 @@ def test_rays_from_outside_enter_the_grid_and_those_that_miss_it_go_on_for_ever(
     np.testing.assert_array_equal(caster.ranges(x, y, angles, 6.0), np.full(5, 6.0, dtype=np.float32))
 
 
-def test_from_within_a_wall_the_range_is_zero_and_from_no_place_at_all_it_is_the_greatest():
+def test_from_within_a_wall_the_range_is_zero_and_from_no_place_at_all_it_is_the_greatest() -> None:
     caster = RayCaster(OccupancyGrid(wall(), RESOLUTION))
     angles = np.linspace(-3.0, 3.0, 7)
     np.testing.assert_array_equal(caster.ranges(np.full(7, 2.03), np.full(7, 1.01), angles, 9.0), np.zeros(7))
     odd = np.array([[np.nan, 1, 0], [1, np.nan, 0], [1, 1, np.nan], [np.inf, 1, 3], [1, -np.inf, 1], [1, 1, np.inf]])
-    np.testing.assert_array_equal(caster.ranges(*odd.T, 0.1), np.full(6, 0.1, dtype=np.float32))
+    np.testing.assert_array_equal(
+        caster.ranges(odd[:, 0], odd[:, 1], odd[:, 2], 0.1), np.full(6, 0.1, dtype=np.float32)
+    )
     assert caster.ranges([], [], [], 9.0).shape == (0,)
 
 
-def test_what_is_no_set_of_rays_is_refused():
+def test_what_is_no_set_of_rays_is_refused() -> None:
     caster = RayCaster(OccupancyGrid(wall(), RESOLUTION))
     with pytest.raises(ValueError, match=r"shapes \(1,\), \(1,\) and \(2,\)"):
         caster.ranges([1.0], [1.0], [0.0, 1.0], 9.0)

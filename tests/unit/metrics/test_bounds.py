@@ -10,6 +10,7 @@ from dynpf.metrics.bounds import (
     posterior_information,
     rms_bound,
 )
+from dynpf.types import FloatArray
 
 STEPS, SAMPLES = 20, 3
 F = np.array([[1.0, 0.5, 0.0], [0.0, 0.9, 0.2], [0.1, 0.0, 1.0]])
@@ -19,11 +20,11 @@ Q = np.array([[0.05, 0.01, 0.0], [0.01, 0.08, 0.02], [0.0, 0.02, 0.03]])
 PRIOR = np.array([[1.0, 0.2, 0.0], [0.2, 2.0, 0.1], [0.0, 0.1, 0.5]])
 
 
-def over_time(matrix, samples=SAMPLES):
+def over_time(matrix: FloatArray, samples: int = SAMPLES) -> FloatArray:
     return np.broadcast_to(matrix, (STEPS, samples, *matrix.shape))
 
 
-def kalman_covariances(process):
+def kalman_covariances(process: FloatArray) -> FloatArray:
     """Return the covariance after each reading, by the equations of the covariance filter."""
     covariances = [PRIOR]
     for _ in range(STEPS):
@@ -33,18 +34,18 @@ def kalman_covariances(process):
     return np.array(covariances)
 
 
-def information(process, samples=SAMPLES):
+def information(process: FloatArray, samples: int = SAMPLES) -> FloatArray:
     gained = measurement_information(over_time(H, samples), R)
     return posterior_information(np.linalg.inv(PRIOR), over_time(F, samples), process, gained)
 
 
 @pytest.mark.parametrize("process", [Q, over_time(Q), 1e-6 * Q])
-def test_the_bound_of_a_linear_system_is_its_kalman_covariance(process):
+def test_the_bound_of_a_linear_system_is_its_kalman_covariance(process: FloatArray) -> None:
     expected = kalman_covariances(process if process.ndim == 2 else Q)
     np.testing.assert_allclose(covariance_bound(information(process)), expected, rtol=0, atol=1e-10)
 
 
-def test_the_bound_without_process_noise_is_the_kalman_covariance():
+def test_the_bound_without_process_noise_is_the_kalman_covariance() -> None:
     """Both the form for one trajectory (PARTS eq. 3.38) and the general one, which need not invert Q."""
     gained = measurement_information(over_time(H), R)
     noiseless = noiseless_information(np.linalg.inv(PRIOR), over_time(F), gained)
@@ -55,12 +56,12 @@ def test_the_bound_without_process_noise_is_the_kalman_covariance():
     np.testing.assert_allclose(covariance_bound(information(np.zeros((3, 3)))), expected, rtol=0, atol=1e-10)
 
 
-def test_noise_in_some_rows_only_is_the_kalman_covariance_too():
+def test_noise_in_some_rows_only_is_the_kalman_covariance_too() -> None:
     process = np.diag([0.0, 0.1, 0.0])
     np.testing.assert_allclose(covariance_bound(information(process)), kalman_covariances(process), rtol=0, atol=1e-10)
 
 
-def test_singular_noise_with_transitions_that_differ_is_refused():
+def test_singular_noise_with_transitions_that_differ_is_refused() -> None:
     transitions = over_time(F).copy()
     transitions[4, 1, 0, 0] += 0.1
     gained = measurement_information(over_time(H), R)
@@ -68,7 +69,7 @@ def test_singular_noise_with_transitions_that_differ_is_refused():
         posterior_information(np.linalg.inv(PRIOR), transitions, np.zeros((3, 3)), gained)
 
 
-def test_transitions_and_noise_that_differ_are_averaged_as_the_recursion_says():
+def test_transitions_and_noise_that_differ_are_averaged_as_the_recursion_says() -> None:
     """Scalars by hand: J+ = 1/Q - (E f / Q)^2 / (J + E f^2 / Q) + 1/R with f = 1 and 3."""
     transitions = np.array([1.0, 3.0]).reshape(1, 2, 1, 1)
     gained = np.full((1, 2, 1, 1), 1 / 0.25)
@@ -81,7 +82,7 @@ def test_transitions_and_noise_that_differ_are_averaged_as_the_recursion_says():
     assert found[1, 0, 0] == pytest.approx(d22 - d12**2 / (2.0 + d11))
 
 
-def test_numbers_that_were_not_measured_and_readings_that_were_not_taken_add_nothing():
+def test_numbers_that_were_not_measured_and_readings_that_were_not_taken_add_nothing() -> None:
     observations = over_time(H).copy()
     observations[:, :, 1] = 0.0
     diagonal = np.diag(np.diag(R))
@@ -91,7 +92,7 @@ def test_numbers_that_were_not_measured_and_readings_that_were_not_taken_add_not
     np.testing.assert_allclose(covariance_bound(nothing[1]), F @ PRIOR @ F.T + Q)
 
 
-def test_rms_is_over_the_chosen_rows():
+def test_rms_is_over_the_chosen_rows() -> None:
     matrices = np.stack([np.diag([1 / 9.0, 1 / 16.0, 1 / 4.0]), np.eye(3)])
     np.testing.assert_allclose(rms_bound(matrices), [5.0, np.sqrt(2.0)])
     np.testing.assert_allclose(rms_bound(matrices, rows=(2,)), [2.0, 1.0])
@@ -99,7 +100,7 @@ def test_rms_is_over_the_chosen_rows():
         rms_bound(np.zeros((3, 3)))
 
 
-def test_no_filter_gets_below_the_bound_of_a_curved_measurement():
+def test_no_filter_gets_below_the_bound_of_a_curved_measurement() -> None:
     """x' = x + noise seen as the angle atan(x): a grid filter, exact up to its spacing, stays above but near."""
     rng = np.random.default_rng(4)
     steps, samples, process, noise = 8, 1500, 0.05, 0.02
@@ -123,7 +124,7 @@ def test_no_filter_gets_below_the_bound_of_a_curved_measurement():
     assert (found < 1.5 * bound[1:]).all()
 
 
-def test_the_recursion_is_that_of_its_four_expectations():
+def test_the_recursion_is_that_of_its_four_expectations() -> None:
     rng = np.random.default_rng(6)
     transitions = F + 0.3 * rng.standard_normal((STEPS, SAMPLES, 3, 3))
     scales = rng.uniform(0.5, 2.0, (STEPS, SAMPLES, 1, 1))

@@ -47,7 +47,9 @@ A, B, U = {"a": 0.9, "b": 0.1}, {"a": 0.2, "b": 0.8}, {"a": 0.3, "b": 0.0, UNLIS
         ("abbb", [B, A, A, A], 1, (0.1, math.nan, True, math.nan)),  # what was reported too early is no report
     ],
 )
-def test_what_a_posterior_over_maps_is_worth(true, found, visible, expected) -> None:
+def test_what_a_posterior_over_maps_is_worth(
+    true: str, found: list[dict[str, float]], visible: int | None, expected: tuple[float, ...]
+) -> None:
     measures = map_errors(true, found, visible)
     names = ("posterior_truth", "false_alarm", "missed", "delay_steps")
     np.testing.assert_equal(tuple(measures[name] for name in names), expected)

@@ -1,5 +1,7 @@
 """Quantiles against SciPy's."""
 
+from collections.abc import Callable
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -37,11 +39,12 @@ def test_normal() -> None:
 
 @pytest.mark.parametrize("probability", [0.0, 1.0, -0.1, float("nan")])
 def test_a_probability_out_of_range_is_refused(probability: float) -> None:
-    for call in (
+    calls: tuple[Callable[[], float], ...] = (
         lambda: normal_quantile(probability),
         lambda: chi_square_quantile(probability, 3),
         lambda: student_t_quantile(probability, 3),
-    ):
+    )
+    for call in calls:
         with pytest.raises(ValueError, match="probability = "):
             call()
 

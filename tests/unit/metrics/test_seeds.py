@@ -11,13 +11,6 @@ from dynpf.metrics import seeds
 NAN = math.nan
 
 
-def test_rmse_over_runs_over_time_and_overall() -> None:
-    errors = np.array([[3.0, 1.0, NAN], [4.0, NAN, NAN]])
-    np.testing.assert_allclose(seeds.rmse(errors, axis=0), [math.sqrt(12.5), 1.0, NAN])
-    np.testing.assert_allclose(seeds.rmse(errors, axis=1), [math.sqrt(5.0), 4.0])
-    assert seeds.rmse(errors) == pytest.approx(math.sqrt(26.0 / 3.0))
-
-
 def test_spread() -> None:
     found = seeds.spread(np.append(np.arange(101.0), NAN))
     assert found == (5.0, 25.0, 50.0, 75.0, 95.0, 101)

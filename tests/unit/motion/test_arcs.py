@@ -6,6 +6,7 @@ import pytest
 from dynpf.motion import Arcs, ArcsParams, CalibratedArcs, CalibrationParams, Twist
 from dynpf.motion.calibration import BEARING_BIAS, LAG, RANGE_SCALE, TURN_SCALE, WAY_SCALE
 from dynpf.rng import Stream
+from dynpf.types import Floats
 
 NOISELESS = ArcsParams(
     along_variance_per_m=0.0, across_variance_per_m=0.0, turn_variance_per_rad=0.0, turn_variance_per_m=0.0
@@ -34,7 +35,7 @@ def test_a_full_turn_in_one_step_closes_the_circle() -> None:
 
 
 def test_headings_stay_within_a_turn_however_long_the_robot_spins() -> None:
-    pose = np.zeros((3, 1))
+    pose: Floats = np.zeros((3, 1))
     for step in range(1000):
         pose = Arcs(NOISELESS).propagate(pose, Twist(0.0, 3.0, 1.0), stream(step))
         assert abs(pose[2, 0]) < np.pi + 1e-6
@@ -43,7 +44,7 @@ def test_headings_stay_within_a_turn_however_long_the_robot_spins() -> None:
 
 def test_the_length_of_the_step_changes_neither_path_nor_variance() -> None:
     params = ArcsParams(turn_variance_per_rad=0.0, turn_variance_per_m=0.0, along_variance_per_m=0.01)
-    start = np.zeros((3, 40_000))
+    start: Floats = np.zeros((3, 40_000))
     once = Arcs(params).propagate(start, Twist(1.0, 0.0, 1.0), stream())
     often = start
     for step in range(1, 11):

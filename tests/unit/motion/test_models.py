@@ -234,7 +234,7 @@ def test_each_particle_s_own_arc_is_the_reference_s(seed: int, sigmas: list[floa
 
 
 def moments(
-    twin: Callable[..., FloatArray], pose: Sequence[float], motion: Sequence[float], sigmas: Sequence[float]
+    twin: Callable[..., FloatArray], pose: Sequence[float], motion: tuple[float, ...], sigmas: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return mean (3,) and covariance (3, 3) of a reference's end pose by Gauss and Hermite's quadrature."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(20)

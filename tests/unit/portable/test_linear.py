@@ -30,12 +30,13 @@ def covariances(seed: int, count: int, size: int) -> NDArray[np.float64]:
 def test_products_of_matrices_vectors_and_stacks_are_those_of_blas(seed: int, m: int, k: int, n: int) -> None:
     left, right, row = matrices(seed, m, k), matrices(seed + 1, k, n), matrices(seed + 2, m)
     stack = matrices(seed + 3, 4, k, n)
-    tolerance = {"rtol": 1e-12, "atol": 1e-12}
-    np.testing.assert_allclose(portable.product(left, right), left @ right, **tolerance)
-    np.testing.assert_allclose(portable.product(left, right[:, 0]), left @ right[:, 0], **tolerance)
-    np.testing.assert_allclose(portable.product(row, left, right), row @ left @ right, **tolerance)
-    np.testing.assert_allclose(portable.product(row, left, right[:, 0]), row @ left @ right[:, 0], **tolerance)
-    np.testing.assert_allclose(portable.product(left, stack), left @ stack, **tolerance)
+    np.testing.assert_allclose(portable.product(left, right), left @ right, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(portable.product(left, right[:, 0]), left @ right[:, 0], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(portable.product(row, left, right), row @ left @ right, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        portable.product(row, left, right[:, 0]), row @ left @ right[:, 0], rtol=1e-12, atol=1e-12
+    )
+    np.testing.assert_allclose(portable.product(left, stack), left @ stack, rtol=1e-12, atol=1e-12)
     np.testing.assert_array_equal(portable.product(left, stack)[2], portable.product(left, stack[2]))
 
 

@@ -1,5 +1,6 @@
 """The chain on drawn images whose truth is known below a pixel."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -9,6 +10,7 @@ from dynpf_systems.parts.studies.disc_scenes import KINDS, draw_scene, score
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from numpy.typing import NDArray
 
 from dynpf import rng
 from dynpf.vision import DetectionParams, Disc, detect_discs, subsample, to_full_px
@@ -30,7 +32,7 @@ def drawn(
     for (cx, cy, radius), level in zip(circles, inside, strict=True):
         image[(x - cx) ** 2 + (y - cy) ** 2 <= radius**2] = level
     blocks = image.reshape(shape[0], OVERSAMPLING, shape[1], OVERSAMPLING).mean(axis=(1, 3))
-    return cv2.GaussianBlur(blocks, (0, 0), 0.5)
+    return np.asarray(cv2.GaussianBlur(blocks, (0, 0), 0.5))
 
 
 def as_grey(image: np.ndarray, noise: float = 0.0) -> np.ndarray:
@@ -157,7 +159,7 @@ def test_subsampling_keeps_places() -> None:
     assert (*centre, 4 * disc.radius_px) == pytest.approx((201.3, 138.6, 40.0), abs=0.12)
 
 
-TURNS = {
+TURNS: dict[str, Callable[[NDArray[np.uint8]], NDArray[np.uint8]]] = {
     "as it is": lambda grey: grey,
     "upside down": lambda grey: grey[::-1],
     "on its side": np.rot90,

@@ -7,7 +7,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-import msgspec
 import numpy as np
 from dynpf_protocol.errors import UsageError
 from dynpf_services.scenario.load import load_scenario
@@ -242,7 +241,7 @@ def _hypotheses(place: Place, noise: Noise, n: int, scheduled: bool) -> Hypothes
     setup = NOISES[noise]
     params = HypothesesParams(n=n, sigma_range=setup.sigma_range, outliers=setup.outliers)
     if scheduled:
-        params = msgspec.structs.replace(params, change=0.0, told=1.0)
+        params = params.obedient()
     return Hypotheses(params, {name: grid(place, name) for name in "ab"})
 
 
