@@ -186,7 +186,7 @@ without the module, and says when it is not the one that was recorded. Processes
 def topics() -> str:
     """Return the reference of topics and messages."""
     lines = [TOPICS_HEAD, "## Topics that any robot may have", "", *_rows(TOPICS.values())]
-    for system in systems():
+    for system in (system for system in systems() if hasattr(system, "TOPICS")):
         about = (system.__doc__ or "").partition(";")[0]
         lines += ["", f"## {about}", "", *_rows(load(system.TOPICS))]
     lines += [

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dynpf_formats.shipped import load, systems
+from dynpf_formats.shipped import listed, load
 from dynpf_formats.user_classes import UserClass
 from dynpf_protocol.errors import UsageError
 from dynpf_services.scenario.user_code import add_folders, find_value
@@ -40,4 +40,4 @@ def _own(path: Path) -> "Study":
 
 
 def _listed() -> dict[str, str]:
-    return {name: text for system in systems() for name, text in system.STUDIES.items()}
+    return {name: text for studies in listed("STUDIES") for name, text in studies.items()}

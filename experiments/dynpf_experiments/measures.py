@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import Recording
-from dynpf_formats.shipped import load, systems
+from dynpf_formats.shipped import listed, load
 from dynpf_protocol.messages import Message
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import override_resolved
@@ -39,7 +39,7 @@ class Measures(NamedTuple):
 
 @cache
 def _all_measures() -> tuple[Measures, ...]:
-    return tuple(load(system.MEASURES) for system in systems())
+    return tuple(map(load, listed("MEASURES")))
 
 
 def measure(recording: Recording) -> dict[str, Any]:

@@ -3,14 +3,14 @@
 Nothing here knows a system, and what a recording or a scenario names is never imported.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib import import_module
 from typing import Any
 
 from dynpf_protocol.topics import TOPICS, Topic
 
-__all__ = ["known_topics", "load", "systems"]
+__all__ = ["known_topics", "listed", "load", "systems"]
 
 SYSTEMS = "dynpf_systems"
 """The package of the systems: SYSTEMS lists its folders, each with what it brings, by import strings."""
@@ -20,6 +20,11 @@ SYSTEMS = "dynpf_systems"
 def systems() -> tuple[Any, ...]:
     """Return the packages of the systems."""
     return tuple(import_module(f"{SYSTEMS}.{name}") for name in import_module(SYSTEMS).SYSTEMS)
+
+
+def listed(name: str) -> Iterator[Any]:
+    """Yield what the systems list under a name, such as KINDS or TOPICS; one that brings nothing of it lists none."""
+    return (getattr(system, name) for system in systems() if hasattr(system, name))
 
 
 def load(text: str) -> Any:
@@ -34,5 +39,5 @@ def known_topics() -> Mapping[str, Topic]:
 
     Those that any robot may have come first, then those of each system.
     """
-    own = [row for system in systems() for row in load(system.TOPICS)]
+    own = [row for topics in listed("TOPICS") for row in load(topics)]
     return {**TOPICS, **{row.name: row for row in own}}

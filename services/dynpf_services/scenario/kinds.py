@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from dynpf_formats.shipped import load, systems
+from dynpf_formats.shipped import listed, load
 from dynpf_protocol.messages import Message
 from dynpf_protocol.topics import Topic
 
@@ -97,13 +97,13 @@ class FactKind(NamedTuple):
 
 def fact_names() -> Sequence[str]:
     """Return the keys of the tables that nodes share."""
-    return [name for system in systems() for name in system.FACTS]
+    return [name for facts in listed("FACTS") for name in facts]
 
 
 @cache
 def fact_kind(name: str) -> FactKind:
     """Return what a shared table is, by its key; raises KeyError."""
-    found: FactKind = load(next(system.FACTS[name] for system in systems() if name in system.FACTS))
+    found: FactKind = load(next(facts[name] for facts in listed("FACTS") if name in facts))
     return found
 
 
@@ -139,7 +139,7 @@ def section_of(text: str) -> str:
 @cache
 def sensor_kinds() -> "tuple[SensorKind, ...]":
     """Return the sensors that the systems list."""
-    return tuple(kind for system in systems() if hasattr(system, "SENSORS") for kind in load(system.SENSORS))
+    return tuple(kind for sensors in listed("SENSORS") for kind in load(sensors))
 
 
 def sensor_kind(name: str) -> "SensorKind":
@@ -149,4 +149,4 @@ def sensor_kind(name: str) -> "SensorKind":
 
 @cache
 def _kinds() -> Mapping[tuple[str, str], str]:
-    return {**KINDS, **{key: text for system in systems() for key, text in system.KINDS.items()}}
+    return {**KINDS, **{key: text for kinds in listed("KINDS") for key, text in kinds.items()}}
