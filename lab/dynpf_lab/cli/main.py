@@ -20,6 +20,7 @@ _COMMANDS = {
     "run": ("run", "run a scenario, all processes, into one recording"),
     "service": ("service", "one process of a run on its own"),
     "schema": ("schema", "the JSON schema of scenario files, for editors"),
+    "compose": ("compose", "a Compose file of a scenario, one container a process"),
     "health": ("health", "whether a process of a run is alive and its main loop goes round"),
     "replay": ("replay", "re-execute nodes from a recording and compare"),
     "play": ("play", "publish a recording onto the bus"),

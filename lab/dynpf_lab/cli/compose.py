@@ -1,0 +1,102 @@
+"""``dynpf compose``: a Compose file of a scenario, one container a process."""
+
+import argparse
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
+
+__all__ = ["add_parser", "compose_file"]
+
+HEAD = """\
+# Every process in its own container: `docker compose up --build` runs {scenario} to its end and leaves the
+# recording in the volume `recordings`. SEED and DYNPF_IMAGE choose another seed and another image.
+# Made by `dynpf compose {words}`, which makes one of any scenario. Kept to what docker-compose 1.29 and docker
+# compose v2 both understand.
+"""
+PORT = 7447
+PROCESS: Mapping[str, Any] = {"image": "${DYNPF_IMAGE:-dynpf}", "build": ".", "init": True}
+ROUTER_PACE: Mapping[str, Any] = {"interval": "2s", "timeout": "10s", "retries": 30}
+PACE: Mapping[str, Any] = {"interval": "10s", "timeout": "10s", "start_period": "15s"}
+
+
+def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
+    parser = commands.add_parser(
+        "compose",
+        help="print a Compose file of a scenario",
+        description="dynpf compose SCENARIO > compose.yaml; docker compose up --build: each process of the run in its "
+        "own container. Folders with files of yours are mounted read-only.",
+    )
+    add_scenario_options(parser)
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    from dynpf_services.scenario.build import plan_of
+
+    log = load_log(options)
+    nodes = plan_of(scenario_from(options, log)).graph.nodes
+    text = compose_file(
+        nodes,
+        options.scenario,
+        overrides=options.overrides,
+        code=options.code,
+        log=options.log,
+        seed=options.seed,
+    )
+    print(text, end="")
+    return 0
+
+
+def compose_file(
+    nodes: Sequence[str],
+    scenario: str,
+    *,
+    overrides: Sequence[str] = (),
+    code: Sequence[Path] = (),
+    log: Path | None = None,
+    seed: int | None = None,
+) -> str:
+    """Return the text of a Compose file that runs ``nodes`` of a scenario, beside router and recorder.
+
+    Folders with files of the user's, such as that of the scenario, are mounted read-only.
+    """
+    import yaml
+
+    mounts: list[str] = []
+    words = [_mounted(Path(scenario), "/scenario", mounts) if scenario.endswith(".toml") else scenario]
+    words += ["--seed", f"${{SEED:-{1 if seed is None else seed}}}"]
+    for override in overrides:
+        words += ["--set", override.replace("$", "$$")]  # Compose takes a dollar for the name of a variable
+    for index, folder in enumerate(code):
+        mounts.append(f"{folder.absolute()}:/code/{index}:ro")
+        words += ["--code", f"/code/{index}"]
+    if log is not None:
+        words += ["--log", _mounted(log, "/log", mounts)]
+    services = {"router": _service("router", [*words, "--listen", f"tcp/0.0.0.0:{PORT}"], mounts)}
+    for name in (*nodes, "recorder"):
+        services[name.replace("/", ".")] = _service(name, [*words, "--connect", f"tcp/router:{PORT}"], mounts)
+    whole = {"services": services, "volumes": {"recordings": None}}
+    text: str = yaml.safe_dump(whole, sort_keys=False, default_flow_style=None, width=120)
+    shown = " ".join([scenario, *(f"--set {override}" for override in overrides)])
+    return HEAD.format(scenario=scenario, words=shown) + "\n" + text.replace("recordings: null", "recordings:")
+
+
+def _mounted(file: Path, folder: str, mounts: list[str]) -> str:
+    """Mount the folder of a file, and return the file's path in the container."""
+    mounts.append(f"{file.absolute().parent}:{folder}:ro")
+    return f"{folder}/{file.name}"
+
+
+def _service(name: str, words: Sequence[str], mounts: Sequence[str]) -> dict[str, Any]:
+    volumes = [*mounts, *(["recordings:/dynpf/runs"] if name == "recorder" else [])]
+    host = "127.0.0.1" if name == "router" else "router"
+    test = ["CMD", "dynpf", "health", name, "--connect", f"tcp/{host}:{PORT}"]
+    return {
+        **PROCESS,
+        **({} if name == "router" else {"depends_on": {"router": {"condition": "service_healthy"}}}),
+        "command": ["service", name, *words],
+        **({"volumes": volumes} if volumes else {}),
+        "healthcheck": {"test": test, **(ROUTER_PACE if name == "router" else PACE)},
+    }

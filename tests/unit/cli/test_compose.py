@@ -1,0 +1,57 @@
+"""``dynpf compose``: the file that comes along is made by it, and it follows any scenario."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+import yaml
+from dynpf_lab.cli.main import main
+from dynpf_services.scenario.build import plan_of
+from dynpf_services.scenario.load import load_scenario
+
+ROOT = Path(__file__).parents[3]
+
+
+def printed(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    assert main(["compose", *words]) == 0
+    return capsys.readouterr().out
+
+
+def test_the_file_that_comes_along_is_current(capsys: pytest.CaptureFixture[str]) -> None:
+    assert (ROOT / "compose.yaml").read_text() == printed(capsys, "parts-3-easy")
+
+
+@pytest.mark.parametrize("scenario", ["landmark-filters", "parts-3-tracked", "room-scan"])
+def test_each_process_of_a_scenario_has_its_container_and_no_other_has(
+    scenario: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    services = yaml.safe_load(printed(capsys, scenario, "--set", "max_ticks=7"))["services"]
+    nodes = plan_of(load_scenario(scenario)).graph.nodes
+    assert [*services] == ["router", *nodes, "recorder"]
+    for name, service in services.items():
+        where = ["--listen", "tcp/0.0.0.0:7447"] if name == "router" else ["--connect", "tcp/router:7447"]
+        words = ["service", name, scenario, "--seed", "${SEED:-1}", "--set", "max_ticks=7", *where]
+        assert service["command"] == words
+        assert service["healthcheck"]["test"][:4] == ["CMD", "dynpf", "health", name]
+
+
+def test_files_of_ones_own_are_mounted_where_the_command_looks_for_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "own.toml").write_text((ROOT / "scenarios/dynpf_scenarios/landmark-room.toml").read_text())
+    (tmp_path / "code").mkdir()
+    made = yaml.safe_load(printed(capsys, "mine/own.toml", "--code", "code", "--set", "title='a $5 robot'"))
+    service = made["services"]["estimator"]
+    assert service["volumes"] == [f"{tmp_path}/mine:/scenario:ro", f"{tmp_path}/code:/code/0:ro"]
+    assert shlex.join(service["command"]).startswith("service estimator /scenario/own.toml --seed")
+    assert "title='a $$5 robot'" in service["command"]
+    assert made["services"]["recorder"]["volumes"][-1] == "recordings:/dynpf/runs"
+
+
+def test_the_nodes_of_several_robots_have_names_that_compose_takes(capsys: pytest.CaptureFixture[str]) -> None:
+    services = yaml.safe_load(printed(capsys, "landmark-team", "--set", "needs_log=true"))["services"]
+    assert services["r3.estimator"]["command"][:2] == ["service", "r3/estimator"]
+    assert all(re.fullmatch(r"[A-Za-z0-9._-]+", name) for name in services)
