@@ -6,12 +6,15 @@ from dynpf_protocol.control import Beat, Recorded, Stop, decode_control, encode_
 from dynpf_protocol.errors import BrokenOffError, ProtocolError
 from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, READY, RECORDER, ROUTER, SCENARIO
 
-from dynpf_runtime.machines.effects import Answer, Declare, Effect, Ended, Put, Subscribe, Tell, Watch
+from dynpf_runtime.machines.effects import NEVER_NS, Answer, Declare, Effect, Ended, Put, Subscribe, Tell, Watch
 from dynpf_runtime.machines.events import Arrived, Event, Now, Started, StopAsked, Token
 from dynpf_runtime.machines.membership import BEAT_NS
 from dynpf_runtime.machines.roster import Roster, holder
 
-__all__ = ["RouterMachine"]
+__all__ = ["LAST_WORD_NS", "RouterMachine"]
+
+LAST_WORD_NS = 500_000_000
+"""Tokens and messages come on ways of their own: the recorder's last word may come after its token has gone."""
 
 
 class RouterMachine:
@@ -25,6 +28,7 @@ class RouterMachine:
         self._recorder = Roster({RECORDER})
         self._recorded: Recorded | None = None
         self._began = False
+        self._left_ns = NEVER_NS  # when the last process left without a word of the recorder
         self._stopping = False
 
     def handle(self, event: Event, now: Now) -> Iterator[Effect]:
@@ -45,11 +49,21 @@ class RouterMachine:
                 if not self._stopping:
                     self._stopping = True
                     yield Put(f"{CONTROL}stop", encode_control(Stop(ROUTER, self._boot, event.reason)))
-        if self._began and not self._present:
+        if self._over(now):
             yield Ended(self._outcome())
         elif now.monotonic_ns >= self.wake_ns:
             self.wake_ns = now.monotonic_ns + BEAT_NS
             yield Put(f"{BEAT}{ROUTER}", encode_control(Beat(ROUTER, self._boot, 0)))
+
+    def _over(self, now: Now) -> bool:
+        """Return whether everybody has left, the recorder with its last word or without one."""
+        if not self._began or self._present:
+            self._left_ns = NEVER_NS
+            return False
+        if self._recorded is None and self._left_ns == NEVER_NS:
+            self._left_ns = now.monotonic_ns
+            self.wake_ns = min(self.wake_ns, now.monotonic_ns + LAST_WORD_NS)
+        return self._recorded is not None or now.monotonic_ns >= self._left_ns + LAST_WORD_NS
 
     def _token(self, token: Token) -> None:
         name, _, ready = holder(token)

@@ -1,0 +1,47 @@
+"""The router waits for the recorder's last word, which may come after the recorder's token has gone."""
+
+from dynpf_protocol.control import Recorded, encode_control
+from dynpf_protocol.errors import BrokenOffError
+from dynpf_protocol.keys import ALIVE, CONTROL, READY
+from dynpf_runtime.machines.effects import Ended
+from dynpf_runtime.machines.events import Arrived, Event, Now, Started, Token, Woke
+from dynpf_runtime.machines.router import LAST_WORD_NS, RouterMachine
+
+LAST_WORD = Arrived(f"{CONTROL}recorded", encode_control(Recorded("r1", True, "finished", "run.mcap")), b"")
+
+
+def left_by_all() -> RouterMachine:
+    """Return a router whose run has begun, and whose processes have left at 0 ns."""
+    router = RouterMachine("{}", "router-1")
+    assert ended(router, Started(), 0) is None
+    for key in (f"{ALIVE}recorder/r1", f"{ALIVE}estimator/e1", f"{READY}recorder/r1", f"{READY}estimator/e1"):
+        assert ended(router, Token(key, True), 0) is None
+    for key in (f"{READY}estimator/e1", f"{ALIVE}estimator/e1", f"{READY}recorder/r1", f"{ALIVE}recorder/r1"):
+        assert ended(router, Token(key, False), 0) is None
+    return router
+
+
+def ended(router: RouterMachine, event: Event, now_ns: int) -> Ended | None:
+    return next((effect for effect in router.handle(event, Now(now_ns, now_ns)) if isinstance(effect, Ended)), None)
+
+
+def test_a_last_word_that_comes_after_the_tokens_have_gone_counts() -> None:
+    router = left_by_all()
+    assert router.wake_ns <= LAST_WORD_NS
+    assert ended(router, LAST_WORD, LAST_WORD_NS // 2) == Ended(None)
+
+
+def test_without_a_last_word_the_run_has_broken_off() -> None:
+    router = left_by_all()
+    assert ended(router, Woke(), LAST_WORD_NS - 1) is None
+    assert router.wake_ns <= LAST_WORD_NS
+    end = ended(router, Woke(), LAST_WORD_NS)
+    assert end is not None
+    assert isinstance(end.error, BrokenOffError)
+    assert str(end.error) == "everybody has left before the run was recorded"
+
+
+def test_a_process_that_comes_back_meanwhile_is_waited_for() -> None:
+    router = left_by_all()
+    assert ended(router, Token(f"{ALIVE}recorder/r1", True), 1) is None
+    assert ended(router, Woke(), 2 * LAST_WORD_NS) is None
