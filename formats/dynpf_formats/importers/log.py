@@ -1,4 +1,4 @@
-"""An imported log: its records in order, the landmarks they speak of, and what was found on the way."""
+"""An imported log in memory: its records in order, its landmarks, and a summary."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from dynpf_protocol.messages import Message
 __all__ = ["ImportSummary", "ImportedLog", "Record"]
 
 Span = tuple[float, float]
-"""First and last second, counted from the log's first record."""
+"""First and last second, relative to the log's first record."""
 
 
 class Record(NamedTuple):
@@ -21,7 +21,7 @@ class Record(NamedTuple):
 
 
 class ImportSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """What a log holds and what of it was left out."""
+    """What a log holds, and what was left out."""
 
     source: str
     robot: int | None  # None: the log is of a single robot without a number
@@ -32,17 +32,17 @@ class ImportSummary(msgspec.Struct, frozen=True, kw_only=True):
     landmark_readings: int
     references: int  # reference poses
     landmarks: int  # on the map
-    robot_readings: int  # of these, readings of other robots, taken for landmarks that move
-    dropped_robots: int  # readings of other robots that were not
+    robot_readings: int  # of these, readings of other robots, taken as moving landmarks
+    dropped_robots: int  # readings of other robots that were not taken
     dropped_unknown_barcodes: int  # readings of barcodes that no table has
     dropped_unmapped: int  # readings of landmarks without a surveyed position
-    clock_backwards: int  # rows older than the one before them in their table; they are put in order of time
+    clock_backwards: int  # rows older than the previous row of their table; they are sorted by time
     reference_gaps: tuple[Span, ...]
     heading_faults: tuple[Span, ...]
 
 
 class ImportedLog(NamedTuple):
-    """A whole log in memory; records are in time order."""
+    """A whole log; records are in order of time."""
 
     records: tuple[Record, ...]
     landmarks: tuple[Landmark, ...]

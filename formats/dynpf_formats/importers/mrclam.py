@@ -3,7 +3,7 @@
 A data set is a folder of text tables: Barcodes, Landmark_Groundtruth, and for each robot Odometry, Measurement and
 Groundtruth, named ``Robot1_Odometry.dat`` and so on; or of a single robot, under any other prefix or none. Each may
 be compressed, as ``.dat.xz``. A measurement names a barcode, which the table of barcodes turns into a subject: subjects
-1 to 5 are robots, the others landmarks. Robots can be taken for landmarks that move: references tell where they were.
+1 to 5 are robots, the others landmarks. Robots can be taken as moving landmarks; their references give the positions.
 """
 
 import lzma
@@ -22,6 +22,7 @@ from dynpf_protocol.messages import LandmarkReading, LandmarkReadings, Odometry,
 from msgspec import UNSET
 from numpy.typing import NDArray
 
+from dynpf.types import FloatArray
 from dynpf_formats.importers.errors import ImportFailedError
 from dynpf_formats.importers.heading import GAP_S, heading_faults
 from dynpf_formats.importers.log import ImportedLog, ImportSummary, Record, Span
@@ -56,10 +57,10 @@ class MrclamTexts(NamedTuple):
 
 
 def import_mrclam(folder: Path, robot: int | None = None, *, robots: bool = False) -> ImportedLog:
-    """Return one robot's log of the data set in ``folder``; with ``robots``, the others are landmarks that move.
+    """Return one robot's log of the data set in ``folder``; with ``robots``, the others are moving landmarks.
 
-    ``robot`` may be left out where the folder has one robot alone. Raises ImportFailedError for a missing or unreadable
-    file, for a robot that is not there, and for every line that does not hold what its table promises.
+    ``robot`` may be left out if the folder has a single robot. Raises ImportFailedError for a missing or unreadable
+    file, for a robot that is not there, and for every line that does not fit its table.
     """
     prefix, number = _choose(folder, robot)
     common = "" if number is not None else prefix
@@ -74,10 +75,10 @@ def import_mrclam(folder: Path, robot: int | None = None, *, robots: bool = Fals
         raise ImportFailedError(
             f"{folder}: its one robot has no number, so the others' references cannot be told apart"
         )
-    others = [one for one in ROBOTS if robots and one != number]
+    others = [other for other in ROBOTS if robots and other != number]
     texts: list[TextFile] = []
     problems: list[str] = []
-    for name in (*names, *(f"Robot{one}_Groundtruth" for one in others)):
+    for name in (*names, *(f"Robot{other}_Groundtruth" for other in others)):
         try:
             texts.append(_read(folder, name))
         except ImportFailedError as error:
@@ -89,21 +90,22 @@ def import_mrclam(folder: Path, robot: int | None = None, *, robots: bool = Fals
 
 
 def import_mrclam_team(folder: Path) -> tuple[ImportedLog, ...]:
-    """Return the log of each robot of the data set in ``folder``, in the topics of that robot: ``r1/log/odometry``.
+    """Return the log of each robot of the data set in ``folder``, on that robot's topics, such as ``r1/log/odometry``.
 
-    All have one clock and one map. Raises ImportFailedError as ``import_mrclam`` does.
+    All share one clock and one map. Raises ImportFailedError as ``import_mrclam`` does.
     """
     logs = []
     for number in robots_in(folder):
         log = import_mrclam(folder, number)
-        logs.append(log._replace(records=tuple(one._replace(topic=f"r{number}/{one.topic}") for one in log.records)))
+        records = tuple(record._replace(topic=f"r{number}/{record.topic}") for record in log.records)
+        logs.append(log._replace(records=records))
     if not logs:
         raise ImportFailedError(f"{folder}: its one robot has no number; leave out --robot all to import it")
     return tuple(logs)
 
 
 def robots_in(folder: Path) -> list[int]:
-    """Return the numbers of the robots in a data set, none where its one robot has no number."""
+    """Return the numbers of the robots in a data set, none if its single robot has no number."""
     return sorted(_robots(_prefixes(folder)))
 
 
@@ -163,16 +165,15 @@ def _read(folder: Path, name: str) -> TextFile:
 def parse_mrclam(
     texts: MrclamTexts, *, source: str, robot: int | None, moving: Mapping[int, TextFile] | None = None
 ) -> ImportedLog:
-    """Return the log that the five tables tell; ``moving`` are the references of other robots, by subject.
+    """Return the log in the five tables; ``moving`` are the references of other robots, by subject.
 
-    Readings taken at the same time make one message. Raises ImportFailedError with every line that is not as its
-    table promises.
+    Readings with the same time make one message. Raises ImportFailedError with every line that does not fit its table.
     """
     tables = _tables_of(texts, moving or {})
     ids = frozenset(landmark.id for landmark in tables.landmarks)
     known = [_reading(row, tables.barcodes.get(row.barcode), tables.paths) for row in tables.measurements]
     readings = sorted(
-        (row for row in known if row.subject in ids or row.place is not None), key=lambda row: row.stamp_ns
+        (row for row in known if row.subject in ids or row.position is not None), key=lambda row: row.stamp_ns
     )
     odometry = sorted(tables.odometry, key=lambda record: record.stamp_ns)
     references = sorted(tables.references, key=lambda record: record.stamp_ns)
@@ -191,9 +192,9 @@ def parse_mrclam(
         landmark_readings=len(readings),
         references=len(truth),
         landmarks=len(tables.landmarks),
-        robot_readings=sum(row.place is not None for row in known),
+        robot_readings=sum(row.position is not None for row in known),
         dropped_robots=sum(
-            int(row.subject in ROBOTS and row.subject not in ids and row.place is None) for row in known
+            int(row.subject in ROBOTS and row.subject not in ids and row.position is None) for row in known
         ),
         dropped_unknown_barcodes=sum(row.subject is None for row in known),
         dropped_unmapped=sum(
@@ -207,7 +208,7 @@ def parse_mrclam(
 
 
 class _Tables(NamedTuple):
-    """What the tables of one robot hold, line by line, and how often their clocks go back."""
+    """The rows of one robot's tables, and how often their clocks go back."""
 
     barcodes: Mapping[int, int]  # barcode -> subject
     landmarks: tuple[Landmark, ...]
@@ -219,7 +220,7 @@ class _Tables(NamedTuple):
 
 
 def _tables_of(texts: MrclamTexts, moving: Mapping[int, TextFile]) -> _Tables:
-    """Read the tables; raises ImportFailedError with every line that is not as its table promises."""
+    """Read the tables; raises ImportFailedError with every line that does not fit its table."""
     problems: list[str] = []
     pairs = list(_table(texts.barcodes, _barcode, problems))
     landmarks = tuple(_table(texts.landmarks, _landmark, problems))
@@ -255,18 +256,19 @@ class _Reading(NamedTuple):
     subject: int | None  # None: no table has the barcode
     range: float
     bearing: float
-    place: tuple[float, float] | None = None  # m, of a robot
+    position: tuple[float, float] | None = None  # m, of a robot
 
 
 class _Path(NamedTuple):
     """A robot's reference: stamps (T,) in ns and positions (T,) in metres."""
 
     stamps: NDArray[np.int64]
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
+    x: FloatArray
+    y: FloatArray
 
     @classmethod
     def of(cls, records: Iterable[Record]) -> "_Path":
+        """Return the path through the poses among the records."""
         rows = sorted(
             (record.stamp_ns, record.message.x, record.message.y)
             for record in records
@@ -276,7 +278,7 @@ class _Path(NamedTuple):
         return cls(np.array(stamps, dtype=np.int64), np.array(x), np.array(y))
 
     def at(self, stamp_ns: int) -> tuple[float, float] | None:
-        """Return where the robot was, between two references near enough; None where there are none."""
+        """Return the robot's position, interpolated between references close in time; None if there are none."""
         after = int(np.searchsorted(self.stamps, stamp_ns, side="left"))
         if after < self.stamps.size and self.stamps[after] == stamp_ns:
             return float(self.x[after]), float(self.y[after])
@@ -291,13 +293,13 @@ class _Path(NamedTuple):
 
 
 def _reading(row: _Measurement, subject: int | None, paths: Mapping[int, _Path]) -> _Reading:
-    """Return a measurement by its subject, and where that was if it is a robot whose path is known."""
+    """Return a measurement with its subject, and the subject's position if it is a robot whose path is known."""
     path = None if subject is None else paths.get(subject)
     return _Reading(row.stamp_ns, subject, row.range, row.bearing, None if path is None else path.at(row.stamp_ns))
 
 
 def _table(file: TextFile, parse: Callable[[list[str]], Row], problems: list[str]) -> Iterator[Row]:
-    """Yield the rows of a table; what cannot be parsed goes to ``problems``, with file and line."""
+    """Yield the rows of a table; append rows that cannot be parsed to ``problems``, with file and line."""
     for number, line in enumerate(file.lines, start=1):
         fields = line.split()
         if not fields or fields[0].startswith("#"):
@@ -349,15 +351,15 @@ def _twice(numbers: Iterable[int]) -> list[int]:
 
 
 def _grouped(readings: Sequence[_Reading]) -> Iterator[Record]:
-    """Yield one message for the readings of each moment."""
+    """Yield one message for the readings with the same stamp."""
     for stamp_ns, rows in groupby(readings, key=lambda row: row.stamp_ns):
         moment = tuple(
             LandmarkReading(
                 landmark=row.subject,
                 range=row.range,
                 bearing=row.bearing,
-                x=UNSET if row.place is None else row.place[0],
-                y=UNSET if row.place is None else row.place[1],
+                x=UNSET if row.position is None else row.position[0],
+                y=UNSET if row.position is None else row.position[1],
             )
             for row in rows
             if row.subject is not None
@@ -370,7 +372,7 @@ Spans = list[tuple[int, int]]
 
 
 def _checked(references: Sequence[Record], odometry: Sequence[Record]) -> tuple[list[Record], Spans, Spans]:
-    """Mark the references whose heading is at fault; return them, the faults, and the gaps (first and last stamp)."""
+    """Mark references with a faulty heading; return all references, the faults, and the gaps (first and last stamp)."""
     poses = [record.message for record in references if isinstance(record.message, RobotState)]
     speeds = [record.message.v for record in odometry if isinstance(record.message, Odometry)]
     stamps = np.array([record.stamp_ns for record in references], dtype=np.int64)

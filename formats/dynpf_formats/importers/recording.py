@@ -1,4 +1,4 @@
-"""Imported logs as recordings: records as messages of node "log", landmarks and maps as attachments."""
+"""Writes imported logs as recordings: records as messages of node "log", landmarks and maps as attachments."""
 
 import heapq
 from collections import Counter
@@ -47,10 +47,10 @@ def write_recording(log: ImportedLog, path: Path) -> None:
 
 
 def write_stream(log: LogStream, path: Path) -> StreamSummary:
-    """Write ``log`` to ``path`` as its records come, and return what became of it; all times are the log's own.
+    """Write ``log`` to ``path`` record by record and return its summary; all times are the log's own.
 
-    Raises RecordingError, leaving an existing file alone, and what the log's records raise; then nothing is left of
-    the new file.
+    Raises RecordingError, leaving an existing file alone, and whatever reading the records raises; then the new file
+    is removed.
     """
     origin = {"source": log.source, "format": log.format, "settings": dict(log.settings)}
     written = _write(log.records, path, origin, log.attachments)
@@ -61,8 +61,8 @@ def write_stream(log: LogStream, path: Path) -> StreamSummary:
         start_ns=written.first_ns,
         duration_s=(written.last_ns - written.first_ns) / 1e9,
         messages=dict(sorted(written.counts.items())),
-        attachments=tuple(one.name for one in log.attachments),
-        dropped=log.losses.told(),
+        attachments=tuple(attachment.name for attachment in log.attachments),
+        dropped=log.losses.summary(),
     )
 
 
@@ -91,5 +91,5 @@ def _write(
 def _payload(topic: str, stamp_ns: int, message: Any) -> bytes:
     try:
         return encode(topic, message)
-    except BadMessageError as error:  # a number that importers let through: the log's fault, told in one line
+    except BadMessageError as error:  # a number that importers let through: the log is wrong
         raise ImportFailedError(f"record at {stamp_ns * 1e-9:.3f} s: {error}") from error

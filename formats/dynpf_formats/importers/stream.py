@@ -1,4 +1,4 @@
-"""A foreign log that is read while it is written down: its records one by one, and an account of what was left out."""
+"""A foreign log that is read while its recording is written: its records one by one, and counts of what is left out."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
@@ -12,34 +12,34 @@ __all__ = ["Dropped", "LogStream", "Losses", "StreamSummary"]
 
 
 class Dropped(msgspec.Struct, frozen=True):
-    """How much was left out for one reason, and what the first of it was."""
+    """How much was left out for one reason, with the first example."""
 
     count: int
     first: str
 
 
 class Losses:
-    """What an importer leaves out, by reason; it grows while records are taken."""
+    """Counts what an importer leaves out, by reason, while the records are read."""
 
     def __init__(self) -> None:
         self._counts: dict[str, int] = {}
         self._first: dict[str, str] = {}
 
     def add(self, reason: str, example: str, count: int = 1) -> None:
-        """Count what is left out; ``example`` tells where and what, in a few words."""
+        """Count something left out; ``example`` says in a few words where and what it was."""
         self._counts[reason] = self._counts.get(reason, 0) + count
         self._first.setdefault(reason, example)
 
-    def told(self) -> dict[str, Dropped]:
-        """Return what was left out so far, by reason."""
+    def summary(self) -> dict[str, Dropped]:
+        """Return what has been left out so far, by reason."""
         return {reason: Dropped(count, self._first[reason]) for reason, count in self._counts.items()}
 
 
 class LogStream(NamedTuple):
-    """A log of any length. ``losses`` are complete when ``records`` are at their end.
+    """A log of any length. ``losses`` are complete once ``records`` are exhausted.
 
-    ``settings`` tell how the source was read: what was chosen, and what was found in it. Records come in the order in
-    which they shall be played.
+    ``settings`` describe how the source was read: what was chosen, and what was found in it. Records are in the order
+    in which they are to be played.
     """
 
     source: str
@@ -51,7 +51,7 @@ class LogStream(NamedTuple):
 
 
 class StreamSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """What was written of a log and what of it was left out."""
+    """What was written of a log, and what was left out."""
 
     source: str
     format: str
