@@ -1,4 +1,4 @@
-"""Progress of long work, told in one line of the terminal while a person is watching."""
+"""The progress of a run, shown in one line of the terminal."""
 
 import sys
 import time
@@ -10,18 +10,20 @@ _CLEAR_LINE = "\r\x1b[K"
 
 
 class Progress:
-    """A line that is written over and over; nothing is written where stderr is no terminal."""
+    """A line that is overwritten at each update; nothing is written if stderr is no terminal."""
 
     def __init__(self) -> None:
-        self._watched = sys.stderr.isatty()
+        self._visible = sys.stderr.isatty()
         self._next = time.monotonic() + PERIOD_S
 
     def show(self, ticks: int, messages: int) -> None:
+        """Update the line, unless that was done a moment ago."""
         now = time.monotonic()
-        if self._watched and now >= self._next:
+        if self._visible and now >= self._next:
             self._next = now + PERIOD_S
             print(f"{_CLEAR_LINE}tick {ticks}, {messages} messages", end="", file=sys.stderr, flush=True)
 
     def clear(self) -> None:
-        if self._watched:
+        """Erase the line."""
+        if self._visible:
             print(_CLEAR_LINE, end="", file=sys.stderr, flush=True)
