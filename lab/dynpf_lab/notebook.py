@@ -27,7 +27,7 @@ from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.overrides import overrides_of
 from dynpf_services.scenario.played_log import PlayedLog
 from dynpf_services.scenario.record import check_log, record_inline
-from dynpf_services.scenario.replay import replay_nodes, run_anew, scenario_of_replay, write_nodes
+from dynpf_services.scenario.replay import replay_nodes, rerun, scenario_of_replay, write_nodes
 from dynpf_services.scenario.user_code import add_folders, code_folders
 from numpy.typing import NDArray
 
@@ -207,7 +207,7 @@ class Run:
 
         def make(target: Path) -> None:
             if overrides and node is None:
-                run_anew(self.recording, scenario, target)
+                rerun(self.recording, scenario, target)
             else:
                 outcomes = replay_nodes(self.recording, scenario, node, keep=True)
                 write_nodes(self.recording, scenario, outcomes, target)

@@ -97,8 +97,7 @@ def import_mrclam_team(folder: Path) -> tuple[ImportedLog, ...]:
     logs = []
     for number in robots_in(folder):
         log = import_mrclam(folder, number)
-        records = tuple(record._replace(topic=f"r{number}/{record.topic}") for record in log.records)
-        logs.append(log._replace(records=records))
+        logs.append(log._replace(records=tuple(item._replace(topic=f"r{number}/{item.topic}") for item in log.records)))
     if not logs:
         raise ImportFailedError(f"{folder}: its one robot has no number; leave out --robot all to import it")
     return tuple(logs)
@@ -175,8 +174,7 @@ def parse_mrclam(
     readings = sorted(
         (row for row in known if row.subject in ids or row.position is not None), key=lambda row: row.stamp_ns
     )
-    odometry = sorted(tables.odometry, key=lambda record: record.stamp_ns)
-    references = sorted(tables.references, key=lambda record: record.stamp_ns)
+    odometry, references = (sorted(rows, key=lambda row: row.stamp_ns) for rows in (tables.odometry, tables.references))
     groups = list(_grouped(readings))
     truth, faults, gaps = _checked(references, odometry)
 

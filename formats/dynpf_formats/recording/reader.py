@@ -79,7 +79,7 @@ class Recording:
         return None if position is None else Recorded(self._index, position)
 
     def messages(self, topic: str | None = None, node: str | None = None) -> Iterator[Recorded]:
-        """Yield messages without journal entries, each once, in the order of the file; of one topic or node if given."""
+        """Yield messages but not the journal, each once, in the order of the file; of one topic or node if given."""
         wanted = [
             topic in (None, source.topic)
             and node in (None, source.node)

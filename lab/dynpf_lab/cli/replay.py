@@ -41,7 +41,7 @@ def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
 
 def run(options: argparse.Namespace) -> int:
     from dynpf_formats.recording.reader import read_recording
-    from dynpf_services.scenario.replay import replay_nodes, run_anew, scenario_of_replay, write_nodes
+    from dynpf_services.scenario.replay import replay_nodes, rerun, scenario_of_replay, write_nodes
     from dynpf_services.scenario.user_code import add_folders, code_folders
 
     add_folders(code_folders(options.code))
@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
     scenario = scenario_of_replay(recording, options.node, options.overrides, options.allow_code)
     _tell_changed_code(recording, scenario)
     if options.overrides and options.node is None:
-        return _compare(options, recording, lambda path: run_anew(recording, scenario, path))
+        return _compare(options, recording, lambda path: rerun(recording, scenario, path))
     keep = options.output is not None or bool(options.overrides)
     outcomes = replay_nodes(recording, scenario, options.node, keep=keep)
     if options.overrides:

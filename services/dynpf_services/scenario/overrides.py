@@ -1,4 +1,4 @@
-"""Overrides on the command line: ``--set key=value`` changes one key of a scenario before it is checked."""
+"""Overrides of the command line: ``--set key=value`` changes one key of a scenario before it is checked."""
 
 import json
 import tomllib
@@ -11,7 +11,7 @@ __all__ = ["apply_override", "overrides_of"]
 
 
 def overrides_of(settings: Mapping[str, Any]) -> list[str]:
-    """Return the overrides that set keys to values of Python's; raises ScenarioError for what TOML has no word for."""
+    """Return the overrides that set keys to Python values; raises ScenarioError for a value that TOML does not have."""
     return [f"{key}={_toml(key, value)}" for key, value in settings.items()]
 
 
@@ -32,7 +32,7 @@ def _toml(key: str, value: Any) -> str:
 
 
 def apply_override(raw: dict[str, Any], override: str) -> None:
-    """Set one key of ``raw``; raises ScenarioError for what is no key=value, or leads into a value without keys."""
+    """Set one key of ``raw``; raises ScenarioError unless it is key=value and its parent is a table or a list."""
     key, equals, text = override.partition("=")
     if not equals or not key:
         raise ScenarioError(f"--set {override}: expected key=value, such as estimator.n=500")
