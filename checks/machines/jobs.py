@@ -7,7 +7,7 @@ from typing import NamedTuple
 from dynpf_formats.importers.carmen import import_carmen
 from dynpf_formats.importers.mapping import drawn_map
 from dynpf_formats.importers.mrclam import import_mrclam
-from dynpf_formats.importers.recording import write_recording, write_stream
+from dynpf_formats.importers.recording import write_recording
 from dynpf_formats.recording.reader import read_recording
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_lab.references.runs import has_data, run_anew
@@ -123,5 +123,5 @@ def _imported(name: str, folder: Path) -> PlayedLog:
         write_recording(import_mrclam(source), path)
     else:
         drawn = drawn_map(lambda: import_carmen(source).records, 0.05, "map")
-        write_stream(import_carmen(source, attachments=drawn), path)
+        write_recording(import_carmen(source, attachments=drawn), path)
     return PlayedLog(path)

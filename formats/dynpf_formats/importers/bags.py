@@ -11,7 +11,7 @@ from rosbags.rosbag2 import Reader as Reader2
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from dynpf_formats.importers.errors import ImportFailedError
-from dynpf_formats.importers.stream import Losses
+from dynpf_formats.importers.log import Losses
 from dynpf_formats.importers.text import refuse_pointer
 
 __all__ = ["Bag", "Message", "open_bag"]

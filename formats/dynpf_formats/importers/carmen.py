@@ -19,10 +19,9 @@ from dynpf_protocol.messages import OdometryPose, RobotState
 
 from dynpf.portable import hypot
 from dynpf_formats.importers.errors import ImportFailedError
-from dynpf_formats.importers.log import Record
+from dynpf_formats.importers.log import ImportedLog, Losses, Record
 from dynpf_formats.importers.poses import Pose, compose, inverse, relative, wrapped
 from dynpf_formats.importers.scans import normalized_scan, scanner_record, without_repeated_scanners
-from dynpf_formats.importers.stream import LogStream, Losses
 from dynpf_formats.importers.text import finite_number, lines_of, seconds_to_ns, whole_number
 from dynpf_formats.recording.header import Attachment
 
@@ -65,7 +64,9 @@ class _Survey(NamedTuple):
     backwards: int  # lines that are earlier than the one before them
 
 
-def import_carmen(path: Path, *, range_max: float | None = None, attachments: tuple[Attachment, ...] = ()) -> LogStream:
+def import_carmen(
+    path: Path, *, range_max: float | None = None, attachments: tuple[Attachment, ...] = ()
+) -> ImportedLog:
     """Return the log in a file, plain or compressed.
 
     ``range_max`` in metres: larger or equal ranges are no return; by default it is that of the line, else that of the
@@ -84,7 +85,7 @@ def import_carmen(path: Path, *, range_max: float | None = None, attachments: tu
         "clock_backwards": survey.backwards,
     }
     records = without_repeated_scanners(_records(path, survey, range_max, losses))
-    return LogStream(path.name, "carmen", settings, records, losses, attachments)
+    return ImportedLog(path.name, "carmen", settings, records, losses, attachments)
 
 
 def _survey(path: Path, range_max: float | None) -> _Survey:

@@ -9,8 +9,7 @@ import numpy as np
 from dynpf.maps.map_server import decode
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf_formats.importers.errors import ImportFailedError
-from dynpf_formats.importers.log import Record
-from dynpf_formats.importers.stream import LogStream, Losses
+from dynpf_formats.importers.log import ImportedLog, Losses, Record
 from dynpf_formats.importers.text import refuse_pointer
 from dynpf_formats.importers.transforms import matrix, planar
 from dynpf_formats.recording.attachments import attached
@@ -21,13 +20,13 @@ __all__ = ["import_map", "map_attachments", "map_of_message"]
 LARGEST_MAP = 2**28  # cells of a map in a message
 
 
-def import_map(path: Path) -> LogStream:
+def import_map(path: Path) -> ImportedLog:
     """Return a log without records, with the map of a map_server YAML file attached.
 
     Raises ImportFailedError if the file is no such map.
     """
     attachments, grid = _read(path)
-    return LogStream(path.name, "map", _facts(grid), _nothing(), Losses(), attachments)
+    return ImportedLog(path.name, "map", _facts(grid), _nothing(), Losses(), attachments)
 
 
 def map_attachments(path: Path) -> tuple[Attachment, ...]:

@@ -4,8 +4,7 @@ import heapq
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from dynpf_formats.importers.log import Record
-from dynpf_formats.importers.stream import Losses
+from dynpf_formats.importers.log import Losses, Record
 
 __all__ = ["Reorder"]
 

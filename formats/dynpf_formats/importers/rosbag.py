@@ -20,12 +20,11 @@ from dynpf.types import FloatArray
 from dynpf_formats.importers.bags import Bag, Message, open_bag
 from dynpf_formats.importers.clouds import FlattenParams, flatten, points_of
 from dynpf_formats.importers.errors import ImportFailedError
-from dynpf_formats.importers.log import Record
+from dynpf_formats.importers.log import ImportedLog, Losses, Record
 from dynpf_formats.importers.maps import map_of_message
 from dynpf_formats.importers.ordered import Reorder
 from dynpf_formats.importers.poses import Pose, compose, inverse
 from dynpf_formats.importers.scans import normalized_scan, scanner_record, without_repeated_scanners
-from dynpf_formats.importers.stream import LogStream, Losses
 from dynpf_formats.importers.transforms import OPTICAL, TransformTree, matrix, planar
 from dynpf_formats.recording.header import Attachment
 
@@ -77,7 +76,7 @@ class _Plan(NamedTuple):
 
 def import_rosbag(
     path: Path, choice: BagChoice | None = None, *, attachments: tuple[Attachment, ...] = ()
-) -> LogStream:
+) -> ImportedLog:
     """Return the log in a .bag, .mcap or .db3 file, or in the folder of a ROS 2 bag.
 
     A map in the bag is attached unless there are ``attachments``. Messages are read as the records are iterated: only
@@ -104,7 +103,7 @@ def import_rosbag(
             "topics_left_out": {name: bag.topics[name] for name in sorted(bag.topics.keys() - taken)},
         }
     records = without_repeated_scanners(_records(path, plan, choice, losses))
-    return LogStream(path.name, "rosbag", settings, records, losses, attachments)
+    return ImportedLog(path.name, "rosbag", settings, records, losses, attachments)
 
 
 # --- choosing ------------------------------------------------------------------------------------------------------

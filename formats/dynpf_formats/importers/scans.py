@@ -10,8 +10,7 @@ from dynpf_protocol import frames
 from dynpf_protocol.messages import LaserScan, Message, Scanner, planar_pose, timestamp
 from numpy.typing import ArrayLike
 
-from dynpf_formats.importers.log import Record
-from dynpf_formats.importers.stream import Losses
+from dynpf_formats.importers.log import Losses, Record
 
 __all__ = ["MOST_BEAMS", "SCANNER", "normalized_scan", "scanner_record", "without_repeated_scanners"]
 

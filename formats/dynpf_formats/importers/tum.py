@@ -13,8 +13,7 @@ from dynpf_protocol.messages import RobotState
 from dynpf_protocol.topics import LOG_NODE
 
 from dynpf_formats.importers.errors import ImportFailedError
-from dynpf_formats.importers.log import Record
-from dynpf_formats.importers.stream import LogStream, Losses
+from dynpf_formats.importers.log import ImportedLog, Losses, Record
 from dynpf_formats.importers.text import finite_number, lines_of, seconds_to_ns
 from dynpf_formats.importers.transforms import matrix, planar
 from dynpf_formats.recording.reader import read_recording
@@ -32,7 +31,7 @@ class _Vector(NamedTuple):
     w: float = 0.0
 
 
-def import_tum(path: Path, log: Path | None = None) -> LogStream:
+def import_tum(path: Path, log: Path | None = None) -> ImportedLog:
     """Return the poses as a log of references, or, given an imported ``log``, that log with them as its reference.
 
     Unreadable lines, and poses earlier than the previous one, are left out and counted. Raises ImportFailedError for a
@@ -43,14 +42,14 @@ def import_tum(path: Path, log: Path | None = None) -> LogStream:
     losses = Losses()
     truth = _poses(path, losses)
     if log is None:
-        return LogStream(path.name, "tum", {}, truth, losses)
+        return ImportedLog(path.name, "tum", {}, truth, losses)
     recording = read_recording(log)
     kept = [record for record in recording.messages(node=LOG_NODE) if record.topic != TRUTH]
     if not kept:
         raise ImportFailedError(f"{log}: holds no records of an imported log to which a reference could be given")
     records = (Record(record.topic, record.stamp_ns, decode(record.topic, record.payload)) for record in kept)
     settings = {"log": log.name}
-    return LogStream(path.name, "tum", settings, _merged(truth, records), losses, recording.attachments)
+    return ImportedLog(path.name, "tum", settings, _merged(truth, records), losses, recording.attachments)
 
 
 def _poses(path: Path, losses: Losses) -> Iterator[Record]:

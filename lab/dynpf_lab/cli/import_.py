@@ -3,13 +3,12 @@
 import argparse
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dynpf_protocol.errors import UsageError
 
 if TYPE_CHECKING:
-    from dynpf_formats.importers.log import ImportSummary, Span
-    from dynpf_formats.importers.stream import LogStream, StreamSummary
+    from dynpf_formats.importers.log import ImportedLog, ImportSummary
     from dynpf_formats.recording.header import Attachment
 
 __all__ = ["add_parser"]
@@ -113,121 +112,89 @@ def _robot(text: str) -> int | str:
     return text if text == ALL else int(text)
 
 
-def _import_mrclam(args: argparse.Namespace) -> int:
-    import msgspec
+def _import_mrclam(options: argparse.Namespace) -> int:
     from dynpf_formats.importers.mrclam import import_mrclam, import_mrclam_team
-    from dynpf_formats.importers.recording import write_recording, write_team
 
-    if args.robot == ALL:
-        if args.robots:
-            raise UsageError("--robots: goes with one robot's log, not with --robot all")
-        team = import_mrclam_team(args.source)
-        write_team(team, args.output)
-        told = [log.summary for log in team]
-        words = (_mrclam_in_words(summary, args.output) for summary in told)
-        print(msgspec.json.encode(told).decode() if args.json else "\n".join(words))
-        return 0
-    log = import_mrclam(args.source, args.robot, robots=args.robots)
-    write_recording(log, args.output)
-    print(msgspec.json.encode(log.summary).decode() if args.json else _mrclam_in_words(log.summary, args.output))
-    return 0
+    if options.robot != ALL:
+        return _write(import_mrclam(options.source, options.robot, robots=options.robots), options)
+    if options.robots:
+        raise UsageError("--robots: goes with one robot's log, not with --robot all")
+    return _write(import_mrclam_team(options.source), options)
 
 
-def _import_carmen(args: argparse.Namespace) -> int:
+def _import_carmen(options: argparse.Namespace) -> int:
     from dynpf_formats.importers.carmen import import_carmen
 
-    attachments = _map(args)
-    if args.map_from_poses is not None:
+    attachments = _map(options)
+    if options.map_from_poses is not None:
         from dynpf_formats.importers.mapping import drawn_map
 
-        if args.map is not None:
+        if options.map is not None:
             raise UsageError("--map and --map-from-poses: one map for a log")
         attachments = drawn_map(
-            lambda: import_carmen(args.source, range_max=args.range_max).records, args.map_from_poses, "map"
+            lambda: import_carmen(options.source, range_max=options.range_max).records, options.map_from_poses, "map"
         )
-    return _write(import_carmen(args.source, range_max=args.range_max, attachments=attachments), args)
+    return _write(import_carmen(options.source, range_max=options.range_max, attachments=attachments), options)
 
 
-def _import_rosbag(args: argparse.Namespace) -> int:
+def _import_rosbag(options: argparse.Namespace) -> int:
     from dynpf_experiments.extras import needing
     from dynpf_formats.importers.clouds import FlattenParams
 
     with needing("rosbags", extra="ros", what="reading ROS bags"):
         from dynpf_formats.importers.rosbag import BagChoice, import_rosbag
-    low, high = args.heights or (FlattenParams().low, FlattenParams().high)
+    low, high = options.heights or (FlattenParams().low, FlattenParams().high)
     choice = BagChoice(
-        scan=args.scan,
-        odometry=args.odometry,
-        truth=args.truth,
-        base=args.base,
-        odom_frame=args.odom_frame,
-        truth_offset=tuple(args.truth_offset),
-        truth_shift=args.truth_shift,
+        scan=options.scan,
+        odometry=options.odometry,
+        truth=options.truth,
+        base=options.base,
+        odom_frame=options.odom_frame,
+        truth_offset=tuple(options.truth_offset),
+        truth_shift=options.truth_shift,
         flatten=FlattenParams(low=low, high=high),
     )
-    return _write(import_rosbag(args.source, choice, attachments=_map(args)), args)
+    return _write(import_rosbag(options.source, choice, attachments=_map(options)), options)
 
 
-def _import_map(args: argparse.Namespace) -> int:
+def _import_map(options: argparse.Namespace) -> int:
     from dynpf_formats.importers.maps import import_map
 
-    return _write(import_map(args.source), args)
+    return _write(import_map(options.source), options)
 
 
-def _import_tum(args: argparse.Namespace) -> int:
+def _import_tum(options: argparse.Namespace) -> int:
     from dynpf_formats.importers.tum import import_tum
 
-    return _write(import_tum(args.source, args.log), args)
+    return _write(import_tum(options.source, options.log), options)
 
 
-def _map(args: argparse.Namespace) -> "tuple[Attachment, ...]":
+def _map(options: argparse.Namespace) -> "tuple[Attachment, ...]":
     from dynpf_formats.importers.maps import map_attachments
 
-    return () if args.map is None else map_attachments(args.map)
+    return () if options.map is None else map_attachments(options.map)
 
 
-def _write(log: "LogStream", args: argparse.Namespace) -> int:
+def _write(log: "ImportedLog", options: argparse.Namespace) -> int:
     import msgspec
-    from dynpf_formats.importers.recording import write_stream
+    from dynpf_formats.importers.recording import write_recording
 
-    summary = write_stream(log, args.output)
-    print(msgspec.json.encode(summary).decode() if args.json else _in_words(summary, args.output))
+    summary = write_recording(log, options.output)
+    print(msgspec.json.encode(summary).decode() if options.json else _in_words(summary, options.output))
     return 0
 
 
-def _in_words(summary: "StreamSummary", output: Path) -> str:
+def _in_words(summary: "ImportSummary", output: Path) -> str:
     lines = [f"{output}: {summary.source} ({summary.format}), {summary.duration_s:.1f} s"]
     lines += [f"  {topic:<18} {count}" for topic, count in summary.messages.items()]
     lines += [f"  attached           {name}" for name in summary.attachments]
-    lines += [f"  {name.replace('_', ' ')}: {value}" for name, value in summary.settings.items()]
+    lines += [f"  {name.replace('_', ' ')}: {_in_text(value)}" for name, value in summary.settings.items()]
     lines += [f"  left out: {lost.count} {why} (first: {lost.first})" for why, lost in summary.dropped.items()]
     return "\n".join(lines)
 
 
-def _mrclam_in_words(summary: "ImportSummary", output: Path) -> str:
-    robot = "" if summary.robot is None else f", robot {summary.robot}"
-    dropped = (
-        f"{summary.dropped_robots} of other robots, {summary.dropped_unknown_barcodes} of unknown barcodes,"
-        f" {summary.dropped_unmapped} of landmarks without a position"
-    )
-    lines = [
-        f"{output}: {summary.source}{robot}, {summary.duration_s:.1f} s",
-        f"  odometry          {summary.odometry}",
-        f"  landmark readings {summary.landmark_readings} in {summary.landmark_messages} messages",
-        *([f"  of other robots   {summary.robot_readings}"] if summary.robot_readings else []),
-        f"  reference poses   {summary.references}",
-        f"  landmarks         {summary.landmarks}",
-        f"  readings dropped  {dropped}",
-        *(
-            [f"  put in order      {summary.clock_backwards} rows whose clock went back"]
-            if summary.clock_backwards
-            else []
-        ),
-        f"  reference gaps    {_spans(summary.reference_gaps)}",
-        f"  heading at fault  {_spans(summary.heading_faults)}",
-    ]
-    return "\n".join(lines)
-
-
-def _spans(spans: "tuple[Span, ...]") -> str:
-    return ", ".join(f"{first:.1f}..{last:.1f} s" for first, last in spans) or "none"
+def _in_text(value: Any) -> str:
+    """Return a setting as text: of spans of time, each in seconds."""
+    if isinstance(value, list) and all(isinstance(item, tuple) for item in value):
+        return ", ".join(f"{first:.1f}..{last:.1f}" for first, last in value) or "none"
+    return "none" if value is None else str(value)

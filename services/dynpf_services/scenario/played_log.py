@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from dynpf_formats.recording.attachments import files_of
+from dynpf_formats.recording.attachments import LANDMARKS, files_of
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import Recording, read_recording
 from dynpf_protocol.codec import decode
@@ -18,8 +18,6 @@ from dynpf.se2 import compose, relative
 from dynpf_services.scenario.schema import LogFacts
 
 __all__ = ["PlayedLog", "log_records"]
-
-LANDMARKS = "landmarks.json"
 
 
 class PlayedLog:

@@ -13,9 +13,8 @@ import pytest
 pytest.importorskip("rosbags", reason="the package rosbags is not installed")
 
 from dynpf_formats.importers.errors import ImportFailedError
-from dynpf_formats.importers.log import Record
+from dynpf_formats.importers.log import ImportedLog, Record
 from dynpf_formats.importers.rosbag import BagChoice, import_rosbag
-from dynpf_formats.importers.stream import LogStream
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import read_recording
 from dynpf_lab.cli.main import main
@@ -51,11 +50,11 @@ def bag(tmp_path: Path, said: Sequence[Said] = LOG, name: str = "log") -> Path:
     return write_ros1(tmp_path / f"{name}.bag", said)
 
 
-def taken(log: LogStream) -> list[Record]:
+def taken(log: ImportedLog) -> list[Record]:
     return list(log.records)
 
 
-def lost(log: LogStream) -> dict[str, int]:
+def lost(log: ImportedLog) -> dict[str, int]:
     return {reason: dropped.count for reason, dropped in log.losses.summary().items()}
 
 

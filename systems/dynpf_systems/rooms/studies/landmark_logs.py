@@ -11,6 +11,7 @@ from dynpf_experiments.drive import drive
 from dynpf_experiments.messages import RunMessages, of_type, seconds
 from dynpf_formats.importers.log import Record
 from dynpf_formats.importers.mrclam import import_mrclam, robots_in
+from dynpf_formats.recording.attachments import landmarks_of
 from dynpf_protocol.codec import decode, encode
 from dynpf_protocol.errors import UsageError
 from dynpf_protocol.landmarks import Landmark
@@ -103,7 +104,8 @@ def datasets(paths: Sequence[str], robot: int | None) -> list[tuple[str, int | N
 def opened(path: str, robot: int | None) -> LandmarkLog:
     """Return a log; raises ImportFailedError, RecordingError or UsageError where there is none to be used."""
     if Path(path).is_dir():
-        whole, landmarks, _ = import_mrclam(Path(path), robot)
+        log = import_mrclam(Path(path), robot)
+        whole, landmarks = tuple(log.records), landmarks_of(log.attachments)
     else:
         played = PlayedLog(Path(path))
         whole = tuple(Record(one.topic, one.stamp_ns, decode(one.topic, one.payload)) for one in played.records)

@@ -9,9 +9,9 @@ import numpy as np
 from dynpf_experiments.data import data_path
 from dynpf_formats.importers import log as imported
 from dynpf_formats.importers.carmen import import_carmen
+from dynpf_formats.importers.log import ImportedLog
 from dynpf_formats.importers.mapping import drawn_map
 from dynpf_formats.importers.maps import map_attachments
-from dynpf_formats.importers.stream import LogStream
 from dynpf_formats.recording.attachments import FOLDER, attached
 from dynpf_formats.recording.header import Attachment
 from dynpf_protocol.codec import decode, encode
@@ -73,7 +73,7 @@ def log_named(name: str) -> LaserLog:
     return imported_log(name, _stream(name, source))
 
 
-def _stream(name: str, source: LaserSource) -> LogStream:
+def _stream(name: str, source: LaserSource) -> ImportedLog:
     path = data_path(f"logs: {name}", source.file, _INSTEAD)
     if source.format == "carmen":
         drawn = drawn_map(lambda: import_carmen(path).records, source.map_from_poses_m, "map")
@@ -100,7 +100,7 @@ def read_laser_log(path: Path) -> LaserLog:
     return _laser_log(path.stem, messages, log.facts)
 
 
-def imported_log(name: str, stream: LogStream) -> LaserLog:
+def imported_log(name: str, stream: ImportedLog) -> LaserLog:
     """Return a log as an importer gives it."""
     messages = [(one.topic, one.stamp_ns, one.message) for one in stream.records]
     files = {one.name.removeprefix(FOLDER): one.data for one in stream.attachments}
