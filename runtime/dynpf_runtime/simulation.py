@@ -331,4 +331,4 @@ def _match(pattern: list[str], key: list[str]) -> bool:
 
 
 def _refuse(effect: Effect) -> Event | None:
-    raise TypeError(f"nobody here carries out {effect!r}")
+    raise TypeError(f"no one carries out {effect!r} here")

@@ -50,9 +50,7 @@ def import_mrclam(folder: Path, robot: int | None = None, *, robots: bool = Fals
         f"{prefix}Groundtruth",
     )
     if robots and number is None:
-        raise ImportFailedError(
-            f"{folder}: its one robot has no number, so the others' references cannot be told apart"
-        )
+        raise ImportFailedError(f"{folder}: its one robot has no number, so the other robots are not known")
     others = [other for other in ROBOTS if robots and other != number]
     texts: list[TextFile] = []
     problems: list[str] = []

@@ -27,7 +27,7 @@ class FirstDifference(msgspec.Struct, frozen=True, kw_only=True):
 
     ``field`` is the path inside the message, such as ``pose.x``; or ``tick``, ``stamp_ns``, ``state``, ``message``
     (one side lacks it), ``consumed[i]`` or ``produced[i]`` (the step consumed or produced another message at index i)
-    or ``payload`` (other bytes, the same values). ``tick`` is None if no journal tells it.
+    or ``payload`` (other bytes, the same values). ``tick`` is None if no journal has it.
     """
 
     node: str

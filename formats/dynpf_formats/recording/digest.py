@@ -44,7 +44,7 @@ class Key(NamedTuple):
 
 
 class Leaf(NamedTuple):
-    """What is compared of a message; ``tick`` is -1 if no journal tells it."""
+    """What is compared of a message; ``tick`` is -1 if no journal has it."""
 
     tick: int
     stamp_ns: int

@@ -44,7 +44,7 @@ def new_boot() -> str:
 
 def refuse(effect: Effect) -> None:
     """Raise TypeError: for machines all of whose effects concern the bus."""
-    raise TypeError(f"nobody here carries out {effect!r}")
+    raise TypeError(f"no one carries out {effect!r} here")
 
 
 def drive(name: str, machine: Machine, bus: Bus, stop: StopSignal, perform: Perform = refuse) -> None:

@@ -71,7 +71,7 @@ class RouterMachine:
 
     def _outcome(self) -> BrokenOffError | None:
         if self._recorded is None:
-            return BrokenOffError("everybody has left before the run was recorded")
+            return BrokenOffError("all processes left before the run was recorded")
         if not self._recorded.complete:
             return BrokenOffError(f"the run ended incomplete: {self._recorded.reason}")
         return None

@@ -61,7 +61,9 @@ def _start(records: list[LogRecord], robot: str) -> tuple[float, float, float] |
     """Return a robot's pose at its first record: its first reference pose minus the odometry's motion until then."""
     first = last = None
     topics = {f"{robot}/{name}".removeprefix("/") for name in ("log/odometry_pose", "log/truth")}
-    for record in (one for one in records if one.topic in topics):
+    for record in records:
+        if record.topic not in topics:
+            continue
         match decode(record.topic, record.payload):
             case OdometryPose(x=x, y=y, theta=theta):
                 last = np.array([x, y, theta])

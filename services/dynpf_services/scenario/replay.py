@@ -90,7 +90,7 @@ def rerun(recording: Recording, scenario: Scenario, path: Path) -> None:
     """
     if scenario.clock != "lockstep":
         raise UsageError(
-            "a realtime run cannot be run anew from its source; choose --node to change one node's settings"
+            "a realtime run cannot be run again from its source; choose --node to change one node's settings"
         )
     log = LogContent(log_records(recording), recording.attachments)
     record_inline(scenario, path, log, reason=f"run anew from {recording.path.name}")

@@ -90,7 +90,7 @@ def test_a_killed_recorder_is_named(tmp_path: Path, simulate: Simulate) -> None:
     simulation.kill("recorder")
     simulation.run()
     assert str(simulation.ended["simulator"]).startswith("recorder is gone")
-    assert str(simulation.ended["router"]) == "everybody has left before the run was recorded"
+    assert str(simulation.ended["router"]) == "all processes left before the run was recorded"
 
 
 def test_a_full_disk_ends_the_run(tmp_path: Path, simulate: Simulate) -> None:
