@@ -22,6 +22,7 @@ from dynpf_runtime.node import Output
 from numpy.typing import NDArray
 
 from dynpf.portable import sincos
+from dynpf.types import FloatArray
 
 __all__ = ["GAPS", "gap_warning", "particles_picture", "robot_transform"]
 
@@ -67,7 +68,7 @@ def particles_picture(particles: NDArray[Any], now: Timestamp) -> PosesInFrame:
     return PosesInFrame(timestamp=now, frame_id=frames.MAP, poses=poses)
 
 
-def _rounded(values: NDArray[np.float64], parts: float) -> NDArray[np.float64]:
+def _rounded(values: FloatArray, parts: float) -> FloatArray:
     """Return values rounded to multiples of 1 / ``parts``, halves to even, without negative zeros."""
-    found: NDArray[np.float64] = np.rint(values * parts) / parts + 0.0
+    found: FloatArray = np.rint(values * parts) / parts + 0.0
     return found

@@ -91,7 +91,7 @@ def _senders(recording: Recording) -> Iterator[Finding]:
             if source.node not in nodes or source.topic != JOURNAL_PREFIX + source.node:
                 yield _error(f"a journal of unknown node {source.node!r}", source.topic)
         elif not (expected := publishers.get(source.topic) or _log_publishers(source.topic)):
-            yield _error(f"topic {source.topic!r} is none that this run has", source.topic)
+            yield _error(f"this run has no topic {source.topic!r}", source.topic)
         elif source.node not in expected:
             yield _error(f"sent by {source.node!r}; expected {', '.join(expected)}", source.topic)
 

@@ -14,7 +14,7 @@ from llvmlite import binding
 
 from dynpf_formats.recording.header import Provenance
 
-__all__ = ["code_digest", "collect", "platform_fingerprint", "provenance_difference", "told_where_bytes_differ"]
+__all__ = ["code_digest", "collect", "explain_different_bytes", "platform_fingerprint", "provenance_difference"]
 
 _IN_WORDS = {
     "blas": "BLAS",
@@ -109,7 +109,7 @@ def provenance_difference(made: Provenance, other: Provenance, here: str = "here
     return ""
 
 
-def told_where_bytes_differ(made: Provenance, other: Provenance, here: str = "here") -> str:
+def explain_different_bytes(made: Provenance, other: Provenance, here: str = "here") -> str:
     """Return ``provenance_difference``, and what it means for two runs of one scenario whose bytes differ."""
     apart = provenance_difference(made, other, here)
     if not apart:

@@ -30,12 +30,12 @@ def print_difference(a: "Recording", b: "Recording", a_name: str, b_name: str, *
     import msgspec
     from dynpf_experiments.measures import differing
     from dynpf_formats.recording.diff import diff
-    from dynpf_formats.recording.provenance import told_where_bytes_differ
+    from dynpf_formats.recording.provenance import explain_different_bytes
 
     difference, metrics = diff(a, b), differing(a, b)
     apart = ""
     if not difference.same and a.header.scenario == b.header.scenario:
-        apart = told_where_bytes_differ(a.header.provenance, b.header.provenance, b_name)
+        apart = explain_different_bytes(a.header.provenance, b.header.provenance, b_name)
     if as_json:
         print(json.dumps({**msgspec.to_builtins(difference), "metrics": metrics, "platform": apart}))
         return 0 if difference.same else 1

@@ -75,12 +75,12 @@ def _tell_changed_code(recording: "Recording", scenario: "Scenario") -> None:
 
 
 def _print_outcomes(recording: "Recording", outcomes: Sequence["Replayed"], *, as_json: bool) -> None:
-    from dynpf_formats.recording.provenance import collect, told_where_bytes_differ
+    from dynpf_formats.recording.provenance import collect, explain_different_bytes
 
     # The first difference of the run is the one of the earliest tick, and in it of the first node in tick order.
     found = [outcome.mismatch for outcome in outcomes if outcome.mismatch is not None]
     first = min(found, key=lambda one: one.tick) if found else None
-    apart = told_where_bytes_differ(recording.header.provenance, collect()) if found else ""
+    apart = explain_different_bytes(recording.header.provenance, collect()) if found else ""
     if as_json:
         counts = {one.node: {"steps": one.steps, "messages": one.messages, "digests": one.digests} for one in outcomes}
         told = None

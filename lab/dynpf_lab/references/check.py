@@ -7,7 +7,7 @@ from typing import Literal
 import msgspec
 from dynpf_formats.recording.diff import Difference, diff
 from dynpf_formats.recording.digest import content_digest
-from dynpf_formats.recording.provenance import collect, told_where_bytes_differ
+from dynpf_formats.recording.provenance import collect, explain_different_bytes
 from dynpf_formats.recording.reader import Recording, read_recording
 from dynpf_protocol.errors import DynpfError, ProtocolError, UsageError
 from dynpf_runtime.replay import Mismatch, replay_node
@@ -70,7 +70,7 @@ def _check_node(entry: Entry, node: str, checkout: Path) -> Finding:
     replayed = replay_node(recording, plan_of(scenario), node)
     if not replayed.messages:
         return Finding(recording=entry.name, part=node, verdict="differs", note="said nothing: nothing was compared")
-    note = told_where_bytes_differ(recording.header.provenance, collect()) if replayed.mismatch is not None else ""
+    note = explain_different_bytes(recording.header.provenance, collect()) if replayed.mismatch is not None else ""
     return _finding(entry, node, replayed.mismatch, note)
 
 
@@ -86,7 +86,7 @@ def _check_run(entry: Entry, made: Made, checkout: Path) -> Finding:
         if not entry.log:
             recorded = _read(entry, checkout)
             first = _first(diff(recorded, anew))
-            notes.append(told_where_bytes_differ(recorded.header.provenance, anew.header.provenance))
+            notes.append(explain_different_bytes(recorded.header.provenance, anew.header.provenance))
         note = "; ".join(filter(None, notes))
         return Finding(recording=entry.name, part=RUN, verdict="differs", note=note, first=first)
 
