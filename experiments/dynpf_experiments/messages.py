@@ -25,7 +25,7 @@ class Timed(NamedTuple):
     """A message, its logical time in nanoseconds, and its place among all messages of the run."""
 
     stamp_ns: int
-    place: int
+    number: int
     message: Message
 
 
@@ -68,12 +68,12 @@ class Observed:
     def __init__(self, topics: Iterable[str]) -> None:
         self._topics = frozenset(topics)
         self._kept: defaultdict[str, list[Timed]] = defaultdict(list)
-        self._place = 0
+        self._number = 0
 
     def __call__(self, received: Received) -> None:
         if received.topic in self._topics:
-            self._kept[received.topic].append(Timed(received.stamp_ns, self._place, received.message))
-        self._place += 1
+            self._kept[received.topic].append(Timed(received.stamp_ns, self._number, received.message))
+        self._number += 1
 
     def run_of(self, scenario: Scenario) -> RunMessages:
         """Return what was kept of a run of ``scenario``; raises KeyError for a topic that was not to be kept."""
@@ -96,12 +96,12 @@ def recorded(recording: Recording) -> RunMessages:
         return override_resolved(recording.header.scenario, (), str(recording.path))
 
     def read(name: str) -> Iterable[Timed]:
-        for place, record in enumerate(recording.messages()):
+        for number, record in enumerate(recording.messages()):
             if record.topic == name:
-                yield Timed(record.stamp_ns, place, decode(name, record.payload, recording.topics))
+                yield Timed(record.stamp_ns, number, decode(name, record.payload, recording.topics))
 
     written = [topic for topics in recording.header.writes.values() for topic in topics]
-    rank = {topic: place for place, topic in enumerate(written)}
+    rank = {topic: number for number, topic in enumerate(written)}
     there = sorted({*recording.schemas} & {*recording.topics}, key=lambda name: rank.get(name, len(rank)))
     topics = {name: recording.topics[name].type for name in there}
     return RunMessages(scenario, lambda: recorded_scenario(recording), read, topics)
@@ -116,7 +116,7 @@ def of_type(messages: Sequence[Timed], kind: type[MessageT]) -> list[MessageT]:
 
 def planar_poses(poses: Iterable[Pose]) -> NDArray[np.float64]:
     """Return poses in the plane as x, y (m) and theta (rad), (3, T)."""
-    return np.array([(one.position.x, one.position.y, heading(one.orientation)) for one in poses]).reshape(-1, 3).T
+    return np.array([(pose.position.x, pose.position.y, heading(pose.orientation)) for pose in poses]).reshape(-1, 3).T
 
 
 def seconds(messages: Sequence[Timed]) -> NDArray[np.float64]:

@@ -31,7 +31,7 @@ from dynpf_services.scenario.replay import replay_nodes, run_anew, scenario_of_r
 from dynpf_services.scenario.user_code import add_folders, code_folders
 from numpy.typing import NDArray
 
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 
 __all__ = ["Run", "TopicMessages", "read", "run"]
 

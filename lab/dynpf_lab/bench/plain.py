@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.maps.occupancy import OccupancyGrid
+from dynpf.types import Float32s
 
 __all__ = ["Beams", "Field", "Landmarks", "Rays", "Updated", "adapted", "distances", "moved", "update"]
 
 BLOCK = 65_536  # particles at once: more would not fit into memory
 
-Float32s = NDArray[np.float32]
 Weigh = Callable[[Float32s], Float32s]
 
 

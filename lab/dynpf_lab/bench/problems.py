@@ -3,12 +3,12 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.motion.model import Displacement
 from dynpf.rng import generator
 from dynpf.se2 import compose, wrap_angle
+from dynpf.types import Float32s, FloatArray
 from dynpf_lab.bench import plain
 
 __all__ = ["ALPHA", "LandmarkProblem", "Movement", "ScanProblem", "movement"]
@@ -28,9 +28,6 @@ SIGMA_HIT_M = 0.1
 PASSERS_BY = 0.05  # share of beams that meet what is not in the map
 # Forth and back, so that a filter may be kept going for ever.
 SHUTTLE = (Displacement(0.2, 0.02, 0.1), Displacement(-0.2, 0.0, -0.1))
-
-Floats = NDArray[np.float64]
-Float32s = NDArray[np.float32]
 
 
 class Movement(NamedTuple):
@@ -64,7 +61,7 @@ class LandmarkProblem:
 
     def __init__(self) -> None:
         rng = generator(0, "bench", 0, "landmarks")
-        self.landmarks: Floats = rng.uniform((0.0, 0.0), ROOM_M, (LANDMARKS, 2))
+        self.landmarks: FloatArray = rng.uniform((0.0, 0.0), ROOM_M, (LANDMARKS, 2))
         turn = 2.0 * np.pi / STEPS
         chord = 2.0 * RADIUS_M * np.sin(0.5 * turn)
         self.control = Displacement(chord * np.cos(0.5 * turn), chord * np.sin(0.5 * turn), turn)
@@ -72,12 +69,12 @@ class LandmarkProblem:
         poses = [self.start]
         for _ in range(STEPS):
             poses.append(compose(poses[-1], np.array(self.control)))
-        self.truth: Floats = np.array(poses[1:])
+        self.truth: FloatArray = np.array(poses[1:])
         east, north = self.landmarks.T[:, None] - self.truth.T[:2, :, None]
         noise = rng.standard_normal((2, STEPS, LANDMARKS))
-        self.ranges: Floats = np.hypot(east, north) + SIGMA_RANGE_M * noise[0]
+        self.ranges: FloatArray = np.hypot(east, north) + SIGMA_RANGE_M * noise[0]
         bearings = np.arctan2(north, east) - self.truth[:, 2:] + SIGMA_BEARING * noise[1]
-        self.bearings: Floats = np.asarray(wrap_angle(bearings))
+        self.bearings: FloatArray = np.asarray(wrap_angle(bearings))
 
     def cloud(self, n: int) -> Float32s:
         """Return poses (3, n) drawn from the prior."""
@@ -111,7 +108,7 @@ class ScanProblem:
         self.controls = SHUTTLE
         self.start = _roomiest(grid)
         there = compose(self.start, np.array(SHUTTLE[0]))
-        self.truth: Floats = np.array([there, compose(there, np.array(SHUTTLE[1]))])
+        self.truth: FloatArray = np.array([there, compose(there, np.array(SHUTTLE[1]))])
         self.angles = (FIELD_OF_VIEW * ((np.arange(beams) + 0.5) / beams - 0.5)).astype(np.float32)
         rng = generator(0, "bench", 0, "scan")
         seen = plain.Rays(grid).scans(self.truth.T.astype(np.float32), self.angles, RANGE_MAX_M)
@@ -134,12 +131,12 @@ class ScanProblem:
         return np.stack((x, y, rng.uniform(-np.pi, np.pi, n))).astype(np.float32)
 
 
-def _around(pose: Floats, n: int) -> Float32s:
+def _around(pose: FloatArray, n: int) -> Float32s:
     noise = generator(0, "bench", 0, "cloud").standard_normal((n, 3)) * START_SIGMA
     return np.ascontiguousarray((pose + noise).T, dtype=np.float32)
 
 
-def _roomiest(grid: OccupancyGrid) -> Floats:
+def _roomiest(grid: OccupancyGrid) -> FloatArray:
     """Return a pose at the free cell farthest from every wall, heading along neither axis."""
     gaps = np.where(grid.free, plain.distances(grid.occupied), 0.0)
     row, column = np.unravel_index(np.argmax(gaps), gaps.shape)

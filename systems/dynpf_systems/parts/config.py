@@ -12,7 +12,6 @@ from dynpf_systems.parts.task import NOISE, Noise, RearrangementTask
 __all__ = ["FilterName", "Hiding", "Intervention", "RearrangementConfig", "WorkspaceConfig"]
 
 Index = Annotated[int, Meta(ge=0, lt=64)]
-Ticks = Annotated[int, Meta(ge=1)]
 
 FilterName = Literal["optimal", "prior", "auxiliary", "local_linearization", "extended_kalman", "unscented_kalman"]
 
@@ -74,7 +73,7 @@ class RearrangementConfig(
     part_grey: float | None = None  # ... and at first only the radius tells which disc is which
     grey_sigma: Positive = 20.0
     prior_variance: Positive = 1.0  # of a position that nothing is known about
-    lost_after: Ticks = 20  # detections in which an object is missing, then its position is forgotten
+    lost_after: Count = 20  # detections in which an object is missing, then its position is forgotten
     particle_period_s: NonNegative = 0.2  # logical time between particle clouds
 
     def noise(self, task: RearrangementTask) -> Noise:

@@ -2,7 +2,6 @@
 
 A subtask is a part: mate with it, move it to its goal, leave it. What it is to be is decided at events only (a part put
 down, a stall, a part that moved), with hysteresis, so that noise cannot make the robot waver. Each tick's step comes
-from dynpf.types import FloatArray
 from the present estimate; no plan is kept. Clearances are kept with a margin that grows with the estimate's standard
 deviation.
 """

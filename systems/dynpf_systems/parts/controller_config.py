@@ -5,11 +5,9 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from dynpf.types import NonNegative, Positive, Rate
+from dynpf.types import Count, NonNegative, Positive, Rate
 
 __all__ = ["RearrangementControllerConfig"]
-
-Ticks = Annotated[int, Meta(ge=1)]
 
 
 class RearrangementControllerConfig(
@@ -35,7 +33,7 @@ class RearrangementControllerConfig(
     anew: Positive = 0.01  # a potential is solved anew when something has moved this far, plus ...
     anew_sigmas: NonNegative = 4.0  # ... this many of its sigmas
     parking_gaps: Annotated[tuple[Positive, ...], Meta(min_length=1)] = (0.2, 0.1, 0.05)  # around a part that makes way
-    choice_ticks: Ticks = 10  # before it is asked again what can be done, when nothing could
+    choice_ticks: Count = 10  # before it is asked again what can be done, when nothing could
 
     max_speed: Positive = 0.2  # m/s, of the robot, or of the part that it holds
     max_turn_rate: Positive = 2.0  # rad/s of the empty gripper
@@ -59,8 +57,8 @@ class RearrangementControllerConfig(
     reopened_sigmas: NonNegative = 3.5
     leave_gap: NonNegative = 0.03  # gap to a part just put down at which it is left, plus ...
     leave_sigmas: NonNegative = 2.5
-    leave_ticks: Ticks = 3
+    leave_ticks: Count = 3
     lost_sigma: Positive = 0.05  # a part known no better than this is waited for
     goal_gap: NonNegative = 0.005  # that a goal must have from the other parts to be free
-    stall_ticks: Ticks = 60  # without progress, then another part is tried
-    home_ticks: Ticks = 10  # with all parts home, then the task is finished
+    stall_ticks: Count = 60  # without progress, then another part is tried
+    home_ticks: Count = 10  # with all parts home, then the task is finished

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dynpf.metrics import rearrangement as metrics
 from dynpf.metrics.consistency import nees
+from dynpf.types import FloatArray
 from dynpf_systems.parts.config import RearrangementConfig
 from dynpf_systems.parts.messages import PartsEstimate, PartsState
 from dynpf_systems.parts.task import Noise, RearrangementTask
@@ -28,7 +29,6 @@ __all__ = [
     "rearrangement",
 ]
 
-FloatArray = NDArray[np.float64]
 
 HOME_TOLERANCE_M = 0.025
 """A part is home when its centre is this near to its goal, in metres."""

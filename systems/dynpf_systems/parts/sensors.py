@@ -11,13 +11,12 @@ from msgspec import Meta
 
 from dynpf.portable import hypot
 from dynpf.rng import Draws
+from dynpf.types import NonNegative, Share
 from dynpf_systems.parts.messages import Detection, Detections, Gripper, PartsState
 from dynpf_systems.parts.task import NOISE, RearrangementTask
 
 __all__ = ["SENSORS", "GripperSensor", "OverheadSensor"]
 
-NonNegative = Annotated[float, Meta(ge=0.0)]
-Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 PARTS = "truth/parts"
 
@@ -30,7 +29,7 @@ class OverheadSensor(SensorTable, frozen=True, forbid_unknown_fields=True, kw_on
 
     variance: NonNegative | None = None  # m^2, of each coordinate; absent: that of the task's noise
     radius_std: NonNegative = 0.0  # m
-    miss_probability: Probability = 0.0  # of each disc in each frame
+    miss_probability: Share = 0.0  # of each disc in each frame
     clutter_rate: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0  # mean number of false discs a frame
     robot_grey: float = -60.0  # grey levels less the background's
     part_grey: float = 60.0

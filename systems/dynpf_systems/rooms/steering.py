@@ -1,4 +1,4 @@
-"""Heading control of a unicycle robot: the way to a waypoint, for a driver who sees the robot or one who estimates."""
+"""Heading control of a unicycle robot towards a waypoint, from the true pose or the estimated one."""
 
 import math
 from typing import Annotated
@@ -7,10 +7,9 @@ import msgspec
 from msgspec import Meta
 
 from dynpf.portable import atan2, cos
+from dynpf.types import Positive
 
 __all__ = ["Route", "steer"]
-
-Positive = Annotated[float, Meta(gt=0.0)]
 
 
 class Route(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -24,14 +23,14 @@ class Route(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     gain: Positive = 2.0  # 1/s, turning rate per radian of heading error
 
     def waypoint(self, reached: int) -> tuple[float, float] | None:
-        """Return the next waypoint after so many, None at the end."""
+        """Return the next waypoint after ``reached`` ones, or None at the end."""
         return self.points[reached % len(self.points)] if reached < self.laps * len(self.points) else None
 
 
 def steer(route: Route, pose: tuple[float, float, float], waypoint: tuple[float, float]) -> tuple[float, float]:
-    """Return forward speed and turning rate towards a waypoint, the slower the more there is to turn.
+    """Return forward speed and turning rate towards a waypoint; the speed falls with the heading error.
 
-    The robot turns on the spot when the waypoint is abeam or behind, so it never circles around one.
+    The robot turns on the spot when the waypoint is abeam or behind, so that it never circles around a waypoint.
     """
     x, y, theta = pose
     error = math.remainder(atan2(waypoint[1] - y, waypoint[0] - x) - theta, math.tau)

@@ -19,6 +19,7 @@ from dynpf.metrics.colon import capsule_errors, first_visible, map_errors
 from dynpf.metrics.quantiles import chi_square_quantile
 from dynpf.motion.capsule import CapsuleMotion
 from dynpf.se2 import wrap_angle
+from dynpf.types import Count
 from dynpf_systems.colon.measures import radius_error
 from dynpf_systems.colon.studies.figures import draw
 from dynpf_systems.colon.studies.worlds import RADII, Change, Filter, Noise, Place, Track, Trial, caster, follow, run
@@ -46,8 +47,6 @@ PRINTED_GROWTH = {"M_1": (0.169, 1.0182, 4.1656), "M_2": (1.2715, 1.3064, 6.2652
 
 _SAID = ((0.99, "99 to 100 %"), (0.95, "95 to 99 %"), (0.85, "85 to 95 %"), (0.7, "70 to 85 %"), (0.0, "up to 70 %"))
 """Intervals of the probability of the likeliest map, from the highest down."""
-
-Count = Annotated[int, Meta(ge=1)]
 
 
 class _Common(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

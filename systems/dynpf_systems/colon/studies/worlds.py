@@ -31,7 +31,7 @@ from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.maps.raycast import RayCaster
 from dynpf.maps.timeline import MapTimeline
 from dynpf.rng import Stream, generator
-from dynpf.se2 import FloatArray, Floats
+from dynpf.types import FloatArray, Floats
 from dynpf_systems.colon.config import (
     CapsuleConfig,
     CapsuleEstimatorConfig,

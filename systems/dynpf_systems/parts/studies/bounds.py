@@ -13,7 +13,7 @@ from msgspec import Meta
 from dynpf.metrics.consistency import nees
 from dynpf.metrics.quantiles import chi_square_quantile
 from dynpf.metrics.rearrangement import bound_ratio, robot_bound
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 from dynpf_systems.parts.config import FilterName
 from dynpf_systems.parts.measures import Course
 from dynpf_systems.parts.studies.figures import draw_bounds

@@ -8,7 +8,7 @@ from dynpf_experiments.extras import plotting
 from dynpf_experiments.rows import Row
 
 from dynpf.metrics.rearrangement import robot_bound
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 from dynpf_systems.parts.measures import Course
 
 __all__ = ["draw_bounds", "draw_measures", "draw_times"]

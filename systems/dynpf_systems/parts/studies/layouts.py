@@ -11,15 +11,14 @@ from dynpf_experiments.extras import plotting
 from dynpf_experiments.rows import Row, Sample, summarized
 from dynpf_experiments.study import Study
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from dynpf.rng import Draws, generator
+from dynpf.types import FloatArray
 from dynpf_systems.parts.studies.runs import NOISE, RADII, Conditions, measured, run_parts
 from dynpf_systems.parts.task import PartSpec, RearrangementTask
 
 __all__ = ["CASES", "STUDY", "case_task"]
 
-FloatArray = NDArray[np.float64]
 Case = Literal["random-3", "random-6", "swap", "cycle", "ringed", "walled-in"]
 Noise = Literal["none", "low", "medium", "high"]
 

@@ -1,18 +1,17 @@
 """What the parts studies share: starts of trials, factors of their rows, and columns of their tables."""
 
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from dynpf_experiments.rows import Row, Sample
-from msgspec import Meta
 
 from dynpf.rng import generator
+from dynpf.types import Count
 from dynpf_systems.parts.config import FilterName
 
 __all__ = ["FACTOR_COLUMNS", "GAUSSIAN", "Count", "Goals", "Noisy", "Parts", "Start", "run_seed", "samples_of"]
 
 Goals = Literal["E", "I", "H"]
 Noisy = Literal["low", "medium", "high"]
-Count = Annotated[int, Meta(ge=1)]
 Parts = Literal[3, 6]
 
 GAUSSIAN: tuple[FilterName, ...] = ("extended_kalman", "unscented_kalman")

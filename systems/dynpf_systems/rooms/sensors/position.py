@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from dynpf.measurement.position import GaussianPosition, GaussianPositionParams, Position
 from dynpf.rng import Draws
-from dynpf.se2 import Floats
+from dynpf.types import Floats
 
 __all__ = ["POSITION", "PositionSensor"]
 
@@ -22,6 +22,7 @@ class PositionSensor(SensorTable, frozen=True, forbid_unknown_fields=True, kw_on
 
 def _made(sensor: PositionSensor, _context: Context) -> Read:
     def read(truth: Truth, draws: Draws) -> PositionFix:
+        """Return the position with noise."""
         noise_x, noise_y = (sensor.std * draws.standard_normal(2)).tolist()
         return PositionFix(x=truth.robot.x + noise_x, y=truth.robot.y + noise_y)
 
