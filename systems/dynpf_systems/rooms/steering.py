@@ -7,7 +7,7 @@ import msgspec
 from msgspec import Meta
 
 from dynpf.portable import atan2, cos
-from dynpf.types import Positive
+from dynpf.types import Count, Positive
 
 __all__ = ["Route", "steer"]
 
@@ -16,7 +16,7 @@ class Route(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     """Drive through ``points`` in order, ``laps`` times."""
 
     points: Annotated[tuple[tuple[float, float], ...], Meta(min_length=1, max_length=10_000)]  # m
-    laps: Annotated[int, Meta(ge=1)] = 1
+    laps: Count = 1
     arrival_radius: Positive = 0.15  # m; a waypoint counts as reached within it
     speed: Positive = 0.3  # m/s, straight ahead
     turn_rate: Positive = 1.0  # rad/s, the fastest turn

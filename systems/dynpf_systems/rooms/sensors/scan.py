@@ -30,7 +30,7 @@ from dynpf.measurement.ray import ray_discs, ray_segments
 from dynpf.measurement.scan import Scan
 from dynpf.measurement.scan_lines import ScanLines, ScanLinesParams
 from dynpf.rng import Draws
-from dynpf.types import FloatArray, Floats, NonNegative
+from dynpf.types import FloatArray, Floats, NonNegative, Positive
 from dynpf_systems.rooms.maps import Maps, maps_of
 from dynpf_systems.rooms.messages import Obstacles
 
@@ -55,7 +55,7 @@ class ScanSensor(SensorTable, frozen=True, forbid_unknown_fields=True, kw_only=T
     beams: Annotated[int, Meta(ge=2, le=100_000)] = 60
     field_of_view: FieldOfView = 3 * math.pi / 2  # rad, first to last beam, centred on the heading
     range_min: NonNegative = 0.0  # m; what is nearer gives no reading, which is 0
-    range_max: Annotated[float, Meta(gt=0.0)] = 4.0  # m; also the reading of a beam without return
+    range_max: Positive = 4.0  # m; also the reading of a beam without return
     range_std: NonNegative = 0.01  # m
     range_std_per_square_metre: NonNegative = 0.0  # 1/m
     glass: tuple[tuple[float, float, float, float], ...] = ()  # walls of the map, as it has them, that beams go through

@@ -19,7 +19,7 @@ from msgspec import Meta
 from dynpf.metrics.consistency import nees
 from dynpf.rng import generator
 from dynpf.se2 import wrap_angle
-from dynpf.types import Count
+from dynpf.types import Count, Positive
 from dynpf_systems.rooms.measures import FOUND_M, FOUND_RAD
 from dynpf_systems.rooms.studies.kidnap_figures import Story, draw
 from dynpf_systems.rooms.studies.laser_logs import LaserLog, log_named
@@ -65,7 +65,7 @@ class KidnapSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     starts: Annotated[tuple[Literal["search", "uniform"], ...], Meta(min_length=1)] = ("search",)
     updates: Count = 100  # updates within which the robot must be found
     delay: Count = 15  # updates within which the verdict must detect a kidnapping
-    kidnapped_m: Annotated[float, Meta(gt=0.0)] = 5.0
+    kidnapped_m: Positive = 5.0
     lead: Count = 30  # scans before a kidnapping
     tracking_trials: Count = 3  # at most, of the whole log from its known start
 
