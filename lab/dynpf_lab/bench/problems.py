@@ -1,4 +1,4 @@
-"""What is measured on: a robot among 15 landmarks, and one with a laser on a floor plan. The same at every call."""
+"""Problems of the benchmarks: a robot among 15 landmarks, and a robot with a laser on a floor plan. Both are fixed."""
 
 from typing import Any, NamedTuple
 
@@ -20,25 +20,25 @@ LANDMARKS = 15
 ROOM_M = (10.0, 8.0)
 RADIUS_M = 2.0
 SIGMA_RANGE_M, SIGMA_BEARING = 0.15, 0.05
-START_SIGMA = (0.2, 0.2, 0.1)  # m, m, rad: the cloud of a filter that tracks
+START_SIGMA = (0.2, 0.2, 0.1)  # m, m, rad: the cloud of a tracking filter
 
 RANGE_MIN_M, RANGE_MAX_M = 0.1, 12.0
 FIELD_OF_VIEW = 1.5 * np.pi
 SIGMA_HIT_M = 0.1
-PASSERS_BY = 0.05  # share of beams that meet what is not in the map
-# Forth and back, so that a filter may be kept going for ever.
+PASSERS_BY = 0.05  # share of beams that hit obstacles missing in the map
+# Back and forth, so that a filter can continue without end.
 SHUTTLE = (Displacement(0.2, 0.02, 0.1), Displacement(-0.2, 0.0, -0.1))
 
 
 class Movement(NamedTuple):
-    """A displacement as rotation (rad), way (m), rotation (rad), and the standard deviations of the three."""
+    """A displacement as rotation (rad), translation (m), rotation (rad), and their standard deviations."""
 
     made: tuple[float, float, float]
     sigma: tuple[float, float, float]
 
 
 def movement(control: Displacement) -> Movement:
-    """Return what ``OdometryMotion`` with four times ALPHA makes of a displacement, for those who do without it."""
+    """Return the movement that ``OdometryMotion``, with ALPHA four times, draws from, for contenders without it."""
     ahead = -1.0 if control.dx < 0.0 else 1.0
     first = float(np.arctan2(ahead * control.dy, ahead * control.dx))
     way, second = ahead * float(np.hypot(control.dx, control.dy)), control.turn - first
@@ -55,8 +55,8 @@ def movement(control: Displacement) -> Movement:
 class LandmarkProblem:
     """A robot drives circles: ``landmarks`` (L, 2), one ``control`` for every step, and one lap of T steps.
 
-    ``truth`` (T, 3) is the pose after each step, ``ranges`` and ``bearings`` (T, L) what it then sees. A filter that
-    comes to the lap's end goes on with its beginning.
+    ``truth`` (T, 3) is the pose after each step, ``ranges`` and ``bearings`` (T, L) are the readings there. At the end
+    of the lap a filter continues with its beginning.
     """
 
     def __init__(self) -> None:
@@ -80,8 +80,8 @@ class LandmarkProblem:
         """Return poses (3, n) drawn from the prior."""
         return _around(self.start, n)
 
-    def told(self) -> dict[str, Any]:
-        """Return what a peer's process is told, as JSON has it."""
+    def as_request(self) -> dict[str, Any]:
+        """Return the problem as the JSON that a peer's process is sent."""
         made, sigma = movement(self.control)
         return {
             "start": self.start.tolist(),
@@ -97,7 +97,7 @@ class LandmarkProblem:
 
 
 class ScanProblem:
-    """A robot goes to and fro where the map leaves most room, and scans after each step.
+    """A robot moves back and forth where the map leaves most room, and scans after each step.
 
     ``truth`` (2, 3) is the pose after each of the two steps of ``SHUTTLE``, ``angles`` (B,) and ``ranges`` (2, B) the
     scans: the map's ranges with noise, some of them cut short. The first step starts from ``start``.
@@ -119,7 +119,7 @@ class ScanProblem:
         self.ranges[seen >= RANGE_MAX_M] = RANGE_MAX_M
 
     def cloud(self, n: int) -> Float32s:
-        """Return poses (3, n) of a filter that tracks: 0.2 m and 0.1 rad about the start."""
+        """Return poses (3, n) of a tracking filter: 0.2 m and 0.1 rad around the start."""
         return _around(self.start, n)
 
     def anywhere(self, n: int) -> Float32s:
@@ -137,7 +137,7 @@ def _around(pose: FloatArray, n: int) -> Float32s:
 
 
 def _roomiest(grid: OccupancyGrid) -> FloatArray:
-    """Return a pose at the free cell farthest from every wall, heading along neither axis."""
+    """Return a pose at the free cell farthest from all walls, with a heading along neither axis."""
     gaps = np.where(grid.free, plain.distances(grid.occupied), 0.0)
     row, column = np.unravel_index(np.argmax(gaps), gaps.shape)
     x, y = grid.to_map(int(column) + 0.5, int(row) + 0.5)
