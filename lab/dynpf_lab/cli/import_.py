@@ -40,37 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     carmen.set_defaults(run=_import_carmen)
 
-    rosbag = formats.add_parser("rosbag", help="a ROS 1 bag, or a ROS 2 bag in sqlite3 or MCAP")
-    _add_common(rosbag, ".bag, .mcap or .db3 file, or the folder of a ROS 2 bag")
-    rosbag.add_argument(
-        "--scan", metavar="TOPIC", help="LaserScan or PointCloud2; else the scanner with the widest view"
-    )
-    rosbag.add_argument("--odometry", metavar="TOPIC", help="Odometry, or the word tf; else the first by name, or tf")
-    rosbag.add_argument(
-        "--truth", metavar="TOPIC", help="reference poses; else the first whose name contains a word for truth"
-    )
-    rosbag.add_argument("--base", metavar="FRAME", help="the robot's frame; else base_footprint, base_link, ...")
-    rosbag.add_argument("--odom-frame", metavar="FRAME", default="odom", help="odometry's frame in tf (odom)")
-    pose = ("X", "Y", "THETA")
-    rosbag.add_argument(
-        "--truth-offset",
-        metavar=pose,
-        nargs=3,
-        type=_number,
-        default=(0.0, 0.0, 0.0),
-        help="pose of the map in the truth's frame (m, m, rad)",
-    )
-    rosbag.add_argument("--truth-shift", metavar="S", type=_number, default=0.0, help="s, added to the truth's stamps")
-    band = ("LOW", "HIGH")
-    rosbag.add_argument(
-        "--heights",
-        metavar=band,
-        nargs=2,
-        type=_number,
-        help="the points of a cloud between these heights make the scan (m)",
-    )
-    _add_map(rosbag)
-    rosbag.set_defaults(run=_import_rosbag)
+    _add_rosbag(formats.add_parser("rosbag", help="a ROS 1 bag, or a ROS 2 bag in sqlite3 or MCAP"))
 
     world = formats.add_parser("map", help="a map of map_server, as the attachment of a recording without messages")
     _add_common(world, "YAML file; its image beside it")
@@ -82,6 +52,39 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--log", metavar="LOG.mcap", type=Path, help="an imported log, which takes the poses as its reference"
     )
     tum.set_defaults(run=_import_tum)
+
+
+def _add_rosbag(parser: argparse.ArgumentParser) -> None:
+    _add_common(parser, ".bag, .mcap or .db3 file, or the folder of a ROS 2 bag")
+    parser.add_argument(
+        "--scan", metavar="TOPIC", help="LaserScan or PointCloud2; else the scanner with the widest view"
+    )
+    parser.add_argument("--odometry", metavar="TOPIC", help="Odometry, or the word tf; else the first by name, or tf")
+    parser.add_argument(
+        "--truth", metavar="TOPIC", help="reference poses; else the first whose name contains a word for truth"
+    )
+    parser.add_argument("--base", metavar="FRAME", help="the robot's frame; else base_footprint, base_link, ...")
+    parser.add_argument("--odom-frame", metavar="FRAME", default="odom", help="odometry's frame in tf (odom)")
+    pose = ("X", "Y", "THETA")
+    parser.add_argument(
+        "--truth-offset",
+        metavar=pose,
+        nargs=3,
+        type=_number,
+        default=(0.0, 0.0, 0.0),
+        help="pose of the map in the truth's frame (m, m, rad)",
+    )
+    parser.add_argument("--truth-shift", metavar="S", type=_number, default=0.0, help="s, added to the truth's stamps")
+    band = ("LOW", "HIGH")
+    parser.add_argument(
+        "--heights",
+        metavar=band,
+        nargs=2,
+        type=_number,
+        help="the points of a cloud between these heights make the scan (m)",
+    )
+    _add_map(parser)
+    parser.set_defaults(run=_import_rosbag)
 
 
 def _add_common(parser: argparse.ArgumentParser, source: str) -> None:
