@@ -1,4 +1,4 @@
-"""``dynpf import``: foreign logs become recordings."""
+"""``dynpf import``: make recordings from logs of other formats."""
 
 import argparse
 import math
@@ -7,64 +7,39 @@ from typing import TYPE_CHECKING, Any
 
 from dynpf_protocol.errors import UsageError
 
+from dynpf_lab.cli.arguments import add_json
+
 if TYPE_CHECKING:
     from dynpf_formats.importers.log import ImportedLog, ImportSummary
     from dynpf_formats.recording.header import Attachment
 
-__all__ = ["add_parser"]
+__all__ = ["add_arguments"]
 
 ALL = "all"
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add ``import FORMAT SOURCE -o OUT`` to the command line."""
-    parser = subparsers.add_parser("import", help="turn a foreign log into a recording")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``dynpf import``."""
     formats = parser.add_subparsers(metavar="FORMAT", required=True)
 
     mrclam = formats.add_parser("mrclam", help="a folder of a UTIAS MRCLAM data set, plain or .xz")
     _add_common(mrclam, "folder with the tables of the data set")
     mrclam.add_argument("--robot", metavar="N", type=_robot, help="which robot, where there are several; or all")
     mrclam.add_argument(
-        "--robots", action="store_true", help="the other robots are landmarks that move, where their reference has them"
+        "--robots", action="store_true", help="take the other robots as moving landmarks at their reference positions"
     )
     mrclam.set_defaults(run=_import_mrclam)
 
     carmen = formats.add_parser("carmen", help="a CARMEN log, plain, .gz, .xz or .bz2")
     _add_common(carmen, "file with lines such as FLASER, ROBOTLASER1, ODOM")
-    carmen.add_argument("--range-max", metavar="M", type=_metres, help="ranges from here on are no return")
+    carmen.add_argument("--range-max", metavar="M", type=_metres, help="ranges from here on count as no return")
     _add_map(carmen)
     carmen.add_argument(
         "--map-from-poses", metavar="M", type=_metres, help="draw the map from scans and corrected poses, in cells of M"
     )
     carmen.set_defaults(run=_import_carmen)
 
-    rosbag = formats.add_parser("rosbag", help="a ROS 1 bag, or a ROS 2 bag in sqlite3 or MCAP")
-    _add_common(rosbag, ".bag, .mcap or .db3 file, or the folder of a ROS 2 bag")
-    rosbag.add_argument("--scan", metavar="TOPIC", help="LaserScan or PointCloud2; else the scanner that sees most")
-    rosbag.add_argument("--odometry", metavar="TOPIC", help="Odometry, or the word tf; else the first by name, or tf")
-    rosbag.add_argument("--truth", metavar="TOPIC", help="reference poses; else the first whose name tells of truth")
-    rosbag.add_argument("--base", metavar="FRAME", help="the robot's frame; else base_footprint, base_link, ...")
-    rosbag.add_argument("--odom-frame", metavar="FRAME", default="odom", help="odometry's frame in tf (odom)")
-    place = ("X", "Y", "THETA")
-    rosbag.add_argument(
-        "--truth-offset",
-        metavar=place,
-        nargs=3,
-        type=_number,
-        default=(0.0, 0.0, 0.0),
-        help="where the map lies in the truth's frame (m, m, rad)",
-    )
-    rosbag.add_argument("--truth-shift", metavar="S", type=_number, default=0.0, help="s, added to the truth's stamps")
-    band = ("LOW", "HIGH")
-    rosbag.add_argument(
-        "--heights",
-        metavar=band,
-        nargs=2,
-        type=_number,
-        help="of a cloud, the points between these heights make the scan (m)",
-    )
-    _add_map(rosbag)
-    rosbag.set_defaults(run=_import_rosbag)
+    _add_rosbag(formats.add_parser("rosbag", help="a ROS 1 bag, or a ROS 2 bag in sqlite3 or MCAP"))
 
     world = formats.add_parser("map", help="a map of map_server, as the attachment of a recording without messages")
     _add_common(world, "YAML file; its image beside it")
@@ -72,14 +47,49 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
     tum = formats.add_parser("tum", help="reference poses as lines of time, position and quaternion")
     _add_common(tum, "text file, plain, .gz, .xz or .bz2")
-    tum.add_argument("--log", metavar="LOG.mcap", type=Path, help="an imported log, whose reference the poses become")
+    tum.add_argument(
+        "--log", metavar="LOG.mcap", type=Path, help="an imported log, which takes the poses as its reference"
+    )
     tum.set_defaults(run=_import_tum)
+
+
+def _add_rosbag(parser: argparse.ArgumentParser) -> None:
+    _add_common(parser, ".bag, .mcap or .db3 file, or the folder of a ROS 2 bag")
+    parser.add_argument(
+        "--scan", metavar="TOPIC", help="LaserScan or PointCloud2; else the scanner with the widest view"
+    )
+    parser.add_argument("--odometry", metavar="TOPIC", help="Odometry, or the word tf; else the first by name, or tf")
+    parser.add_argument(
+        "--truth", metavar="TOPIC", help="reference poses; else the first whose name contains a word for truth"
+    )
+    parser.add_argument("--base", metavar="FRAME", help="the robot's frame; else base_footprint, base_link, ...")
+    parser.add_argument("--odom-frame", metavar="FRAME", default="odom", help="odometry's frame in tf (odom)")
+    pose = ("X", "Y", "THETA")
+    parser.add_argument(
+        "--truth-offset",
+        metavar=pose,
+        nargs=3,
+        type=_number,
+        default=(0.0, 0.0, 0.0),
+        help="pose of the map in the truth's frame (m, m, rad)",
+    )
+    parser.add_argument("--truth-shift", metavar="S", type=_number, default=0.0, help="s, added to the truth's stamps")
+    band = ("LOW", "HIGH")
+    parser.add_argument(
+        "--heights",
+        metavar=band,
+        nargs=2,
+        type=_number,
+        help="the points of a cloud between these heights make the scan (m)",
+    )
+    _add_map(parser)
+    parser.set_defaults(run=_import_rosbag)
 
 
 def _add_common(parser: argparse.ArgumentParser, source: str) -> None:
     parser.add_argument("source", metavar="SOURCE", type=Path, help=source)
     parser.add_argument("-o", "--output", metavar="OUT.mcap", type=Path, required=True, help="recording to be written")
-    parser.add_argument("--json", action="store_true", help="print the summary as one JSON document")
+    add_json(parser, "print the summary as one JSON document")
 
 
 def _add_map(parser: argparse.ArgumentParser) -> None:
@@ -103,7 +113,7 @@ def _number(text: str) -> float:
     return value
 
 
-# What reads and writes logs is loaded on use: dynpf --help shall not wait for it.
+# Importers are loaded at their use, so that dynpf --help starts quickly.
 
 
 def _robot(text: str) -> int | str:

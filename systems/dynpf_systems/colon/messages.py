@@ -46,6 +46,8 @@ class CapsuleReading(Message, frozen=True, kw_only=True):
 
 
 class MapProbability(Piece, frozen=True, kw_only=True):
+    """The posterior probability of a map."""
+
     map: str  # its name, or "none of these"
     probability: Annotated[float, Meta(ge=0.0, le=1.0)]
 

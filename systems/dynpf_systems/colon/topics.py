@@ -1,4 +1,4 @@
-"""Topics of COLON, beside those that any robot may have."""
+"""Topics of COLON, in addition to those common to all robots."""
 
 from dynpf_protocol.topics import Topic
 

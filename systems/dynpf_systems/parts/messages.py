@@ -1,4 +1,4 @@
-"""Messages of PARTS: parts, discs that are seen, and the gripper."""
+"""Messages of PARTS: parts, detected discs, and the gripper."""
 
 from typing import Annotated, Literal
 
@@ -18,6 +18,8 @@ __all__ = [
 
 
 class PartState(Piece, frozen=True, kw_only=True):
+    """The true state of a part, and its goal."""
+
     x: float  # m
     y: float  # m
     radius: Positive  # m
@@ -47,6 +49,8 @@ class Detection(Piece, frozen=True, kw_only=True):
 
 
 class Detections(Message, frozen=True, kw_only=True):
+    """The discs detected in a frame."""
+
     schema_name = "dynpf.Detections"
     discs: Annotated[tuple[Detection, ...], Meta(max_length=256)]
 
@@ -60,6 +64,8 @@ class Gripper(Message, frozen=True, kw_only=True):
 
 
 class PartEstimate(Piece, frozen=True, kw_only=True):
+    """The estimated position of a part."""
+
     x: float  # m
     y: float  # m
     variance: NonNegative  # of each coordinate, m^2
