@@ -1,12 +1,12 @@
 """Execution of a study as independent tasks, with the same result for any number of processes."""
 
+import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 from dynpf_protocol.errors import UsageError
-from dynpf_services.scenario.overrides import apply_override
 from joblib import Parallel, delayed
 
 from dynpf_experiments.progress import show_progress
@@ -37,11 +37,17 @@ class Study(msgspec.Struct, frozen=True, kw_only=True):
 def settings_from(kind: type[SettingsT], overrides: Sequence[str]) -> SettingsT:
     """Return the default settings changed by ``KEY=VALUE``, with values in TOML or else strings.
 
-    Raises ScenarioError or UsageError, which name the override.
+    The keys of a sweep contain dots. Raises UsageError, which names the override.
     """
     chosen: dict[str, Any] = {}
     for override in overrides:
-        apply_override(chosen, override)
+        key, equals, text = override.partition("=")
+        if not equals:
+            raise UsageError(f"--set {override}: expected KEY=VALUE")
+        try:
+            chosen[key.strip()] = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            chosen[key.strip()] = text
     try:
         return msgspec.convert(chosen, kind)
     except msgspec.ValidationError as error:
