@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import msgspec
 from dynpf_protocol.errors import UsageError
 from dynpf_runtime.progress import show_progress
-from dynpf_services.scenario.overrides import apply_override
+from dynpf_services.scenario.overrides import value_of
 from joblib import Parallel, delayed
 
 from dynpf_experiments.rows import Row, Sample
@@ -37,11 +37,14 @@ class Study(msgspec.Struct, frozen=True, kw_only=True):
 def settings_from(kind: type[SettingsT], overrides: Sequence[str]) -> SettingsT:
     """Return the default settings changed by ``KEY=VALUE``, with values in TOML or else strings.
 
-    Raises ScenarioError or UsageError, which name the override.
+    The keys of a sweep contain dots. Raises UsageError, which names the override.
     """
     chosen: dict[str, Any] = {}
     for override in overrides:
-        apply_override(chosen, override)
+        key, equals, text = override.partition("=")
+        if not equals:
+            raise UsageError(f"--set {override}: expected KEY=VALUE")
+        chosen[key.strip()] = value_of(text)
     try:
         return msgspec.convert(chosen, kind)
     except msgspec.ValidationError as error:

@@ -58,7 +58,7 @@ def read_table(checkout: Path = CHECKOUT) -> tuple[Entry, ...]:
         raise UsageError(f"{path}: {error}") from error
     names = [entry.name for entry in entries]
     if len(set(names)) != len(names):
-        raise UsageError(f"{path}: two recordings have one name")
+        raise UsageError(f"{path}: two recordings have the same name")
     return entries
 
 

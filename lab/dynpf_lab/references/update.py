@@ -46,7 +46,7 @@ def git_status(checkout: Path) -> str:
     try:
         return subprocess.run(command, check=True, capture_output=True, text=True).stdout
     except FileNotFoundError:
-        raise UsageError("git is not installed: it tells whether the checkout is clean") from None
+        raise UsageError("git is not installed; it is needed to check that the checkout is clean") from None
     except subprocess.CalledProcessError as error:
         raise UsageError(f"{checkout}: git status failed: {error.stderr.strip()}") from error
 
@@ -134,7 +134,7 @@ def _old(entry: Entry, checkout: Path) -> tuple[Recording | None, str]:
     except DynpfError as error:
         reason = str(error).removeprefix(f"{path}: ")  # the report does not depend on the checkout's path
         return None, f"the old one cannot be read: {reason}"
-    return old, "" if content_digest(old) == entry.made.digest else "the old file is not the one the table tells of"
+    return old, "" if content_digest(old) == entry.made.digest else "the old file is not that of the table"
 
 
 def _still_replays(entry: Entry, old: Recording, checkout: Path) -> bool:

@@ -17,7 +17,7 @@ TOPICS = (
         name="sensors/capsule",
         type=CapsuleReading,
         publishers=("sensors",),
-        description="The capsule's last motion, as it was told to make it, and its five ranges",
+        description="The capsule's last commanded motion, and its five ranges",
     ),
     Topic(
         name="estimator/capsule",

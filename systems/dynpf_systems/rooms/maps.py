@@ -57,7 +57,7 @@ class BitmapConfig(
 class SegmentsConfig(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="segments"
 ):
-    """Straight walls (TURTLEBOT). Models that want a grid get one: the cells that a wall runs through are occupied.
+    """Straight walls (TURTLEBOT). Models that need a grid get one whose occupied cells are those that a wall crosses.
 
     What lies outside of closed walls is unknown in it, the rest is free.
     """

@@ -43,9 +43,9 @@ def localization(run: RunMessages, estimator: str = "estimator") -> dict[str, An
       square, median and 95th percentile
     - ``heading_rmse_rad``: root mean square of the angle between them, rad, where the truth's heading is valid
     - ``lost_fraction``: share of the scored estimates that are farther than ``LOST_M`` from the truth. It says where
-      the robot was lost, whether or not the filter knew
-    - ``lost_by_verdict``: share of all estimates whose health says "lost". It says how often the filter took itself to
-      be lost, whether or not it was; runs whose estimates tell no health have none
+      the robot was lost, whether or not the filter detected it
+    - ``lost_by_verdict``: share of all estimates whose health status is "lost": how often the filter considered itself
+      lost, whether or not it was; runs without health have none
     - ``nees_mean``, ``nees_low``, ``nees_high``: normalized estimation error squared over pose or, where the heading is
       measured, position; its mean and the 95 % band of that for an honest filter
     - ``dead_reckoning_rmse_m``: position_rmse_m of odometry alone

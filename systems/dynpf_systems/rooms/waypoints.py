@@ -1,4 +1,4 @@
-"""The waypoint controller: heads for one waypoint after the other by the estimated pose."""
+"""The waypoint controller: drives to the waypoints in order, by the estimated pose."""
 
 from dynpf_protocol.messages import Command, Estimate
 from dynpf_runtime.node import Output, Result, State, Step

@@ -161,7 +161,7 @@ def test_rows_and_figures_are_written(capsys: pytest.CaptureFixture[str], tmp_pa
         (["colon-cases", "--trials", "0"], "--trials 0: expected at least 1"),
         (["colon-cases", "--jobs", "0"], "--jobs 0: expected at least 1"),
         (["colon-cases", "--set", "tube=1"], "unknown field `tube`; settings of this study: families"),
-        (["colon-cases", "--set", "tubes"], "--set tubes: expected key=value"),
+        (["colon-cases", "--set", "tubes"], "--set tubes: expected KEY=VALUE"),
         (["colon-cases", "--set", "maps=['a.png']"], "maps of 1 files"),
         (["colon-cases", "--jobs", "1", "--set", "maps=['no.png','no.png']"], "no.png: No such file"),
         (["colon-growth", "--set", "maps=['a.png','b.png']"], "leave maps out"),

@@ -111,7 +111,7 @@ def measurements_of(config: LocalizationConfig, maps: Maps, classes: Classes, ke
         reading, model = _measurement(table, where, maps, classes, rows)
         if TOPICS.get(reading, reading) in {TOPICS.get(other, other) for other in models}:
             what = TOPICS.get(reading, reading.__name__)
-            raise ScenarioError(f"{where}: another measurement model takes what {what} says already")
+            raise ScenarioError(f"{where}: another measurement model already uses the messages of {what}")
         models[reading] = model
     return models
 
@@ -306,7 +306,7 @@ def _linear(table: LinearGaussianParams, key: str) -> Motion:
     if len(table.transition) != 3 or columns not in {0, 2}:
         raise ScenarioError(
             f"{key}.motion: expected a linear_gaussian motion of x, y and theta, and two columns in its input if it"
-            " has one: the step's way in m and its turn in rad"
+            " has one: the step's distance in m and its turn in rad"
         )
 
     def control(moved: Twist | Moved) -> Any:

@@ -91,7 +91,7 @@ def _checked(context: Context) -> Check:
 
 def _labelled(message: LandmarkReadings, _: None) -> RangeBearingReadings:
     ids = np.array([reading.landmark for reading in message.readings], dtype=np.int64)
-    return RangeBearingReadings(ids, *_polar(message.readings), _places(message.readings))
+    return RangeBearingReadings(ids, *_polar(message.readings), _positions(message.readings))
 
 
 def _unlabelled(message: LandmarkReadings, _: None) -> UnlabelledReadings:
@@ -103,14 +103,14 @@ def _polar(readings: Sequence[LandmarkReading]) -> tuple[Float32s, Float32s]:
     return ranges, np.array([reading.bearing for reading in readings], dtype=np.float32)
 
 
-def _places(readings: Sequence[LandmarkReading]) -> FloatArray | None:
+def _positions(readings: Sequence[LandmarkReading]) -> FloatArray | None:
     """Return the positions of moving landmarks, shape (2, K), NaN for fixed ones; None where no landmark moves."""
     if all(reading.x is UNSET or reading.y is UNSET for reading in readings):
         return None
-    places = (
+    positions = (
         (reading.x, reading.y) if UNSET not in (reading.x, reading.y) else (np.nan, np.nan) for reading in readings
     )
-    return np.array(list(places), dtype=np.float64).T
+    return np.array(list(positions), dtype=np.float64).T
 
 
 def _example(maps: Any, pose: Floats, _model: Any) -> LandmarkReadings | None:

@@ -125,7 +125,7 @@ def _seen(context: Context) -> dict[str, type[Message]]:
 def _rays(sensor: ScanSensor, maps: Maps, others: FloatArray | None) -> Rays:
     """Return the ranges of beams to the scanner's own walls, else to the map's, else to those of the run's world."""
     if sensor.glass and (sensor.walls or maps.segments is None):
-        raise ScenarioError("sensors.scan.glass: tells of walls of a map of segments; this scan's are not of one")
+        raise ScenarioError("sensors.scan.glass: needs a map of segments; the walls of this scan are from elsewhere")
     if sensor.walls:
         return _to_segments(np.array(sensor.walls, dtype=np.float64))
     if maps.segments is not None:

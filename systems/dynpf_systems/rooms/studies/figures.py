@@ -80,7 +80,7 @@ def _way(pyplot: Any, world: World, epochs: Sequence[Epoch], shown: Shown, path:
     axis.plot(*truth[:2], "-", color="black", linewidth=2.5, alpha=0.5, label="truth")
     axis.plot(*shown.track.poses[:2], "-", color="tab:blue", label=f"estimate ({shown.name})")
     axis.plot(*truth[:2, 0], "ko", label="start")
-    axis.set(title=f"{world.name}: the way", xlabel="x in m", ylabel="y in m")
+    axis.set(title=f"{world.name}: path", xlabel="x in m", ylabel="y in m")
     figure.legend(fontsize=8, loc="outside lower center", ncols=4)
     return _saved(pyplot, figure, path)
 

@@ -60,7 +60,7 @@ class IndoorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     n_readings: Count = 5000  # the most for a start from readings
     n_deprived: Count = 1000  # for the case wrong
     updates: Annotated[int, Meta(ge=20)] = 60
-    log: str = ""  # an imported log with scans, its map and a reference, in place of the flat
+    log: str = ""  # an imported log with scans, its map and a reference, instead of the flat
 
 
 class Case(NamedTuple):

@@ -93,7 +93,7 @@ def kidnapped(records: Sequence[Record], at: int, distance: float) -> list[Recor
     """
     start = records[at].truth
     if start is None:
-        raise ValueError(f"record {at} is no scan of which the true pose is known")
+        raise ValueError(f"record {at} is not a scan with a known true pose")
     far = (
         index
         for index, record in enumerate(records[at:], at)
