@@ -100,7 +100,7 @@ _CASTS_BY_REASON = {
         dynpf/filters/unscented.py: __init__
         dynpf/maps/landmarks.py: __init__ columns
         dynpf/measurement/range_bearing.py: __init__
-        formats/dynpf_formats/importers/mrclam.py: of
+        formats/dynpf_formats/importers/mrclam_tables.py: of
     """,
     "bounded just before: by comparisons that NaN fails, or by max(bound, x), which is the bound if x is NaN": """
         dynpf/kernels/beam.py: sum_over_beams

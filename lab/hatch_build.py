@@ -1,4 +1,4 @@
-"""Puts the packages of the other folders into what is built of dynpf-lab, for they lie beside this one."""
+"""Includes the packages of the neighbouring folders in the distributions of dynpf-lab."""
 
 from pathlib import Path
 from typing import Any

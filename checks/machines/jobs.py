@@ -7,10 +7,10 @@ from typing import NamedTuple
 from dynpf_formats.importers.carmen import import_carmen
 from dynpf_formats.importers.mapping import drawn_map
 from dynpf_formats.importers.mrclam import import_mrclam
-from dynpf_formats.importers.recording import write_recording, write_stream
+from dynpf_formats.importers.recording import write_recording
 from dynpf_formats.recording.reader import read_recording
 from dynpf_formats.recording.writer import RecordingWriter
-from dynpf_lab.references.runs import has_data, run_anew
+from dynpf_lab.references.runs import has_data, rerun_entry
 from dynpf_lab.references.table import CHECKOUT, Entry, read_table, recording_file
 from dynpf_runtime.replay import replay_node, write_replayed
 from dynpf_services.scenario.build import plan_of
@@ -103,7 +103,7 @@ def _execute_again(entry: Entry, path: Path) -> Path | None:
     if entry.log:
         if not has_data(CHECKOUT, entry):
             return None
-        run_anew(CHECKOUT, entry, path)
+        rerun_entry(CHECKOUT, entry, path)
         return path
     recording = read_recording(recording_file(CHECKOUT, entry))
     scenario = recorded_scenario(recording)
@@ -123,5 +123,5 @@ def _imported(name: str, folder: Path) -> PlayedLog:
         write_recording(import_mrclam(source), path)
     else:
         drawn = drawn_map(lambda: import_carmen(source).records, 0.05, "map")
-        write_stream(import_carmen(source, attachments=drawn), path)
+        write_recording(import_carmen(source, attachments=drawn), path)
     return PlayedLog(path)

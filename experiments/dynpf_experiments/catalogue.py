@@ -1,4 +1,4 @@
-"""Which studies the systems bring, and those of one's own; a study is loaded only when it is asked for."""
+"""The studies of the systems, and the user's own; a study is loaded only when it is requested."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,12 +15,12 @@ __all__ = ["study_named", "study_names"]
 
 
 def study_names() -> list[str]:
-    """Return the names of the studies in the order of the alphabet."""
+    """Return the names of the studies in alphabetical order."""
     return sorted(_listed())
 
 
 def study_named(name: str) -> "Study":
-    """Return a study by its name, or STUDY of a Python file; raises UsageError, which names those that there are."""
+    """Return a study by its name, or STUDY of a Python file; raises UsageError, which lists the known names."""
     if name.endswith(".py"):
         return _own(Path(name))
     listed = _listed()

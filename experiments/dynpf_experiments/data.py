@@ -12,7 +12,7 @@ FOLDER_VARIABLE = "DYNPF_DATA"
 
 
 def data_path(name: str, below: str, instead: str) -> Path:
-    """Return where the log ``name`` lies in the folder of data; ``instead`` is what to do for whoever has none.
+    """Return the path of the log ``name`` in the folder of data; ``instead`` tells the user what to do without it.
 
     Raises UsageError where no folder is named, or it has no such file.
     """

@@ -1,6 +1,6 @@
 """Runs for studies: a scenario as ``dynpf run`` runs it, in this process, observed instead of recorded.
 
-``recorded_in`` turns the sink on: every run then goes into a recording, too.
+``recorded_in`` also writes every run into a recording.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -25,7 +25,7 @@ _FOLDER: ContextVar[Path | None] = ContextVar("folder of recordings", default=No
 
 @contextmanager
 def recorded_in(folder: Path) -> Iterator[None]:
-    """Record each run of a scenario's own nodes, while this holds, as ``folder``/0.mcap, 1.mcap and so on."""
+    """Within this context, record each run of a scenario's own nodes as ``folder``/0.mcap, 1.mcap and so on."""
     token = _FOLDER.set(folder)
     try:
         yield
@@ -43,14 +43,15 @@ def drive(
 ) -> RunMessages:
     """Run ``scenario`` to its end and return its messages of some topics.
 
-    ``log`` is what the sensors play, if they play one. ``others`` are nodes that take the place of the scenario's of
-    the same names: such a run is never recorded. The tick after one with a message of these topics for which
-    ``stopped`` says so is the last. Raises what the nodes raise.
+    ``log`` is the log that the sensors play, if any. ``others`` are nodes that replace the scenario's nodes of the same
+    names; such a run is never recorded. The run ends one tick after a message of these topics for which ``stopped``
+    returns true. Raises what the nodes raise.
     """
     observed = Observed(topics)
     ending = False
 
     def observe(received: Received) -> None:
+        """Keep the message, and end the run where it is asked for."""
         nonlocal ending
         observed(received)
         if stopped is not None and received.topic in topics and stopped(received):
@@ -70,7 +71,7 @@ def drive(
 
 
 def _with(spec: NodeSpec, other: Node | None) -> NodeSpec:
-    """Return the node with another in its place, which may read other topics: its attribute ``reads`` names them."""
+    """Return the spec with ``other`` as its node; the attribute ``reads`` of ``other`` may name other topics."""
     if other is None:
         return spec
     reads = getattr(other, "reads", None)
@@ -78,18 +79,20 @@ def _with(spec: NodeSpec, other: Node | None) -> NodeSpec:
 
 
 def inputs_of(scenario: Scenario, reader: str, topics: Collection[str]) -> tuple[RunMessages, list[Step]]:
-    """Run ``scenario`` without the node ``reader``, which none of the others reads.
+    """Run ``scenario`` without the node ``reader``, whose output no other node may read.
 
-    Returns the messages of some topics, and the steps that any such node would be given: however many filters follow a
-    robot on its way, the robot has to go it once. Raises ValueError where some node reads what the reader writes.
+    Returns the messages of some topics, and the steps that the node would be given, so that several filters can follow
+    the same run. Raises ValueError where some node reads a topic that the reader writes.
     """
     plan = plan_of(scenario)
-    told = {row.name for row in plan.graph.specs[reader].writes.values()} - {"log"}
+    written = {row.name for row in plan.graph.specs[reader].writes.values()} - {"log"}
     for name, spec in plan.graph.specs.items():
-        if name != reader and (read := sorted(told & spec.reads.keys())):
-            raise ValueError(f"{name} reads {', '.join(read)} of {reader}; expected a run that {reader} has no part in")
+        if name != reader and (read := sorted(written & spec.reads.keys())):
+            raise ValueError(
+                f"{name} reads {', '.join(read)} of {reader}; expected a run that does not depend on {reader}"
+            )
     if scenario.faults:
-        raise ValueError("the scenario has faults, whose gaps a node's host would tell it of")
+        raise ValueError("the scenario has faults, whose gaps only the host of a node reports")
     probe, observed = _Probe(reader), Observed(topics)
     specs = [spec if name != reader else probe.spec(spec, plan.graph) for name, spec in plan.graph.specs.items()]
     run_inline(plan._replace(graph=Graph(specs)), (), observe=observed)
@@ -97,9 +100,9 @@ def inputs_of(scenario: Scenario, reader: str, topics: Collection[str]) -> tuple
 
 
 def follow_inputs(scenario: Scenario, reader: str, steps: Sequence[Step], topics: Collection[str]) -> RunMessages:
-    """Return messages of the node ``reader`` in a run of ``scenario`` whose other nodes gave it ``steps``.
+    """Return the messages of the node ``reader`` in a run of ``scenario`` in which it is given ``steps``.
 
-    They are those of ``drive``, without the time that the others take; a run that is recorded has them all.
+    They equal those of ``drive``, without executing the other nodes; a recorded run executes all nodes.
     """
     if _FOLDER.get() is not None:
         return drive(scenario, topics)
@@ -111,20 +114,20 @@ def follow_inputs(scenario: Scenario, reader: str, steps: Sequence[Step], topics
         inputs = [received for received in step.inputs if received.topic in spec.reads]
         sent, _ = executor.step_unsent(step.tick, step.stamp_ns, inputs)
         for unsent in sent:
-            place = unsent.envelope
-            observed(Received(unsent.topic, reader, BOOT, place.sequence, place.stamp_ns, unsent.content))
+            envelope = unsent.envelope
+            observed(Received(unsent.topic, reader, BOOT, envelope.sequence, envelope.stamp_ns, unsent.content))
     return observed.run_of(scenario)
 
 
 class _Probe:
-    """Keeps what a node of its name is given, whatever the others write."""
+    """A node that keeps its steps, with the messages of all other nodes as inputs."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.steps: list[Step] = []
 
     def spec(self, replaced: NodeSpec, graph: Graph) -> NodeSpec:
-        """Return the probe in the place of a node of a graph."""
+        """Return the spec with the probe instead of its node."""
         others = [spec for name, spec in graph.specs.items() if name != self.name]
         reads = {row.name: row.name for spec in others for row in spec.writes.values()}
         return replaced._replace(build=lambda: self, reads=reads, writes={})
@@ -135,7 +138,7 @@ class _Probe:
         return Result()
 
     def freeze(self) -> State:
-        """Return nothing: what is kept is no state."""
+        """Return no state: the kept steps are no state of a node."""
         return {}
 
     def thaw(self, state: State) -> None:

@@ -1,4 +1,4 @@
-"""Packages that only some things need, and that are installed with an extra of dynpf-lab."""
+"""Optional packages, which extras of dynpf-lab install."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ __all__ = ["needing", "plotting"]
 
 @contextmanager
 def needing(package: str, *, extra: str, what: str) -> Iterator[None]:
-    """Import within; raises UsageError that tells what to install where ``package`` is not there."""
+    """Context for importing ``package``; raises UsageError that says what to install if it is missing."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -21,7 +21,7 @@ def needing(package: str, *, extra: str, what: str) -> Iterator[None]:
 
 
 def plotting() -> Any:
-    """Return matplotlib's pyplot, which then draws into files; raises UsageError where it is not installed."""
+    """Return matplotlib's pyplot with a backend for files; raises UsageError where it is not installed."""
     with needing("matplotlib", extra="figures", what="drawing the figures of a study, whose rows are written,"):
         import matplotlib  # noqa: PLC0415
     matplotlib.use("Agg")

@@ -1,8 +1,7 @@
-"""Measures of one run against the truth in it, under the names that scripts hold on to.
+"""Measures of a run against its truth, under stable names.
 
-What each figure is stands with the system that it is of; the systems list theirs (``MEASURES``). Of every recording
-there are ``messages``, how many it holds; ``gaps``, how many are missing; ``complete``, whether it was recorded to its
-end; and ``content_digest``.
+Each system lists and documents its own (``MEASURES``). Every recording also has the number of its ``messages``, the
+number of missing ones as ``gaps``, whether it is ``complete``, and its ``content_digest``.
 """
 
 from collections.abc import Callable, Mapping
@@ -23,11 +22,11 @@ __all__ = ["Measures", "differing", "estimates_of", "measure", "measure_run", "m
 
 
 class Measures(NamedTuple):
-    """What a system measures of a run.
+    """The measures of a system.
 
-    ``of_run`` returns its figures by name, none of a run that holds no data for them; ``lines`` what a person reads of
-    them. ``estimate`` is the type of its estimates, ``reads`` are those of the messages that figures are made of, and
-    ``truths`` the topics with the truth that estimates are compared with, of which a run has one.
+    ``of_run`` returns the measures of a run by name, without those for which it has no data; ``lines`` returns them as
+    text for a person. ``estimate`` is the type of the system's estimates, ``reads`` are the types of messages that the
+    measures need, and ``truths`` are the topics of the truth, of which a run has one.
     """
 
     estimate: type[Message]
@@ -43,17 +42,17 @@ def _all_measures() -> tuple[Measures, ...]:
 
 
 def measure(recording: Recording) -> dict[str, Any]:
-    """Return the measures of a run; those that it holds no data for are left out."""
+    """Return the measures of a recording; measures without data are left out."""
     return {**_figures(recording), "content_digest": content_digest(recording)}
 
 
 def measure_run(run: RunMessages) -> dict[str, Any]:
-    """Return the measures of a run by its messages alone."""
+    """Return the measures of a run that need its messages only."""
     return {name: value for measures in _all_measures() for name, value in measures.of_run(run).items()}
 
 
 def measured_topics(scenario: Scenario) -> list[str]:
-    """Return the topics of a run of ``scenario`` that its measures are made of."""
+    """Return the topics of a run of ``scenario`` that measures need."""
     read = {kind for measures in _all_measures() for kind in measures.reads}
     return [name for name, row in plan_of(scenario).graph.topics.items() if row.type in read]
 
@@ -65,12 +64,12 @@ def estimates_of(run: RunMessages) -> list[str]:
 
 
 def truth_of(run: RunMessages) -> str | None:
-    """Return the topic of a run with the truth that its estimates are compared with, None where it has none."""
+    """Return the topic of a run's truth, or None without a truth."""
     return next((topic for measures in _all_measures() for topic in measures.truths if topic in run.topics), None)
 
 
 def differing(a: Recording, b: Recording) -> dict[str, tuple[Any, Any]]:
-    """Return the measures, without the digest, in which two runs differ: both values, None where a run lacks one."""
+    """Return the measures, except the digest, in which two runs differ: both values, None where a run lacks one."""
     left, right = _figures(a), _figures(b)
     names = [*left, *(name for name in right if name not in left)]
     return {name: (left.get(name), right.get(name)) for name in names if left.get(name) != right.get(name)}
@@ -87,7 +86,7 @@ def _figures(recording: Recording) -> dict[str, Any]:
 
 
 def summary(recording: Recording, measures: Mapping[str, Any]) -> str:
-    """Return the measures as a person reads them."""
+    """Return the measures as text for a person."""
     scenario = override_resolved(recording.header.scenario, (), str(recording.path))
     state = "complete" if measures["complete"] else "INCOMPLETE"
     reason = recording.end.reason if recording.end is not None else "it was never closed"

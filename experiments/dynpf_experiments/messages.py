@@ -1,4 +1,4 @@
-"""The messages of a run as measures take them, whether it was recorded or observed as it ran."""
+"""The messages of a run for measures, from a recording or from an observed run."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -22,18 +22,18 @@ MessageT = TypeVar("MessageT", bound=Message)
 
 
 class Timed(NamedTuple):
-    """A message, its logical time in nanoseconds, and its place among all messages of the run."""
+    """A message, its logical time in nanoseconds, and its number among all messages of the run."""
 
     stamp_ns: int
-    place: int
+    number: int
     message: Message
 
 
 class RunMessages:
-    """A run's scenario and its messages by topic; each topic is read once, when it is first asked for.
+    """A run's scenario and its messages by topic; each topic is read once, at its first use.
 
-    ``scenario`` may lack the content of the files that it names, ``with_files`` returns it with that. ``topics`` are
-    those of which it has messages with the types of these, in the order of the nodes that write them.
+    ``scenario`` may lack the content of the files that it names; ``with_files`` returns the scenario with it.
+    ``topics`` are the topics with messages and their types, in the order of the nodes that write them.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class RunMessages:
 
     @cached_property
     def scenario(self) -> Scenario:
-        """The run's scenario; raises ScenarioError where a recording's is none."""
+        """The run's scenario; raises ScenarioError where a recording's scenario is invalid."""
         return self._scenario()
 
     def topic(self, name: str) -> list[Timed]:
@@ -63,24 +63,24 @@ class RunMessages:
 
 
 class Observed:
-    """Keeps the messages of some topics of a run as it goes: an observer of ``run_inline``."""
+    """An observer of ``run_inline`` that keeps the messages of some topics."""
 
     def __init__(self, topics: Iterable[str]) -> None:
         self._topics = frozenset(topics)
         self._kept: defaultdict[str, list[Timed]] = defaultdict(list)
-        self._place = 0
+        self._number = 0
 
     def __call__(self, received: Received) -> None:
         if received.topic in self._topics:
-            self._kept[received.topic].append(Timed(received.stamp_ns, self._place, received.message))
-        self._place += 1
+            self._kept[received.topic].append(Timed(received.stamp_ns, self._number, received.message))
+        self._number += 1
 
     def run_of(self, scenario: Scenario) -> RunMessages:
-        """Return what was kept of a run of ``scenario``; raises KeyError for a topic that was not to be kept."""
-
+        """Return the kept messages of a run of ``scenario``; raises KeyError for a topic that was not observed."""
         rows = plan_of(scenario).graph.topics
 
         def read(name: str) -> list[Timed]:
+            """Yield the messages of a topic."""
             if name in rows and name not in self._topics:
                 raise KeyError(f"{name} was not observed; observed are {', '.join(sorted(self._topics))}")
             return self._kept[name]
@@ -90,25 +90,27 @@ class Observed:
 
 
 def recorded(recording: Recording) -> RunMessages:
-    """Return the messages of a recording, each decoded when its topic is asked for."""
+    """Return the messages of a recording; those of a topic are decoded at its first use."""
 
     def scenario() -> Scenario:
+        """Return the scenario that the recording holds, with the code and files that it names left alone."""
         return override_resolved(recording.header.scenario, (), str(recording.path))
 
     def read(name: str) -> Iterable[Timed]:
-        for place, record in enumerate(recording.messages()):
+        """Yield the messages of a topic."""
+        for number, record in enumerate(recording.messages()):
             if record.topic == name:
-                yield Timed(record.stamp_ns, place, decode(name, record.payload, recording.topics))
+                yield Timed(record.stamp_ns, number, decode(name, record.payload, recording.topics))
 
     written = [topic for topics in recording.header.writes.values() for topic in topics]
-    rank = {topic: place for place, topic in enumerate(written)}
+    rank = {topic: number for number, topic in enumerate(written)}
     there = sorted({*recording.schemas} & {*recording.topics}, key=lambda name: rank.get(name, len(rank)))
     topics = {name: recording.topics[name].type for name in there}
     return RunMessages(scenario, lambda: recorded_scenario(recording), read, topics)
 
 
 def of_type(messages: Sequence[Timed], kind: type[MessageT]) -> list[MessageT]:
-    """Return the messages, which are all of a type."""
+    """Return the messages, which must all be of type ``kind``, without their times."""
     found = [timed.message for timed in messages if isinstance(timed.message, kind)]
     assert len(found) == len(messages)
     return found
@@ -116,7 +118,7 @@ def of_type(messages: Sequence[Timed], kind: type[MessageT]) -> list[MessageT]:
 
 def planar_poses(poses: Iterable[Pose]) -> NDArray[np.float64]:
     """Return poses in the plane as x, y (m) and theta (rad), (3, T)."""
-    return np.array([(one.position.x, one.position.y, heading(one.orientation)) for one in poses]).reshape(-1, 3).T
+    return np.array([(pose.position.x, pose.position.y, heading(pose.orientation)) for pose in poses]).reshape(-1, 3).T
 
 
 def seconds(messages: Sequence[Timed]) -> NDArray[np.float64]:

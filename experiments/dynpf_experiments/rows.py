@@ -1,4 +1,4 @@
-"""What many trials amount to: rows of factors and measures, as JSON, CSV and a table to read."""
+"""Summaries of trials: rows of factors and measures, as JSON, CSV and a text table."""
 
 import csv
 import io
@@ -17,14 +17,14 @@ Row = dict[str, Any]
 
 
 class Sample(NamedTuple):
-    """What one trial measured under what ``factors``. A bool counts as a share of the trials; NaN is left out."""
+    """The measures of a trial and its ``factors``. A bool counts as a share of the trials; NaN is left out."""
 
     factors: dict[str, Any]
     measures: dict[str, float | bool]
 
 
 def summarized(samples: Iterable[Sample], pooled: str | None = None) -> list[Row]:
-    """Return a row for each combination of factors, in order; with ``pooled``, one more for all values of that one."""
+    """Return a row for each combination of factors, in order; then rows pooled over all values of factor ``pooled``."""
     groups: dict[tuple[tuple[str, Any], ...], list[Sample]] = {}
     for sample in samples:
         for factors in (sample.factors, *([sample.factors | {pooled: "all"}] if pooled else [])):
@@ -63,14 +63,14 @@ def _row(factors: dict[str, Any], samples: Sequence[Sample]) -> Row:
 
 
 def measured(rows: Sequence[Row]) -> dict[str, str]:
-    """Return the names of what the rows measure, each with the key of its mean or, in percent, of its share."""
+    """Return the names of the rows' measures, each with the key of its mean or, in percent, of its share."""
     names = dict.fromkeys(key.removesuffix("_ci_low") for row in rows for key in row if key.endswith("_ci_low"))
     shares = {name for name in names if any(name in row for row in rows)}
     return {name: name if name in shares else f"{name}_mean" for name in names}
 
 
 def columns_of(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
-    """Return columns for ``as_table`` that show all: the factors, and each measure with its interval."""
+    """Return all columns for ``as_table``: the factors, and each measure with its interval."""
     factors = dict.fromkeys(key for row in rows for key in itertools.takewhile(lambda key: key != "trials", row))
     columns = [(name, "", name) for name in (*factors, "trials")]
     for name, centre in measured(rows).items():
@@ -80,7 +80,7 @@ def columns_of(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
 
 
 def as_csv(rows: Sequence[Row]) -> str:
-    """Return rows as CSV, a column for each key that any of them has."""
+    """Return rows as CSV, with a column for each key of any row."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")
@@ -90,7 +90,7 @@ def as_csv(rows: Sequence[Row]) -> str:
 
 
 def as_table(rows: Sequence[Row], columns: Sequence[tuple[str, str, str]]) -> str:
-    """Return rows as text; ``columns``: heading, format spec, and the keys that it shows, joined by " / "."""
+    """Return rows as a text table; ``columns`` are heading, format spec, and the keys shown, joined by " / "."""
     lines = [[heading for heading, _, _ in columns]]
     lines += [[_cell(row, spec, keys) for _, spec, keys in columns] for row in rows]
     widths = [max(len(line[i]) for line in lines) for i in range(len(columns))]

@@ -1,13 +1,13 @@
-"""How a study is run: as tasks that know nothing of one another, so that it is the same on any number of processes."""
+"""Execution of a study as independent tasks, with the same result for any number of processes."""
 
-import sys
-import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 from dynpf_protocol.errors import UsageError
+from dynpf_runtime.progress import show_progress
+from dynpf_services.scenario.overrides import value_of
 from joblib import Parallel, delayed
 
 from dynpf_experiments.rows import Row, Sample
@@ -18,10 +18,10 @@ SettingsT = TypeVar("SettingsT", bound=msgspec.Struct)
 
 
 class Study(msgspec.Struct, frozen=True, kw_only=True):
-    """``tasks`` divides settings, trials and a seed into tasks; ``run_task`` carries one out, in any process.
+    """``tasks`` divides settings, trials and a seed into tasks; ``run_task`` executes a task, in any process.
 
-    ``rows`` summarizes all samples; ``columns`` are those of its table (see ``as_table``), all where none are named;
-    ``figures`` draws into a folder, from settings, seed and rows, and returns what it wrote.
+    ``rows`` summarizes all samples; ``columns`` are those of its table (see ``as_table``), by default all; ``figures``
+    draws into a folder, from settings, seed and rows, and returns the files.
     """
 
     about: str
@@ -35,19 +35,16 @@ class Study(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def settings_from(kind: type[SettingsT], overrides: Sequence[str]) -> SettingsT:
-    """Return the settings that ``KEY=VALUE``, values as in TOML or else strings, make of the defaults.
+    """Return the default settings changed by ``KEY=VALUE``, with values in TOML or else strings.
 
-    Raises UsageError, which names the override.
+    The keys of a sweep contain dots. Raises UsageError, which names the override.
     """
     chosen: dict[str, Any] = {}
     for override in overrides:
         key, equals, text = override.partition("=")
         if not equals:
             raise UsageError(f"--set {override}: expected KEY=VALUE")
-        try:
-            chosen[key.strip()] = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
-            chosen[key.strip()] = text
+        chosen[key.strip()] = value_of(text)
     try:
         return msgspec.convert(chosen, kind)
     except msgspec.ValidationError as error:
@@ -56,19 +53,17 @@ def settings_from(kind: type[SettingsT], overrides: Sequence[str]) -> SettingsT:
 
 
 def run_study(study: Study, settings: msgspec.Struct, trials: int, seed: int, jobs: int) -> list[Row]:
-    """Return the rows of a study; the same for any number of jobs."""
+    """Return the rows of a study, which do not depend on the number of jobs."""
     tasks = study.tasks(settings, trials, seed)
     samples: list[Sample] = []
-    _show(0, len(tasks))
+    _show_progress(0, len(tasks))
     for done, found in enumerate(
         Parallel(jobs, return_as="generator")(delayed(study.run_task)(task) for task in tasks)
     ):
         samples += found
-        _show(done + 1, len(tasks))
+        _show_progress(done + 1, len(tasks))
     return study.rows(samples)
 
 
-def _show(done: int, tasks: int) -> None:
-    """Tell a person who watches how far it has come."""
-    if sys.stderr.isatty():
-        print(f"\r\033[K{done} of {tasks} tasks" if done < tasks else "\r\033[K", end="", file=sys.stderr, flush=True)
+def _show_progress(done: int, tasks: int) -> None:
+    show_progress(f"{done} of {tasks} tasks" if done < tasks else "")

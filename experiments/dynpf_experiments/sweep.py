@@ -1,4 +1,4 @@
-"""A study as a table: a scenario, what of it varies, and what is asked of each run."""
+"""A study as a table: a scenario, the keys of it that vary, and the measures of each run."""
 
 import itertools
 import math
@@ -28,7 +28,7 @@ Measure = Callable[[RunMessages], float | bool]
 
 
 class _Asked(NamedTuple):
-    """What is run and what is asked of it, the same for all trials: measures by name, and functions of the user's."""
+    """What all trials share: the scenario, and the measures by name or as functions of the user's."""
 
     scenario: str
     measures: Mapping[str, str | Measure]
@@ -38,7 +38,7 @@ class _Asked(NamedTuple):
 
 
 class _Task(NamedTuple):
-    """One run. The ``first`` has to have all measures by name, so that a wrong name is told at once."""
+    """A run. The ``first`` must have all measures given by name, so that a wrong name is reported at once."""
 
     factors: Mapping[str, Any]
     seed: int
@@ -58,18 +58,18 @@ def sweep(
 ) -> Study:
     """Return the study that runs ``scenario`` with each combination of settings and each seed, and measures the runs.
 
-    ``grid`` has the values of each key of the scenario that varies. ``measures`` are names of ``dynpf metrics``, of one
-    of several estimators with its name before it (``pf.position_rmse_m``); or, by names of their own, such names and
-    functions of the run's messages, which may need ``topics`` besides those that the measures by name are made of.
-    A bool counts as a share of the trials, NaN is left out. Trial ``k`` has the seed of the study plus ``k``, whatever
-    the settings; each is the run of ``dynpf run``, byte for byte.
-    ``log`` is an imported log that the sensors play, ``code`` are folders with modules of yours.
+    ``grid`` has the values of each key of the scenario that varies. ``measures`` are names of ``dynpf metrics``, with
+    the name of one of several estimators in front (``pf.position_rmse_m``); or a mapping of labels to such names and to
+    functions of the run's messages, which may need ``topics`` besides those of the measures by name. A bool counts as a
+    share of the trials, NaN is left out. Trial ``k`` has the seed of the study plus ``k`` for all settings; each run
+    equals that of ``dynpf run``, byte for byte. ``log`` is an imported log that the sensors play, ``code`` are folders
+    with modules of yours.
     """
     chosen: Mapping[str, str | Measure] = (
         measures if isinstance(measures, Mapping) else {name: name for name in measures}
     )
     if not chosen:
-        raise UsageError("a sweep measures nothing: name some of the measures that dynpf metrics prints")
+        raise UsageError("a sweep needs measures: name some of those that dynpf metrics prints")
     if empty := [key for key, values in grid.items() if not values]:
         raise UsageError(f"{empty[0]} has no values; expected one or more")
     asked = _Asked(str(scenario), chosen, tuple(topics), None if log is None else str(log), tuple(map(Path, code)))
@@ -86,7 +86,7 @@ def sweep(
 
 def _settings(grid: Mapping[str, Sequence[Any]]) -> type[msgspec.Struct]:
     """Return the settings of the study: the values of each key."""
-    names = {f"factor_{place}": key for place, key in enumerate(grid)}
+    names = {f"factor_{index}": key for index, key in enumerate(grid)}
     fields = [(name, tuple[Any, ...], tuple(grid[key])) for name, key in names.items()]
     return msgspec.defstruct("Grid", fields, frozen=True, kw_only=True, forbid_unknown_fields=True, rename=names)
 
@@ -95,7 +95,7 @@ def _tasks(settings: msgspec.Struct, trials: int, seed: int) -> list[_Task]:
     grid: dict[str, list[Any]] = msgspec.to_builtins(settings)
     combined = [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
     every = [(factors, seed + trial) for trial in range(trials) for factors in combined]
-    return [_Task(factors, number, place == 0) for place, (factors, number) in enumerate(every)]
+    return [_Task(factors, number, index == 0) for index, (factors, number) in enumerate(every)]
 
 
 def _run(asked: _Asked, task: _Task) -> list[Sample]:
@@ -106,7 +106,7 @@ def _run(asked: _Asked, task: _Task) -> list[Sample]:
     )
     check_log(scenario, Path(asked.log) if asked.log else None)
     run = drive(scenario, {*measured_topics(scenario), *asked.topics}, log)
-    found = _by_name(measure_run(run)) if any(isinstance(one, str) for one in asked.measures.values()) else {}
+    found = _by_name(measure_run(run)) if any(isinstance(name, str) for name in asked.measures.values()) else {}
     measures: dict[str, float | bool] = {}
     for label, measure in asked.measures.items():
         if not isinstance(measure, str):
@@ -116,7 +116,9 @@ def _run(asked: _Asked, task: _Task) -> list[Sample]:
             there = ", ".join(found) or "none"
             raise UsageError(f"{asked.scenario}: its run has no measure {measure!r}; it has {there}")
         measures[label] = found.get(measure, math.nan)
-    factors = {key: one if isinstance(one, int | float | str) else str(one) for key, one in task.factors.items()}
+    factors = {
+        key: value if isinstance(value, int | float | str) else str(value) for key, value in task.factors.items()
+    }
     return [Sample(factors, measures)]
 
 
@@ -126,7 +128,7 @@ def _played(path: str) -> PlayedLog:
 
 
 def _by_name(measures: Mapping[str, Any], before: str = "") -> dict[str, float | bool]:
-    """Return the measures that are numbers; those of one of several estimators are called NAME.MEASURE."""
+    """Return the measures that are numbers; with several estimators, those of each are called NAME.MEASURE."""
     found = {before + name: value for name, value in measures.items() if isinstance(value, bool | int | float)}
     for name, figures in measures.get("estimators", {}).items():
         found |= _by_name(figures, f"{name}.")

@@ -1,4 +1,4 @@
-"""Figures of a sweep: each measure against what varies. They need matplotlib, which the extra ``figures`` installs."""
+"""Figures of a sweep: each measure against the factors. They need matplotlib, which the extra ``figures`` installs."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,10 +13,10 @@ __all__ = ["draw"]
 
 
 def draw(rows: Sequence[Row], factors: Sequence[str], folder: Path) -> list[Path]:
-    """Draw means, or shares, with their intervals: a panel a measure, against the factor with the most values.
+    """Draw means, or shares, with their intervals: a panel for each measure, against the factor with the most values.
 
-    There is a line for each combination of the others. Returns the files; raises UsageError where matplotlib is not
-    installed.
+    There is a line for each combination of the other factors. Returns the files; raises UsageError where matplotlib is
+    not installed.
     """
     pyplot = plotting()
     shown = measured(rows)
@@ -50,10 +50,10 @@ def _draw_line(axis: Any, line: Sequence[Row], across: str | None, measure: tupl
     known = [row for row in line if row.get(centre) is not None]
     if not known:
         return
-    places = [row[across] if across else "all" for row in known]
+    values = [row[across] if across else "all" for row in known]
     centres = np.array([row[centre] for row in known])
     ends = [
         [centres[i] if row[f"{name}_{end}"] is None else row[f"{name}_{end}"] for i, row in enumerate(known)]
         for end in ("ci_low", "ci_high")
     ]
-    axis.errorbar(places, centres, yerr=np.abs(np.array(ends) - centres), marker="o", capsize=3, label=label)
+    axis.errorbar(values, centres, yerr=np.abs(np.array(ends) - centres), marker="o", capsize=3, label=label)

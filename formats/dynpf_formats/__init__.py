@@ -1,1 +1,1 @@
-"""Files: recordings, and the formats of others that become recordings or are made of them."""
+"""Files: recordings, and the importers and exporters of foreign formats."""

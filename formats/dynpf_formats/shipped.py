@@ -1,6 +1,6 @@
-"""What comes with dynpf: the systems, each found by its name in a list of their own, and the topics that they bring.
+"""The systems that come with dynpf, found by name in the list of the package ``dynpf_systems``, and their topics.
 
-Nothing here knows a system, and what a recording or a scenario names is never imported.
+This module knows no system, and never imports what a recording or a scenario names.
 """
 
 from collections.abc import Iterator, Mapping
@@ -13,7 +13,7 @@ from dynpf_protocol.topics import TOPICS, Topic
 __all__ = ["known_topics", "listed", "load", "systems"]
 
 SYSTEMS = "dynpf_systems"
-"""The package of the systems: SYSTEMS lists its folders, each with what it brings, by import strings."""
+"""The package of the systems: its SYSTEMS lists the subpackages, each of which names its parts by import strings."""
 
 
 @cache
@@ -28,16 +28,16 @@ def listed(name: str) -> Iterator[Any]:
 
 
 def load(text: str) -> Any:
-    """Return what an import string of ours stands for: ``package.module:name``."""
+    """Return the object that an import string of dynpf's own code names: ``package.module:name``."""
     module, _, name = text.partition(":")
     return getattr(import_module(module), name)
 
 
 @cache
 def known_topics() -> Mapping[str, Topic]:
-    """Return the topics of all nodes that come with dynpf, as those have them that have their usual names.
+    """Return the topics of all nodes that come with dynpf, as nodes with their usual names have them.
 
-    Those that any robot may have come first, then those of each system.
+    Topics of any robot come first, then those of each system.
     """
     own = [row for topics in listed("TOPICS") for row in load(topics)]
     return {**TOPICS, **{row.name: row for row in own}}

@@ -1,4 +1,4 @@
-"""How a scenario names a class of the user's own: ``package.module:Name``."""
+"""How a scenario names a user class: ``package.module:Name``."""
 
 import re
 import sys
@@ -13,7 +13,7 @@ CLASS_NAME = re.compile(rf"{MODULE_NAME.pattern}:[^\W\d]\w*")
 
 
 class UserClass(NamedTuple):
-    """A class that a scenario names, and the key at which it does."""
+    """A class that a scenario names, and the key that names it."""
 
     key: str
     module: str
@@ -25,9 +25,10 @@ class UserClass(NamedTuple):
         return f"{self.module}:{self.name}"
 
     def wrong(self, what: str) -> ScenarioError:
+        """Return the error that says what is wrong with the class."""
         return ScenarioError(f"{self.key}: {self.text!r}: {what}")
 
 
 def is_standard(module: str) -> bool:
-    """Return whether a module is Python's own, or the running program: none of these holds a component."""
+    """Return whether a module belongs to Python itself or is the running program; neither holds components."""
     return module.partition(".")[0] in {*sys.stdlib_module_names, "__main__"}

@@ -1,7 +1,7 @@
-"""The laboratory: runs in Python, references, benchmarks, the command line, and what own nodes are made of.
+"""The laboratory: runs in Python, references, benchmarks, the command line, and the basis of nodes of your own.
 
-``from dynpf_lab import run, read`` is for notebooks, ``from dynpf_lab import Message, Node, Sensor`` all that a module
-beside a scenario needs.
+``from dynpf_lab import run, read`` is for notebooks; ``from dynpf_lab import Message, Node, Sensor`` is what a module
+of a user's scenario needs.
 """
 
 from importlib import import_module
@@ -35,7 +35,7 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Load what is asked for when it is: the command line is to start at once."""
+    """Load names at their first use, so that the command line starts quickly."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(_HOMES[name]), name)

@@ -1,7 +1,7 @@
-"""Runs in Python, for notebooks and scripts: ``run`` makes one, ``read`` opens a recording, ``Run`` is what is in it.
+"""Runs in Python, for notebooks and scripts: ``run`` makes a run, ``read`` opens a recording, ``Run`` is its content.
 
-What the command line does is done by the same functions: a run is that of ``dynpf run --runner inline``, its metrics
-are those of ``dynpf metrics``, the columns of a topic those of ``dynpf export``, a replay that of ``dynpf replay``.
+They use the functions of the command line: a run is that of ``dynpf run --runner inline``, its metrics are those of
+``dynpf metrics``, the columns of a topic those of ``dynpf export``, a replay that of ``dynpf replay``.
 """
 
 import shutil
@@ -27,11 +27,11 @@ from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.overrides import overrides_of
 from dynpf_services.scenario.played_log import PlayedLog
 from dynpf_services.scenario.record import check_log, record_inline
-from dynpf_services.scenario.replay import replay_nodes, run_anew, scenario_of_replay, write_nodes
+from dynpf_services.scenario.replay import replay_nodes, rerun, scenario_of_replay, write_nodes
 from dynpf_services.scenario.user_code import add_folders, code_folders
 from numpy.typing import NDArray
 
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 
 __all__ = ["Run", "TopicMessages", "read", "run"]
 
@@ -39,7 +39,7 @@ Arrays = dict[str, NDArray[Any]]
 
 
 class TopicMessages:
-    """The messages of a topic of a run, in the order of the file; nothing is held in memory before it is asked for."""
+    """The messages of a topic of a run, in the order of the file; they are read at their use."""
 
     def __init__(self, run: "Run", topic: str) -> None:
         self.run, self.topic = run, topic  # the run keeps its file
@@ -52,31 +52,30 @@ class TopicMessages:
         return sum(1 for _ in self._recording.messages(self.topic))
 
     def __iter__(self) -> Iterator[tuple[float, Any]]:
-        """Yield logical time in seconds and message, one at a time; of a type that dynpf lacks, a dictionary."""
+        """Yield logical times in seconds and messages; a message of an unknown type is a dictionary."""
         for record in self._recording.messages(self.topic):
             yield record.stamp_ns / 1e9, message_of(self._recording, self.topic, record.payload)
 
     def arrays(self) -> Arrays:
-        """Return an array for each field of its T messages, (T,) or, of lists of one length L, (T, L).
+        """Return an array for each field of the T messages, (T,) or, for lists of the same length L, (T, L).
 
-        The names are those of the columns that ``dynpf export --format csv`` writes, ``stamp_s`` among them; the places
-        of a list of fixed length are one array. A number that is left out is NaN; what is no number, such as a list of
-        tables, is an object.
+        The names are those of the columns of ``dynpf export --format csv``, including ``stamp_s``; the elements of a
+        list of fixed length form an array. A missing number is NaN; other values, such as lists of tables, are objects.
         """
         names = header(self._recording, self.topic)
         values = list(zip(*rows(self._recording, self.topic), strict=True)) or [()] * len(names)
         found: Arrays = {}
         lists: dict[str, list[NDArray[Any]]] = {}
         for name, column in zip(names, values, strict=True):
-            whole, _, place = name.rpartition(".")
-            if place.isdecimal():
+            whole, _, position = name.rpartition(".")
+            if position.isdecimal():
                 lists.setdefault(whole, []).append(_array(column))
             else:
                 found[name] = _array(column)
-        return found | {name: np.stack(places, axis=1) for name, places in lists.items()}
+        return found | {name: np.stack(columns, axis=1) for name, columns in lists.items()}
 
     def frame(self) -> Any:
-        """Return a pandas DataFrame with a row a message, by ``stamp_s``, and a column a field; lists are objects.
+        """Return a pandas DataFrame with a row for each message, by ``stamp_s``, and a column for each field.
 
         Raises UsageError where pandas is not installed.
         """
@@ -87,7 +86,7 @@ class TopicMessages:
 
 
 def _array(values: Collection[Any]) -> NDArray[Any]:
-    """Return values of one field: numbers as such, NaN for those left out, lists of one length as rows."""
+    """Return the values of a field: numbers, NaN for missing ones, lists of the same length as rows."""
     known = [value for value in values if value is not None]
     if all(isinstance(value, bool) for value in known) and len(known) == len(values):
         return np.array(known, dtype=bool)
@@ -105,18 +104,18 @@ def _array(values: Collection[Any]) -> NDArray[Any]:
 
 
 def _is_list_of_numbers(value: Any) -> bool:
-    return isinstance(value, tuple | list) and all(isinstance(one, int | float) for one in value)
+    return isinstance(value, tuple | list) and all(isinstance(number, int | float) for number in value)
 
 
 class Cloud(NamedTuple):
-    """Particles that were published at a logical time, s: their poses (3, M)."""
+    """Published particles: their logical time, s, and poses (3, M)."""
 
     stamp_s: float
     poses: FloatArray
 
 
 class Run:
-    """One recorded run: ``run[topic]`` has the messages of a topic, ``print(run)`` tells what it is worth."""
+    """A recorded run: ``run[topic]`` has the messages of a topic, ``print(run)`` prints its measures."""
 
     def __init__(self, path: str | Path) -> None:
         self.recording = read_recording(path)
@@ -133,24 +132,24 @@ class Run:
         return tuple(sorted(name for name in self.recording.schemas if not name.startswith(JOURNAL_PREFIX)))
 
     def __getitem__(self, topic: str) -> TopicMessages:
-        """Return the messages of a topic; raises UsageError, which names those that there are."""
+        """Return the messages of a topic; raises UsageError, which lists the topics of the run."""
         if topic not in self.recording.schemas:
             raise UsageError(f"{self.path}: nothing on {topic}; it has {', '.join(self.topics) or 'no messages'}")
         return TopicMessages(self, topic)
 
     @cached_property
     def metrics(self) -> Mapping[str, Any]:
-        """The figures of ``dynpf metrics --json``; of several estimators, ``metrics["estimators"][name]`` has each."""
+        """The measures of ``dynpf metrics --json``; those of several estimators are in ``["estimators"]``."""
         return measure(self.recording)
 
     @property
     def digest(self) -> str:
-        """The content digest: two runs with the same one are the same."""
+        """The content digest, which is equal for equal runs."""
         return content_digest(self.recording)
 
     @property
     def truth(self) -> TopicMessages:
-        """The truth that estimates are compared with: simulated, or a log's reference; raises UsageError without."""
+        """The truth, simulated or a log's reference; raises UsageError without a truth."""
         topic = truth_of(self._messages)
         if topic is None:
             raise UsageError(f"{self.path}: holds no truth; it has {', '.join(self.topics)}")
@@ -158,13 +157,13 @@ class Run:
 
     @property
     def estimators(self) -> tuple[str, ...]:
-        """The names of the nodes whose estimates it has."""
+        """The names of the nodes with estimates."""
         return tuple(topic.rpartition("/")[0] for topic in estimates_of(self._messages))
 
     def estimates(self, estimator: str | None = None) -> TopicMessages:
-        """Return the estimates of an estimator, which need not be named where there is one.
+        """Return the estimates of an estimator, which must be named if there are several.
 
-        Raises UsageError where it is not clear which is meant.
+        Raises UsageError for an ambiguous or unknown estimator.
         """
         topics = dict(zip(self.estimators, estimates_of(self._messages), strict=True))
         if estimator is None and len(topics) == 1:
@@ -181,7 +180,7 @@ class Run:
         return {"stamp_s": found["stamp_s"], **own}
 
     def particles(self, estimator: str | None = None) -> Iterator[Cloud]:
-        """Yield the particles that an estimator published, as they were published: x, y (m) and theta (rad)."""
+        """Yield the published particles of an estimator: x, y (m) and theta (rad)."""
         topic = self.estimates(estimator).topic.rpartition("/")[0] + "/particles"
         for stamp_s, message in self[topic]:
             assert isinstance(message, PosesInFrame)
@@ -194,20 +193,21 @@ class Run:
         path: str | Path | None = None,
         allow_code: Collection[str] = (),
     ) -> "Run":
-        """Execute the run again, as ``dynpf replay`` does, and return what comes of it.
+        """Execute the run again, as ``dynpf replay`` does, and return the new run.
 
-        With ``node`` that one alone, else each, on its recorded inputs; with ``settings`` and no node, the whole run
-        anew from its source. ``path`` is the recording to be written, without one a temporary file that goes with the
-        Run. ``allow_code`` names the modules of yours that the recording may run.
+        With ``node`` only that node is executed, else each, on its recorded inputs; with ``settings`` and no node the
+        whole run is repeated from its source. ``path`` is the recording to be written, by default a temporary file that
+        is removed with the Run. ``allow_code`` names the modules of yours that the recording may run.
 
-        Raises ScenarioError for settings that do not fit, UsageError for a node that there is not.
+        Raises ScenarioError for settings that do not fit, UsageError for an unknown node.
         """
         overrides = overrides_of(settings or {})
         scenario = scenario_of_replay(self.recording, node, overrides, allow_code)
 
         def make(target: Path) -> None:
+            """Write the recording of the new run."""
             if overrides and node is None:
-                run_anew(self.recording, scenario, target)
+                rerun(self.recording, scenario, target)
             else:
                 outcomes = replay_nodes(self.recording, scenario, node, keep=True)
                 write_nodes(self.recording, scenario, outcomes, target)
@@ -215,7 +215,7 @@ class Run:
         return _made(path, make)
 
     def difference(self, other: "Run") -> FirstDifference | None:
-        """Return the first message or state in which another run differs, None where they are the same run."""
+        """Return the first message or state in which another run differs, None if they are equal."""
         return diff(self.recording, other.recording).first
 
     def __str__(self) -> str:
@@ -233,12 +233,12 @@ def run(
 ) -> Run:
     """Run a scenario in this process, as ``dynpf run --runner inline`` does, and return the recorded run.
 
-    ``scenario`` is the name of one that comes with dynpf, or a TOML file; ``settings`` are values by their keys in it,
-    such as ``{"estimator.n": 200}``. ``path`` is the recording to be written, without one a temporary file that goes
-    with the Run. ``log`` is an imported log that the sensors play, ``code`` are folders with modules of yours.
+    ``scenario`` is the name of a scenario of dynpf, or a TOML file; ``settings`` maps its keys to values, such as
+    ``{"estimator.n": 200}``. ``path`` is the recording to be written, by default a temporary file that is removed with
+    the Run. ``log`` is an imported log that the sensors play, ``code`` are folders with modules of yours.
 
-    Raises ScenarioError for a scenario or settings that do not fit, UsageError for a file that is there already, and
-    StepError with what a node raises.
+    Raises ScenarioError for a scenario or settings that do not fit, UsageError for an existing file, and StepError for
+    what a node raises.
     """
     add_folders(code_folders(map(Path, code), str(scenario)))
     played = PlayedLog(Path(log)) if log is not None else None
@@ -251,12 +251,12 @@ def run(
 
 
 def read(path: str | Path) -> Run:
-    """Return the run in a recording; raises a RecordingError that says what is wrong with the file."""
+    """Return the run in a recording; raises a RecordingError that describes faults of the file."""
     return Run(path)
 
 
 def _made(path: str | Path | None, make: Callable[[Path], object]) -> Run:
-    """Return the run whose recording ``make`` writes: at ``path``, or else where it is removed with the Run."""
+    """Return the run whose recording ``make`` writes: to ``path``, or to a temporary file removed with the Run."""
     if path is not None:
         if Path(path).exists():
             raise UsageError(f"{path}: the file exists; choose another name")

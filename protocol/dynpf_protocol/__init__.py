@@ -1,1 +1,1 @@
-"""What travels between the processes: message types, the topic table, codec, envelope and journal."""
+"""The protocol between processes: message types, topic table, codec, envelope and journal."""

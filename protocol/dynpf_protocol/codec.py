@@ -1,4 +1,4 @@
-"""Codec: messages to JSON and back; whatever is not exactly what the topic promises is refused."""
+"""Codec: encodes messages as JSON and decodes them; refuses whatever does not fit the topic's type."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -17,8 +17,8 @@ _ENCODER = msgspec.json.Encoder()
 def encode(name: str, message: Message, topics: Mapping[str, Topic] = TOPICS) -> bytes:
     """Return the payload of ``message`` for topic ``name`` of ``topics``.
 
-    Raises BadMessageError for another type than the topic's, for NaN or infinite numbers, which JSON lacks, and
-    for text that UTF-8 cannot hold.
+    Raises BadMessageError for another type than the topic's, for NaN and infinite numbers, which JSON lacks, and for
+    text that UTF-8 cannot encode.
     """
     expected = topic(name, topics).type
     if type(message) is not expected:
@@ -27,8 +27,8 @@ def encode(name: str, message: Message, topics: Mapping[str, Topic] = TOPICS) ->
         payload = _ENCODER.encode(message)
     except UnicodeEncodeError as error:
         raise BadMessageError(f"{name}: {error}") from error
-    # JSON writes NaN and infinities as null, and no message has an optional field: a null is a bad number,
-    # unless it stands inside a text, which decoding tells.
+    # The encoder writes NaN and infinities as null, and no message has an optional field: a null is a bad number, or
+    # part of a text; decoding finds out which.
     if b"null" in payload:
         decode(name, payload, topics)
     return payload

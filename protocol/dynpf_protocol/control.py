@@ -1,15 +1,13 @@
-"""Control: what hosts tell each other to keep step, beyond the messages of the topic table. Never recorded."""
+"""Control messages, by which processes keep in step and end a run. They are not in the topic table, nor recorded."""
 
-from typing import Annotated, TypeVar
+from typing import TypeVar
 
 import msgspec
-from msgspec import Meta
 
 from dynpf_protocol.errors import BadMessageError
+from dynpf_protocol.numbers import Count
 
 __all__ = ["Beat", "Recorded", "Stop", "TickDone", "decode_control", "encode_control"]
-
-Count = Annotated[int, Meta(ge=0)]
 
 
 class TickDone(msgspec.Struct, frozen=True, array_like=True):
@@ -25,7 +23,7 @@ class TickDone(msgspec.Struct, frozen=True, array_like=True):
 
 
 class Beat(msgspec.Struct, frozen=True, array_like=True):
-    """A process's main loop goes round; ``ticks`` is how many ticks it has behind it."""
+    """A heartbeat: the process's main loop is alive and has ended ``ticks`` ticks."""
 
     node: str
     boot: str
@@ -33,7 +31,7 @@ class Beat(msgspec.Struct, frozen=True, array_like=True):
 
 
 class Recorded(msgspec.Struct, frozen=True, array_like=True):
-    """The recorder, by its boot, has the whole run and has closed the file."""
+    """The recorder has closed the file; ``complete`` says whether it has the whole run, else ``reason`` why not."""
 
     boot: str
     complete: bool
@@ -42,7 +40,7 @@ class Recorded(msgspec.Struct, frozen=True, array_like=True):
 
 
 class Stop(msgspec.Struct, frozen=True, array_like=True):
-    """Somebody asks the source to make the next tick the last."""
+    """A request that the source make the next tick the last."""
 
     node: str
     boot: str
@@ -55,6 +53,7 @@ _ENCODER = msgspec.msgpack.Encoder()
 
 
 def encode_control(message: TickDone | Beat | Recorded | Stop) -> bytes:
+    """Return the control message as bytes."""
     return _ENCODER.encode(message)
 
 

@@ -1,6 +1,6 @@
-"""Envelope: who sent a message, its place in the sender's sequence, and its times.
+"""Envelope: a message's sender, sequence number and times.
 
-Travels as the attachment of a Zenoh sample; in a recording its parts stand in MCAP's own fields.
+It is the attachment of a Zenoh sample; in a recording its fields are those of MCAP's channels and messages.
 """
 
 from typing import Annotated
@@ -16,7 +16,7 @@ _MAX = 2**63 - 1
 
 
 class Envelope(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """Sender and place of one message."""
+    """Sender, sequence number and times of one message."""
 
     node: Annotated[str, Meta(min_length=1, max_length=64)]
     boot: Annotated[str, Meta(min_length=1, max_length=64)]  # one start of the sender's process
@@ -31,6 +31,7 @@ _DECODER = msgspec.msgpack.Decoder(Envelope)
 
 
 def encode_envelope(envelope: Envelope) -> bytes:
+    """Return the envelope as bytes."""
     return _ENCODER.encode(envelope)
 
 

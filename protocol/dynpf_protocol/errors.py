@@ -1,4 +1,4 @@
-"""Errors of what travels, and errors whose text is for a person: where, which value, what was expected, what to do."""
+"""Errors of the protocol, and errors for people: where, which value, what was expected, what to do."""
 
 __all__ = [
     "BROKEN_OFF",
@@ -16,15 +16,15 @@ __all__ = [
 
 
 class ProtocolError(Exception):
-    """Something that travels between processes breaks the protocol; the text says where, what and what to do."""
+    """A message, an envelope or a topic breaks the protocol; the text says where and what."""
 
 
 class BadMessageError(ProtocolError):
-    """A payload does not hold what its topic promises."""
+    """A payload does not fit its topic's type."""
 
 
 class BadEnvelopeError(ProtocolError):
-    """A message came without a readable envelope."""
+    """A message has no readable envelope."""
 
 
 class UnknownTopicError(ProtocolError):
@@ -32,11 +32,11 @@ class UnknownTopicError(ProtocolError):
 
 
 BROKEN_OFF = 3
-"""Exit code by which ``dynpf run`` tells a process that followed the others from the one that failed first."""
+"""Exit code of a process that ended because of another, by which ``dynpf run`` finds the one that failed first."""
 
 
 class DynpfError(Exception):
-    """An error told in one line on stderr; ``exit_code`` is what the command ends with."""
+    """An error whose text a command prints to stderr; ``exit_code`` is the command's exit code."""
 
     exit_code = 2
 
@@ -46,20 +46,20 @@ class UsageError(DynpfError):
 
 
 class ScenarioError(DynpfError):
-    """A scenario file, or an override of it, says something that it cannot say."""
+    """A scenario file, or an override of it, is invalid."""
 
 
 class RunError(DynpfError):
-    """A run could not be carried through."""
+    """A run failed."""
 
     exit_code = 1
 
 
 class StepError(RunError):
-    """A node has failed in its step: a bug, whose traceback ``__cause__`` carries."""
+    """A node raised in its step; ``__cause__`` is its exception."""
 
 
 class BrokenOffError(RunError):
-    """The run broke off for another process's sake: a peer or the router is gone."""
+    """The run broke off because of another process: a peer or the router is gone."""
 
     exit_code = BROKEN_OFF

@@ -1,4 +1,4 @@
-"""Frames of reference: the names that messages with a ``frame_id`` use, the same in every scenario."""
+"""Frames of reference: the names in the ``frame_id`` of messages, the same in every scenario."""
 
 __all__ = ["MAP", "ROBOT"]
 
@@ -6,4 +6,4 @@ MAP = "map"
 """The fixed frame: the plane in which the robot moves, x and y in metres, z upwards."""
 
 ROBOT = "robot"
-"""Where the estimator has the robot: x along its heading; ``estimator/transforms`` place it in the map."""
+"""The estimated robot: x along its heading; ``estimator/transforms`` has its pose in the map."""

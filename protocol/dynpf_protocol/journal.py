@@ -1,21 +1,19 @@
 """Journal: what each step of a node consumed and produced, exactly and in order.
 
-With the recorded messages it says all that a node's life depended on: feeding the references of each entry to a fresh
-node, in order, re-executes it.
+Together with the recorded messages it has everything that a node depended on: giving a new node the messages of each
+entry, in order, re-executes it.
 """
 
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import msgspec
-from msgspec import Meta
+
+from dynpf_protocol.numbers import Count63
 
 __all__ = ["JOURNAL_PREFIX", "Consumed", "JournalEntry", "Produced", "decode_entry", "encode_entry"]
 
 JOURNAL_PREFIX = "journal/"
 """The journal of node NAME is recorded on topic journal/NAME."""
-
-
-Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 
 
 class Consumed(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -24,23 +22,23 @@ class Consumed(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     node: str
     boot: str
     topic: str
-    sequence: Count
+    sequence: Count63
 
 
 class Produced(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Reference to one output message of the step's own node and boot."""
 
     topic: str
-    sequence: Count
+    sequence: Count63
 
 
 class JournalEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One step. ``state`` is the SHA-256 of the node's state after it, or "" where none was taken."""
+    """One step. ``state`` is the SHA-256 of the node's state after it, or "" if none was taken."""
 
     schema_name: ClassVar[str] = "dynpf.JournalEntry"
-    step: Count
-    tick: Count
-    stamp_ns: Count
+    step: Count63
+    tick: Count63
+    stamp_ns: Count63
     consumed: tuple[Consumed, ...]
     produced: tuple[Produced, ...]
     last: bool = False
@@ -52,6 +50,7 @@ _DECODER = msgspec.json.Decoder(JournalEntry)
 
 
 def encode_entry(entry: JournalEntry) -> bytes:
+    """Return the entry as a payload."""
     return _ENCODER.encode(entry)
 
 

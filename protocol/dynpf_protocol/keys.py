@@ -1,4 +1,4 @@
-"""Keys: under which names things travel on the bus."""
+"""Keys of messages, tokens and queries on the bus."""
 
 __all__ = ["ALIVE", "BEAT", "CONTROL", "DATA", "JOURNAL", "READY", "RECORDER", "ROUTER", "SCENARIO", "TICK"]
 

@@ -1,16 +1,15 @@
-"""Landmarks: what a scenario, a log and the sensors call by the same number."""
-
-from typing import Annotated
+"""Landmarks, which a scenario, a log and the sensors identify by the same number."""
 
 import msgspec
-from msgspec import Meta
+
+from dynpf_protocol.numbers import Count
 
 __all__ = ["Landmark"]
 
 
 class Landmark(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A landmark that can be told from the others; metres."""
+    """A landmark that sensors can identify; metres."""
 
-    id: Annotated[int, Meta(ge=0)]
+    id: Count
     x: float
     y: float

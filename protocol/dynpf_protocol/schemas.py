@@ -1,7 +1,7 @@
 """JSON Schemas of the messages as Foxglove and Lichtblick read them.
 
 msgspec writes a root ``$ref`` with shared definitions, enums without a type and bare ``prefixItems``. Foxglove wants a
-root of type object, Lichtblick follows no ``$ref`` at all: so every reference is replaced by what it stands for.
+root of type object, Lichtblick follows no ``$ref`` at all: so every reference is replaced by its definition.
 """
 
 from typing import Any

@@ -1,7 +1,7 @@
-"""The topic table: what travels, who writes it, who it wakes, how it is delivered, and what is kept of it.
+"""The topic table: name, type, publishers and delivery of each topic, and whether it wakes nodes and is compared.
 
-Here are the topics that any robot may have. Each system has a table of its own beside its nodes, and a user's node has
-its own; the table of a run is made of what its nodes write.
+These are the topics that any robot may have. Each system has its own table, and user nodes declare their own topics;
+the table of a run has the topics that its nodes write.
 """
 
 from collections.abc import Mapping
@@ -26,20 +26,20 @@ __all__ = [
 ]
 
 NODES = ("simulator", "vision", "sensors", "estimator", "controller")
-"""The nodes, in the order in which a lockstep tick goes round."""
+"""The nodes, in the order of a lockstep tick."""
 
 LOG_NODE = "log"
-"""The sender's name of records that a host feeds in from an imported log."""
+"""The sender of the records of an imported log, which the source's host publishes."""
 
 HOST_NODES = (*NODES, LOG_NODE)
 """Every sender whose messages a node may consume."""
 
 
 class Delivery(StrEnum):
-    """What of a topic a node takes. The bus itself drops nothing: the recorder has to get every message."""
+    """Which messages of a topic a node takes. The bus itself drops none: the recorder has to get every message."""
 
     RELIABLE = "reliable"  # every message counts
-    FRESH = "fresh"  # in realtime runs a node takes only the newest that has arrived; in lockstep as reliable
+    FRESH = "fresh"  # in realtime a node takes only the newest that has arrived; in lockstep as RELIABLE
 
 
 class Topic(msgspec.Struct, frozen=True, kw_only=True):
@@ -50,7 +50,7 @@ class Topic(msgspec.Struct, frozen=True, kw_only=True):
     publishers: tuple[str, ...]
     description: str
     delivery: Delivery = Delivery.RELIABLE
-    wakes: bool = True  # nodes that read it step when it arrives (realtime clock)
+    wakes: bool = True  # in realtime, nodes that read it step when it arrives
     compared: bool = True  # part of "the same run"
 
 
@@ -78,14 +78,7 @@ _ROWS = (
         type=messages.Scanner,
         publishers=(LOG_NODE,),
         wakes=False,
-        description="What the scanner of an imported log measures between, before its first scan and where it changes",
-    ),
-    Topic(
-        name="log/scanner",
-        type=messages.Scanner,
-        publishers=(LOG_NODE,),
-        wakes=False,
-        description="What the scanner of an imported log measures between, before its first scan and where it changes",
+        description="Least and greatest range of an imported log's scanner, before its first scan and at each change",
     ),
     Topic(
         name="log/scan",
@@ -98,7 +91,7 @@ _ROWS = (
         type=messages.RobotState,
         publishers=(LOG_NODE,),
         wakes=False,
-        description="Reference pose of an imported log; rides along with the next sensor record and wakes nobody",
+        description="Reference pose of an imported log; belongs to the tick of the next sensor record, begins none",
     ),
     Topic(
         name="truth/robot",
@@ -111,19 +104,19 @@ _ROWS = (
         type=messages.SceneUpdate,
         publishers=("simulator",),
         wakes=False,
-        description="The true world as shapes, for looking at: at most five times a second",
+        description="The true world as shapes for viewers, at most five times a second",
     ),
     Topic(
         name="sensors/odometry",
         type=messages.Odometry,
         publishers=("sensors",),
-        description="Forward speed and turning rate as the wheel encoders see them",
+        description="Forward speed and turning rate by the wheel encoders",
     ),
     Topic(
         name="sensors/odometry_pose",
         type=messages.OdometryPose,
         publishers=("sensors",),
-        description="Where the wheel encoders put the robot, in a frame of their own",
+        description="Pose by the wheel encoders, in a frame of their own",
     ),
     Topic(
         name="sensors/landmarks",
@@ -136,14 +129,7 @@ _ROWS = (
         type=messages.Scanner,
         publishers=("sensors",),
         wakes=False,
-        description="What the scanner measures between, before its first scan and where it changes",
-    ),
-    Topic(
-        name="sensors/scanner",
-        type=messages.Scanner,
-        publishers=("sensors",),
-        wakes=False,
-        description="What the scanner measures between, before its first scan and where it changes",
+        description="Least and greatest range of the scanner, before its first scan and at each change",
     ),
     Topic(
         name="sensors/scan",
@@ -175,14 +161,14 @@ _ROWS = (
         type=messages.PoseInFrame,
         publishers=("estimator",),
         wakes=False,
-        description="The estimated pose, for looking at",
+        description="The estimated pose, for viewers",
     ),
     Topic(
         name="estimator/dead_reckoning",
         type=messages.PoseInFrame,
         publishers=("estimator",),
         wakes=False,
-        description="Where odometry alone would put the robot",
+        description="Pose by odometry alone",
     ),
     Topic(
         name="estimator/particles",
@@ -196,14 +182,14 @@ _ROWS = (
         type=messages.FrameTransforms,
         publishers=("estimator",),
         wakes=False,
-        description="Where the estimated robot is in the map, for looking at; sent with the particles",
+        description="Pose of the estimated robot in the map, for viewers; published with the particles",
     ),
     Topic(
         name="estimator/scene",
         type=messages.SceneUpdate,
         publishers=("estimator",),
         wakes=False,
-        description="The map and the estimated robot, as shapes for looking at: at most once a second",
+        description="The map and the estimated robot as shapes for viewers, at most once a second",
     ),
     Topic(
         name="controller/command",
@@ -219,7 +205,7 @@ _ROWS = (
             publishers=(node,),
             wakes=False,
             compared=False,
-            description=f"What the host of {node} tells its node about missing inputs",
+            description=f"Events about missing inputs of {node}, from its host",
         )
         for node in NODES
     ),
@@ -229,7 +215,7 @@ _ROWS = (
         publishers=(*NODES, "recorder"),
         wakes=False,
         compared=False,
-        description="Warnings and errors in words",
+        description="Warnings and errors as text",
     ),
     Topic(
         name="diagnostics",
@@ -237,7 +223,7 @@ _ROWS = (
         publishers=NODES,
         wakes=False,
         compared=False,
-        description="Timings, refusals and queue lengths of each process; wall-clock figures",
+        description="Timings, refusals and queue lengths of each process, by the wall clock",
     ),
     Topic(
         name="recorder/gap",
@@ -250,13 +236,13 @@ _ROWS = (
 )
 
 TOPICS: dict[str, Topic] = {row.name: row for row in _ROWS}
-"""The topics of the nodes that come with dynpf, by the names that they have where each node has its usual name."""
+"""The topics that any robot may have, by their names if each node has its usual name."""
 
 
 def topic(name: str, topics: Mapping[str, Topic] = TOPICS) -> Topic:
     """Return the row of a topic; raises UnknownTopicError for a name that is not in the table.
 
-    The log of several robots has the topics of one for each, after the robot's name: ``r1/log/odometry``.
+    The log of several robots has the log topics for each, after the robot's name: ``r1/log/odometry``.
     """
     row = topics.get(name)
     if row is None:
@@ -269,11 +255,11 @@ def topic(name: str, topics: Mapping[str, Topic] = TOPICS) -> Topic:
 
 
 def is_compared(name: str) -> bool:
-    """Return whether messages of a topic are part of "the same run"; what hosts and recorder say is not."""
+    """Return whether a topic is part of "the same run"; topics of hosts and the recorder are not."""
     return name not in _UNCOMPARED and not name.startswith(EVENT_PREFIX)
 
 
 EVENT_PREFIX = "event/"
-"""A host tells its node NODE of missing inputs on event/NODE."""
+"""The host of node NODE reports missing inputs to it on event/NODE."""
 
 _UNCOMPARED = frozenset(row.name for row in _ROWS if not row.compared)

@@ -1,9 +1,9 @@
-"""Schema version: raised whenever an old recording could no longer be read as what it meant."""
+"""Schema version: raised whenever old recordings can no longer be read with their meaning."""
 
 __all__ = ["READABLE_VERSIONS", "SCHEMA_VERSION"]
 
 SCHEMA_VERSION = 2
-"""What this protocol writes."""
+"""The version that this protocol writes."""
 
 READABLE_VERSIONS = (2,)
-"""What this protocol still reads; any other is refused, naming the version of dynpf that wrote it."""
+"""The versions that this protocol reads; others are refused, naming the version of dynpf that wrote them."""

@@ -1,1 +1,1 @@
-"""The runtime: nodes, and the ways to drive the same ones: over the bus, in one process, and from a recording."""
+"""The runtime: nodes, and the runners that execute them: over the bus, in one process, and from a recording."""

@@ -1,9 +1,8 @@
-"""At most once in a period of logical time: for what is said or shown more seldom than a node steps."""
-
-from typing import Annotated
+"""Rate limits in logical time, for messages that a node publishes less often than it steps."""
 
 import msgspec
-from msgspec import Meta
+
+from dynpf.types import NonNegative
 
 __all__ = ["Every"]
 
@@ -11,12 +10,12 @@ __all__ = ["Every"]
 class Every(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A period of logical time, s.
 
-    A node keeps the stamp at which it last did what it does so often, None before the first time: that is all its
-    state. So a period can be a constant, or a parameter of a node.
+    The period itself has no state and can be a constant or a parameter of a node. The node keeps the stamp of the last
+    time, None before the first.
     """
 
-    period_s: Annotated[float, Meta(ge=0.0)]
+    period_s: NonNegative
 
     def due(self, stamp_ns: int, last_ns: int | None) -> bool:
-        """Return whether it is time at ``stamp_ns``, nanoseconds: always the first time and where the period is 0."""
+        """Return whether the period has passed since ``last_ns`` at ``stamp_ns``, ns; always true before the first."""
         return last_ns is None or stamp_ns - last_ns >= round(self.period_s * 1e9)

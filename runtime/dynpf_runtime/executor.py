@@ -1,6 +1,6 @@
-"""The executor: runs the steps of one node, numbers and encodes what it returns, and journals what it consumed.
+"""The executor: runs the steps of one node, numbers and encodes its messages, and makes the journal entries.
 
-The same for the bus, inline and replay runners; it neither sends nor receives.
+It is the same for the bus, inline and replay runners, and neither sends nor receives.
 """
 
 import traceback
@@ -23,30 +23,31 @@ __all__ = ["Executed", "Executor", "Sent", "Unsent"]
 
 
 class Sent(NamedTuple):
-    """One message as it travels."""
+    """One encoded message."""
 
     topic: str
     envelope: Envelope
     payload: bytes
 
     def message(self, topics: Mapping[str, Topic]) -> Message:
-        """Decode the payload."""
+        """Return the decoded payload; raises BadMessageError."""
         return decode(self.topic, self.payload, topics)
 
 
 class Unsent(NamedTuple):
-    """One message that stays in its process and is never encoded."""
+    """One message inside a process, never encoded."""
 
     topic: str
     envelope: Envelope
     content: Message
 
     def message(self, _topics: Mapping[str, Topic]) -> Message:
+        """Return the message."""
         return self.content
 
 
 class Executed(NamedTuple):
-    """What came of one step: the messages, and whether the source says that it was the last."""
+    """The result of one step: the messages, and whether the source declares it the last of the run."""
 
     sent: tuple[Sent, ...]
     finished: bool
@@ -55,8 +56,8 @@ class Executed(NamedTuple):
 class Executor:
     """Runs ``node``, which ``spec`` describes, under one boot.
 
-    A state digest is taken every ``digest_every`` steps and at the last. The node is given and gives its topics by its
-    own names for them.
+    The journal has a state digest every ``digest_every`` steps and at the last. The executor translates between the
+    run's topics and the node's own names for them.
     """
 
     def __init__(self, node: Node, spec: NodeSpec, topics: Mapping[str, Topic], boot: str, digest_every: int) -> None:
@@ -71,9 +72,9 @@ class Executor:
         self.steps = 0
 
     def step(self, tick: int, stamp_ns: int, inputs: Sequence[Received], publish_ns: int) -> Executed:
-        """Run the next step; ``journal`` has to follow before the one after it.
+        """Run the next step; call ``journal`` before the one after it.
 
-        Raises StepError where the node raises, or returns what its topics do not promise.
+        Raises StepError if the node raises, or returns messages that do not fit its topics.
         """
         with self._blamed(tick):
             result = self._result(tick, stamp_ns, inputs)
@@ -81,10 +82,10 @@ class Executor:
         return Executed(sent, result.finished)
 
     def step_unsent(self, tick: int, stamp_ns: int, inputs: Sequence[Received]) -> tuple[tuple[Unsent, ...], bool]:
-        """Run the next step for this process alone: nothing is encoded, and no entry of a journal follows.
+        """Run the next step without encoding messages and without a journal entry.
 
-        Returns the messages, and whether the source says that it was the last step. Raises StepError where the node
-        raises or returns messages that it does not declare.
+        Returns the messages, and whether the source declares it the last step. Raises StepError if the node raises or
+        returns messages on topics that it does not declare.
         """
         with self._blamed(tick):
             result = self._result(tick, stamp_ns, inputs)
@@ -94,9 +95,10 @@ class Executor:
     def journal(
         self, tick: int, stamp_ns: int, inputs: Sequence[Received], sent: Sequence[Sent], *, last: bool
     ) -> JournalEntry:
-        """Account for the step just run: what it consumed and produced, and at intervals the digest of the state.
+        """Return the journal entry of the step just run, at intervals with the digest of the node's state.
 
-        Apart from ``step`` so that a host can send what others wait for first. ``last`` marks the node's last step.
+        This is separate from ``step`` so that a host can first send the messages that others wait for. ``last`` marks
+        the node's last step. Raises StepError if the state cannot be encoded.
         """
         state = ""
         if last or (self.steps + 1) % self._digest_every == 0:
@@ -106,8 +108,8 @@ class Executor:
             step=self.steps,
             tick=tick,
             stamp_ns=stamp_ns,
-            consumed=tuple(Consumed(one.node, one.boot, one.topic, one.sequence) for one in inputs),
-            produced=tuple(Produced(one.topic, one.envelope.sequence) for one in sent),
+            consumed=tuple(Consumed(item.node, item.boot, item.topic, item.sequence) for item in inputs),
+            produced=tuple(Produced(message.topic, message.envelope.sequence) for message in sent),
             last=last,
             state=state,
         )
@@ -115,7 +117,7 @@ class Executor:
         return entry
 
     def stamp(self, topic: str, message: Message, tick: int, stamp_ns: int, publish_ns: int) -> Sent:
-        """Give a message its place in this boot's sequence of its topic."""
+        """Encode a message and give it the topic's next sequence number of this boot."""
         sequence = self._sequences[topic]
         payload = encode(topic, message, self._topics)
         self._sequences[topic] = sequence + 1
@@ -123,13 +125,13 @@ class Executor:
         return Sent(topic, envelope, payload)
 
     def number(self, topic: str, message: Message, tick: int, stamp_ns: int) -> Unsent:
-        """Give a message its place in this boot's sequence of its topic, without encoding it."""
+        """Give a message the topic's next sequence number of this boot, without encoding it."""
         sequence = self._sequences[topic]
         self._sequences[topic] = sequence + 1
         return Unsent(topic, Envelope(self.spec.name, self.boot, sequence, tick, stamp_ns, 0), message)
 
     def _result(self, tick: int, stamp_ns: int, inputs: Sequence[Received]) -> Result:
-        """Let the node take its step, in which the topics go by its own names for them."""
+        """Run the node's step, translating topics to its own names and back."""
         reads, writes = self.spec.reads, self.spec.writes
         if self._renamed:
             inputs = [received._replace(topic=reads[received.topic]) for received in inputs]
@@ -144,12 +146,12 @@ class Executor:
 
     @contextmanager
     def _blamed(self, tick: int) -> Iterator[None]:
-        """Say of an exception which node raised it, in which step, and where."""
+        """Turn an exception into a StepError that names the node, the step and the line that raised it."""
         try:
             yield
         except Exception as error:
-            place = traceback.extract_tb(error.__traceback__)[-1]
+            frame = traceback.extract_tb(error.__traceback__)[-1]
             raise StepError(
                 f"{self.spec.name} failed in step {self.steps}, tick {tick}: {type(error).__name__}: {error} "
-                f"({place.filename}:{place.lineno})"
+                f"({frame.filename}:{frame.lineno})"
             ) from error

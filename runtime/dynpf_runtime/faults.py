@@ -1,31 +1,28 @@
 """Injected faults: a seeded link that loses and delays messages on their way to one node."""
 
 from collections.abc import Iterable
-from typing import Annotated
 
 import msgspec
-from msgspec import Meta
 
 from dynpf.rng import generator
+from dynpf.types import NonNegative, Share
 
 __all__ = ["Fault", "FaultyLink"]
 
-NonNegative = Annotated[float, Meta(ge=0.0)]
-
 
 class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What befalls a topic on its way to node ``to``: each message is lost with probability ``loss``, else it is late
-    by ``delay_s`` plus a uniform share of ``jitter_s``."""
+    """Loss and delay of a topic's messages to node ``to``: each is lost with probability ``loss``, else delayed by
+    ``delay_s`` plus a uniformly distributed part of ``jitter_s``."""
 
     topic: str
     to: str
-    loss: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    loss: Share = 0.0
     delay_s: NonNegative = 0.0
     jitter_s: NonNegative = 0.0
 
 
 class FaultyLink:
-    """The faults on the way to ``node``. The fate of a message depends on seed, topic and sequence alone."""
+    """The faults of all topics to ``node``. A message's loss and delay depend only on seed, topic and sequence."""
 
     def __init__(self, faults: Iterable[Fault], node: str, seed: int) -> None:
         self._faults = {fault.topic: fault for fault in faults if fault.to == node}
@@ -34,7 +31,7 @@ class FaultyLink:
         self.faulty = bool(self._faults)
 
     def delay_ns(self, topic: str, sequence: int) -> int | None:
-        """Return by how many nanoseconds the message is late, or None if it is lost."""
+        """Return the delay of a message in nanoseconds, or None if it is lost."""
         fault = self._faults.get(topic)
         if fault is None:
             return 0

@@ -1,4 +1,4 @@
-"""Gaps: messages that never reached a node, found by the jumps in the sequences of what it consumes."""
+"""Gaps: messages that never reached a node, found by jumps in the sequence numbers of those that it consumes."""
 
 from dynpf_protocol.messages import HostEvent
 from dynpf_protocol.topics import EVENT_PREFIX
@@ -11,13 +11,13 @@ __all__ = ["GapWatch", "notice_gaps"]
 
 
 class GapWatch:
-    """Remembers how far each sequence has come. A message that comes late fills no gap already told."""
+    """Tracks the next expected sequence number of each sender and topic. Late messages do not close reported gaps."""
 
     def __init__(self) -> None:
         self._next: dict[tuple[str, str], int] = {}
 
     def see(self, topic: str, node: str, sequence: int) -> HostEvent | None:
-        """Return the gap that this message shows, if any."""
+        """Return the gap before this message, if any."""
         expected = self._next.get((topic, node), 0)
         self._next[topic, node] = max(expected, sequence + 1)
         if sequence <= expected:
@@ -29,13 +29,13 @@ def notice_gaps(executor: Executor, watch: GapWatch, ready: Ready, stamp_ns: int
     """Return an event for each gap in the inputs, and add it to the inputs if the node reads such events."""
     topic = EVENT_PREFIX + executor.spec.name
     sent = []
-    for one in list(ready.inputs):
-        event = watch.see(one.topic, one.node, one.sequence)
+    for received in list(ready.inputs):
+        event = watch.see(received.topic, received.node, received.sequence)
         if event is None:
             continue
-        told = executor.stamp(topic, event, ready.tick, stamp_ns, publish_ns)
-        sent.append(told)
+        sent_event = executor.stamp(topic, event, ready.tick, stamp_ns, publish_ns)
+        sent.append(sent_event)
         if topic in executor.spec.reads:
-            place = told.envelope
-            ready.inputs.append(Received(topic, place.node, place.boot, place.sequence, stamp_ns, event))
+            envelope = sent_event.envelope
+            ready.inputs.append(Received(topic, envelope.node, envelope.boot, envelope.sequence, stamp_ns, event))
     return sent

@@ -1,6 +1,6 @@
-"""The graph of a run: which nodes take part, in which order a tick goes round, and who waits for whom.
+"""The graph of a run: its nodes, their order in a tick, and which node waits for which.
 
-It follows from what the nodes read and write, and is known without building any.
+It follows from the topics that the nodes read and write, and is known without building any node.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -16,24 +16,24 @@ __all__ = ["Graph", "NodeSpec", "topic_table"]
 
 
 class NodeSpec(NamedTuple):
-    """One node of a run before it is built; ``build`` makes it in its first state and raises what is wrong with it.
+    """The description of a node; ``build`` creates it in its first state, and raises if its parameters are wrong.
 
-    A node names its topics as if it were the only one of its kind: ``reads`` has its own name for each topic that it
-    reads, ``writes`` the topic that each of its own names stands for that it writes to.
+    A node names its topics as if it were the only one of its kind: ``reads`` maps each topic that it reads to its own
+    name for it, ``writes`` maps each of its own names to the topic that it writes.
     """
 
     name: str
-    kind: str  # what it is; nodes of one kind call the same kernels
+    kind: str  # nodes of one kind call the same kernels
     build: Callable[[], Node]
     reads: Mapping[str, str]  # topic -> the node's own name for it
     writes: Mapping[str, Topic]  # the node's own name -> topic
 
 
 class Graph:
-    """Nodes in tick order; the first is the source of the run: it is the clock.
+    """Nodes in tick order; the first is the source of the run, which is its clock.
 
-    ``topics`` are those of the run, by name, each with its publishers among the nodes (and the log, host or recorder);
-    their order is the order of a step's inputs.
+    ``topics`` are those of the run by name, each with its publishers: nodes, the log, hosts or the recorder. Their
+    order is the order of a step's inputs.
     """
 
     def __init__(self, specs: Sequence[NodeSpec]) -> None:
@@ -44,19 +44,21 @@ class Graph:
 
     @property
     def nodes(self) -> tuple[str, ...]:
+        """The nodes' names in tick order."""
         return tuple(self.specs)
 
     @property
     def source(self) -> str:
+        """The name of the node that is the run's clock."""
         return self.nodes[0]
 
     @cached_property
     def lags(self) -> Mapping[str, Mapping[str, int]]:
-        """Whom each node waits for: 0 for this tick's output, 1 for the previous tick's."""
+        """The nodes that each node waits for: lag 0 for their output of this tick, 1 for that of the previous tick."""
         source, *others = self.nodes
         lags = {name: self._upstream(name) for name in others}
-        # Tick k + 1 begins only after every node has ended tick k. Whoever another node waits for within the tick has
-        # ended when that one has: the source waits for the rest, and for those whose messages it reads.
+        # Tick k + 1 begins only after every node has ended tick k. If another node waits for a node within the tick,
+        # that node has ended when the waiting one has: the source waits for the rest, and for those that it reads.
         waited_for = {writer for upstream in lags.values() for writer, lag in upstream.items() if lag == 0}
         ends = (set(others) - waited_for) | self._writers(source)
         return {source: {name: 1 for name in others if name in ends}, **lags}
@@ -67,25 +69,25 @@ class Graph:
         return frozenset().union(*(spec.reads for spec in self.specs.values()))
 
     def subscribed(self, name: str) -> list[str]:
-        """Return the topics that a node reads and another node writes."""
+        """Return the topics that a node reads and other nodes write."""
         reads = sorted(self.specs[name].reads)
         return [topic for topic in reads if {*self._publishers(topic)} - {name}]
 
     @cached_property
     def waking_records(self) -> frozenset[str]:
-        """The records of a log that begin a tick: a node that reads them steps when they come."""
+        """The topics of a log whose records begin a tick, because a node that reads them steps on them."""
         read = [self.topics[topic] for topic in self.awaited if topic in self.topics]
         return frozenset(row.name for row in read if row.publishers == (LOG_NODE,) and row.wakes)
 
     def input_order(self, topic: str, node: str, sequence: int) -> tuple[int, int, int]:
-        """Return the key by which a step's inputs are ordered: topic table, sender, sequence."""
+        """Return the sort key of a step's inputs: rank of topic, rank of sender, sequence number."""
         return self._topic_rank[topic], self._node_rank[node], sequence
 
     def _upstream(self, name: str) -> dict[str, int]:
         rank = self._node_rank
         writers = self._writers(name)
         if not any(rank[writer] < rank[name] for writer in writers):
-            writers.add(self.source)  # somebody has to give it the tick
+            writers.add(self.source)  # a node without inputs in the tick gets the tick from the source
         return {writer: 0 if rank[writer] < rank[name] else 1 for writer in self.nodes if writer in writers}
 
     def _writers(self, name: str) -> set[str]:
@@ -94,23 +96,23 @@ class Graph:
     def _publishers(self, topic: str) -> list[str]:
         row = self.topics.get(topic)
         senders = () if row is None else row.publishers
-        # Whoever reads a log's records has them from the source, which feeds them in.
+        # The source publishes the records of a log.
         writers = [self.source if name == LOG_NODE else name for name in senders]
         return [writer for writer in writers if writer in self.specs]
 
 
 def topic_table(specs: Sequence[NodeSpec]) -> dict[str, Topic]:
-    """Return the topics of a run by name, each with who publishes it, in the order in which a step's inputs are taken.
+    """Return the topics of a run by name, each with its publishers, in the order of a step's inputs.
 
-    That is the order of TOPICS, then of the nodes; what hosts and the recorder say comes last.
+    That is the order of TOPICS, then of the nodes; topics of hosts and the recorder come last.
     """
     rows = {}
     for own, row in _LOG_TOPICS.items():
-        read = {name for spec in specs for name, known in spec.reads.items() if known == own}
+        read = {name for spec in specs for name, own_name in spec.reads.items() if own_name == own}
         rows.update({name: structs.replace(row, name=name) for name in sorted({own, *read})})
     written = [
-        ((_RANK.get(own, len(_RANK)), place, row.name), structs.replace(row, publishers=(spec.name,)))
-        for place, spec in enumerate(specs)
+        ((_RANK.get(own, len(_RANK)), rank, row.name), structs.replace(row, publishers=(spec.name,)))
+        for rank, spec in enumerate(specs)
         for own, row in spec.writes.items()
         if own not in _HOST_TOPICS
     ]

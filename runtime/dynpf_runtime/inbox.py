@@ -1,7 +1,7 @@
 """Inboxes: decide when a node steps, and on which inputs in which order.
 
-The lockstep inbox gives the same steps whatever order the network brought the messages in. The realtime inbox takes
-messages as they come, and what it took is journalled.
+The lockstep inbox gives the same steps whatever the order of arrival. The realtime inbox takes messages as they arrive,
+and the journal keeps what it took.
 """
 
 import heapq
@@ -29,7 +29,7 @@ class Ready(NamedTuple):
 
 
 class LockstepInbox:
-    """Holds messages until every upstream node has ended the tick that the next step needs of it."""
+    """Holds messages until every upstream node has ended the tick that the next step depends on."""
 
     def __init__(self, graph: Graph, node: str, link: FaultyLink) -> None:
         self._graph = graph
@@ -43,22 +43,24 @@ class LockstepInbox:
         self.tick = 0
 
     def deliver(self, received: Received, tick: int, _now_ns: int = 0) -> None:
-        # Records of a log come from the source, which feeds them in.
+        """Add a message of a tick."""
+        # The source publishes the records of a log.
         sender = self._graph.source if received.node == LOG_NODE else received.node
         self._messages[sender, tick].append(received)
 
     def deliver_refused(self, node: str, tick: int) -> None:
-        """Count a message that came but cannot be given to the node, so that nobody waits for it."""
+        """Count a message that arrived but was refused, so that the node does not wait for it."""
         self._refused[node, tick] += 1
 
     def done(self, done: TickDone) -> None:
+        """Note that an upstream node has ended a tick."""
         if done.node in self._lags:
             self._done[done.node, done.tick] = done
 
     def take(self, stamp_ns: int = 0) -> Ready | None:
-        """Return the next step's inputs and go on to the next tick, or None while something is missing.
+        """Return the next step's inputs and advance to the next tick, or None while a message is missing.
 
-        The source of the run sets the time by ``stamp_ns``; the others have it from the nodes before them.
+        The source of the run sets the time by ``stamp_ns``; other nodes get it from their upstream nodes.
         """
         needed = [(node, self.tick - lag) for node, lag in self._lags.items() if self.tick >= lag]
         if not all(self._complete(key) for key in needed):
@@ -84,21 +86,22 @@ class LockstepInbox:
 
     def _through_link(self, arrived: list[Received], stamp_ns: int) -> list[Received]:
         on_time = self._delayed(arrived, stamp_ns) if self._link.faulty else arrived
-        return sorted(on_time, key=lambda one: self._graph.input_order(one.topic, one.node, one.sequence))
+        order = self._graph.input_order
+        return sorted(on_time, key=lambda received: order(received.topic, received.node, received.sequence))
 
     def _delayed(self, arrived: list[Received], stamp_ns: int) -> list[Received]:
-        """Return what has come through the link by now."""
-        for one in arrived:
-            delay_ns = self._link.delay_ns(one.topic, one.sequence)
+        """Return the messages that have come through the link by ``stamp_ns``."""
+        for received in arrived:
+            delay_ns = self._link.delay_ns(received.topic, received.sequence)
             if delay_ns is not None:
-                self._late.append((one.stamp_ns + delay_ns if delay_ns else 0, one))
-        on_time = [one for due_ns, one in self._late if due_ns <= stamp_ns]
-        self._late = [(due_ns, one) for due_ns, one in self._late if due_ns > stamp_ns]
+                self._late.append((received.stamp_ns + delay_ns if delay_ns else 0, received))
+        on_time = [received for due_ns, received in self._late if due_ns <= stamp_ns]
+        self._late = [(due_ns, received) for due_ns, received in self._late if due_ns > stamp_ns]
         return on_time
 
 
 class RealtimeInbox:
-    """Gives the node whatever has arrived as soon as one of the messages triggers it; times are wall-clock."""
+    """Gives the node all messages that have arrived as soon as one of them triggers it, by the wall clock."""
 
     def __init__(self, graph: Graph, node: str, link: FaultyLink) -> None:
         self._topics = graph.topics
@@ -111,21 +114,23 @@ class RealtimeInbox:
         self.tick = 0
 
     def deliver(self, received: Received, _tick: int, now_ns: int) -> None:
+        """Add a message, unless the link loses it."""
         delay_ns = self._link.delay_ns(received.topic, received.sequence)
         if delay_ns is not None:
             self._count += 1
             heapq.heappush(self._late, (now_ns + delay_ns, self._count, received))
 
     def deliver_refused(self, node: str, tick: int) -> None:
-        """Nobody waits for a message here: what cannot be given to the node is simply missing."""
+        """Do nothing: in realtime no node waits for a message."""
 
     def done(self, done: TickDone) -> None:
+        """Note that an upstream node has made its last step."""
         if done.last:
             self._running.discard(done.node)
 
     @property
     def upstream_ended(self) -> bool:
-        """Whether every node whose output this one needs has made its last step."""
+        """Whether every upstream node has made its last step."""
         return not self._running
 
     def due_ns(self) -> int | None:
@@ -133,14 +138,14 @@ class RealtimeInbox:
         return self._late[0][0] if self._late else None
 
     def take(self, now_ns: int) -> Ready | None:
-        """Return a step's inputs in order of arrival, or None while nothing triggers the node."""
+        """Return a step's inputs in order of arrival, or None while no message triggers the node."""
         self._arrive(now_ns)
-        if any(self._topics[one.topic].wakes for one in self._arrived):
+        if any(self._topics[received.topic].wakes for received in self._arrived):
             return self._take(last=False)
         return None
 
     def take_all(self, now_ns: int) -> Ready:
-        """Return whatever is there, for a source at its tick and for the last step."""
+        """Return all messages that have arrived, for a source at its tick and for the last step."""
         self._arrive(now_ns)
         return self._take(last=self.upstream_ended)
 
@@ -150,19 +155,19 @@ class RealtimeInbox:
 
     def _take(self, *, last: bool) -> Ready:
         inputs, self._arrived = _fresh(self._arrived, self._topics), []
-        self._stamp_ns = max([self._stamp_ns, *(one.stamp_ns for one in inputs)])
+        self._stamp_ns = max([self._stamp_ns, *(received.stamp_ns for received in inputs)])
         self.tick += 1
         return Ready(self.tick - 1, self._stamp_ns, inputs, last)
 
 
 def _fresh(arrived: list[Received], topics: Mapping[str, Topic]) -> list[Received]:
-    """Keep only the newest message of each topic of which only the newest matters."""
+    """Return the messages, of FRESH topics only the newest."""
     newest: dict[str, int] = {}
-    for place, one in enumerate(arrived):
-        if one.topic not in newest or one.stamp_ns >= arrived[newest[one.topic]].stamp_ns:
-            newest[one.topic] = place
+    for index, received in enumerate(arrived):
+        if received.topic not in newest or received.stamp_ns >= arrived[newest[received.topic]].stamp_ns:
+            newest[received.topic] = index
     return [
-        one
-        for place, one in enumerate(arrived)
-        if topics[one.topic].delivery is not Delivery.FRESH or newest[one.topic] == place
+        received
+        for index, received in enumerate(arrived)
+        if topics[received.topic].delivery is not Delivery.FRESH or newest[received.topic] == index
     ]

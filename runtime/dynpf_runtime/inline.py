@@ -1,6 +1,6 @@
-"""The inline runner: all nodes in one process, without a bus, as fast as the processor goes (lockstep only).
+"""The inline runner: all nodes in one process, without a bus, as fast as possible (lockstep only).
 
-With a sink the run becomes a recording. Without one nothing is encoded: whoever observes it gets the nodes' messages.
+With a sink the run becomes a recording. Without one nothing is encoded; an observer gets the nodes' messages.
 """
 
 from collections import Counter
@@ -27,18 +27,21 @@ __all__ = ["BOOT", "Observer", "Sink", "run_inline"]
 BOOT = "inline"
 
 Observer = Callable[[Received], None]
-"""Is given each message of a run, in the order in which it was sent."""
+"""Called with each message of a run, in the order of sending."""
 
 
 class Sink(Protocol):
-    """Where a run is written."""
+    """Where a run is written, such as a RecordingWriter."""
 
     @property
-    def messages(self) -> int: ...
+    def messages(self) -> int:
+        """Number of messages so far."""
 
-    def message(self, topic: str, envelope: Envelope, payload: bytes) -> None: ...
+    def message(self, topic: str, envelope: Envelope, payload: bytes) -> None:
+        """Write a message."""
 
-    def journal(self, envelope: Envelope, payload: bytes) -> None: ...
+    def journal(self, envelope: Envelope, payload: bytes) -> None:
+        """Write a journal entry."""
 
 
 def run_inline(
@@ -51,8 +54,9 @@ def run_inline(
 ) -> int:
     """Run ``plan`` to its end and return the number of ticks.
 
-    The messages, their order and every state are those of the same plan on the bus. ``sink`` is given them encoded, and
-    the journal; without one there is neither. ``stopped`` is asked before each tick whether it shall be the last.
+    The messages, their order and every state equal those of the same plan on the bus. ``sink`` gets the encoded
+    messages and the journal; without it nothing is encoded or journalled. A tick before which ``stopped`` returns true
+    is the last.
     """
     cv2.setNumThreads(1)
     graph = plan.graph
@@ -77,14 +81,14 @@ def run_inline(
 
 
 def _feeds(plan: Plan, log: Iterable[LogRecord]) -> Iterator[Feed]:
-    """Return what begins each tick: the clock, or the records of the log."""
+    """Return the feeds that begin the ticks: of the clock, or of the log."""
     if not plan.plays_log:
         return feed_ticks(plan.tick_ns, plan.max_ticks)
     return feed_log(log, plan.graph, boot=BOOT, publish_ns=0, max_ticks=plan.max_ticks)
 
 
 class _Run:
-    """The seats of a run, and what its messages are handed to."""
+    """The seats of a run, and the receivers of its messages."""
 
     def __init__(self, seats: "dict[str, _Seat]", sink: Sink | None, observe: Observer | None) -> None:
         self.seats = seats
@@ -94,21 +98,21 @@ class _Run:
         self._readers = {topic: [seat for seat in seats.values() if topic in seat.reads] for topic in topics}
 
     def step(self, seat: "_Seat", ready: Ready, stamp_ns: int, fed: Sequence[Sent] = (), *, last: bool) -> bool:
-        """Run a node's step, hand on what it sent, and return whether it was the run's last."""
+        """Run a node's step, deliver its messages, and return whether it was the run's last."""
         if self._sink is None:
             done, sent = seat.step_unsent(ready, stamp_ns, fed, last=last)
         else:
             done, sent, journal = seat.step(ready, stamp_ns, fed, last=last)
-            for one in sent:
-                self._sink.message(*one)
+            for encoded in sent:
+                self._sink.message(*encoded)
             self._sink.journal(Envelope(done.node, BOOT, done.step, done.tick, stamp_ns, 0), journal)
         for message in sent:
-            self._hand_on(message)
+            self._deliver(message)
         for other in self.seats.values():
             other.inbox.done(done)
         return done.last
 
-    def _hand_on(self, sent: Sent | Unsent) -> None:
+    def _deliver(self, sent: Sent | Unsent) -> None:
         topic, envelope = sent.topic, sent.envelope
         readers = self._readers.get(topic, ())
         if not readers and self._observe is None:
@@ -125,7 +129,7 @@ class _Run:
 
 
 class _Seat:
-    """One node's place: its inbox and its executor."""
+    """One node with its inbox and its executor."""
 
     def __init__(self, spec: NodeSpec, plan: Plan) -> None:
         self.name, self.reads = spec.name, spec.reads
@@ -135,6 +139,7 @@ class _Seat:
         self.inbox = LockstepInbox(plan.graph, spec.name, FaultyLink(plan.faults, spec.name, plan.seed))
 
     def take(self, stamp_ns: int = 0) -> Ready:
+        """Return the next step's inputs, which are complete at the node's turn in the tick."""
         ready = self.inbox.take(stamp_ns)
         assert ready is not None, f"{self.name} lacks an input of tick {self.inbox.tick}"
         return ready
@@ -142,7 +147,7 @@ class _Seat:
     def step(
         self, ready: Ready, stamp_ns: int, fed: Sequence[Sent], *, last: bool
     ) -> tuple[TickDone, tuple[Sent, ...], bytes]:
-        """Run a step; return its end, what is sent, and the entry of the journal."""
+        """Run a step; return its TickDone, the messages, and the encoded journal entry."""
         events = notice_gaps(self._executor, self._gaps, ready, stamp_ns, 0)
         executed = self._executor.step(ready.tick, stamp_ns, ready.inputs, 0)
         last = last or executed.finished
@@ -153,12 +158,12 @@ class _Seat:
     def step_unsent(
         self, ready: Ready, stamp_ns: int, fed: Sequence[Sent], *, last: bool
     ) -> tuple[TickDone, tuple[Sent | Unsent, ...]]:
-        """Run a step without an entry of the journal; return its end and what is handed on."""
+        """Run a step without a journal entry; return its TickDone and the messages."""
         events = notice_gaps(self._executor, self._gaps, ready, stamp_ns, 0)
         results, finished = self._executor.step_unsent(ready.tick, stamp_ns, ready.inputs)
         sent: tuple[Sent | Unsent, ...] = (*fed, *events, *results)
         return self._done(ready.tick, stamp_ns, sent, last=last or finished), sent
 
     def _done(self, tick: int, stamp_ns: int, sent: Sequence[Sent | Unsent], *, last: bool) -> TickDone:
-        counts = dict(Counter(one.topic for one in sent))
+        counts = dict(Counter(message.topic for message in sent))
         return TickDone(self.name, BOOT, self._executor.steps - 1, tick, stamp_ns, counts, last)

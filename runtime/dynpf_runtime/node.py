@@ -1,8 +1,8 @@
-"""The node contract: a process's inside as a pure, replayable state machine.
+"""The node contract: the algorithm of a process as a pure, replayable state machine.
 
-A node declares what it reads and writes. A step takes the chosen logical time and the messages consumed, in order,
+A node declares the topics that it reads and writes. A step takes a logical time and the consumed messages in order,
 changes only the node's own state, and returns messages. It does no I/O, reads no clock, no environment and no global
-random generator, and starts no threads. All its state can be taken out and put back.
+random generator, and starts no threads. Its whole state can be saved and restored.
 """
 
 import hashlib
@@ -32,7 +32,7 @@ State = Mapping[str, Any]
 
 
 class Received(NamedTuple):
-    """One input: the message and its sender's reference."""
+    """One input: the message, its sender and its number."""
 
     topic: str
     node: str
@@ -43,7 +43,7 @@ class Received(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What a node is given: its step number, the tick, the logical time in nanoseconds, and its inputs in order."""
+    """The arguments of a node's step: step number, tick, logical time in nanoseconds, and inputs in order."""
 
     number: int
     tick: int
@@ -59,7 +59,7 @@ class Output(NamedTuple):
 
 
 class Result(NamedTuple):
-    """What a step returns. ``finished`` counts only from the source of the run: this tick is the last."""
+    """The result of a step. ``finished`` marks the last tick of the run; only the source's counts."""
 
     outputs: tuple[Output, ...] = ()
     finished: bool = False
@@ -68,29 +68,32 @@ class Result(NamedTuple):
 class Node(Protocol):
     """A pure, replayable state machine.
 
-    It names its topics as if it were the only one of its kind; what it reads and writes, its NodeSpec tells. ``freeze``
-    returns the whole state; a node built from the same scenario and given that state by ``thaw`` continues exactly as
-    the first would have.
+    It names its topics as if it were the only one of its kind; its NodeSpec says what it reads and writes. A node built
+    from the same scenario and restored by ``thaw`` continues exactly as the frozen one.
     """
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """The node's name in the run."""
 
-    def step(self, step: Step) -> Result: ...
+    def step(self, step: Step) -> Result:
+        """Consume the step's inputs, change the state, and return messages."""
 
-    def freeze(self) -> State: ...
+    def freeze(self) -> State:
+        """Return the whole state."""
 
-    def thaw(self, state: State) -> None: ...
+    def thaw(self, state: State) -> None:
+        """Restore a state that ``freeze`` returned."""
 
 
 @runtime_checkable
 class Rehearsing(Protocol):
-    """A node whose first step would be late: what it calls has to be compiled first."""
+    """A node whose first step would be late because its kernels have to be compiled first."""
 
     def rehearse(self) -> None:
-        """Do once what steps do, on something made up, so that it is compiled; changes no state and no random stream.
+        """Call the kernels of a step once, on made-up data, so that they are compiled.
 
-        A host calls it before the node joins its run.
+        Changes no state and no random stream. A host calls it before the node joins its run.
         """
 
 
@@ -98,15 +101,16 @@ _ARRAY = 1
 
 
 def encode_state(state: State) -> bytes:
-    """Return ``state`` as bytes: equal states, equal bytes; arrays keep their type and shape.
+    """Return ``state`` as bytes. Equal states give equal bytes; arrays keep their type and shape.
 
-    Every NaN is written as the same one: which sign a computed NaN has, each processor decides for itself.
+    Every NaN is written with the same bits, because the sign of a computed NaN depends on the processor. Raises
+    TypeError for values that no state may hold.
     """
     return _ENCODER.encode(_with_one_nan(state))
 
 
 def decode_state(data: bytes) -> dict[str, Any]:
-    """Return what encode_state was given."""
+    """Return the state that ``encode_state`` encoded."""
     return _DECODER.decode(data)
 
 
@@ -118,9 +122,9 @@ def state_digest(state: State) -> str:
 def _with_one_nan(value: Any) -> Any:
     match value:
         case np.ndarray() | np.generic() if value.dtype.kind in "fc" and np.isnan(value).any():
-            known = np.array(value)
-            known[np.isnan(known)] = np.nan
-            return known
+            unified = np.array(value)
+            unified[np.isnan(unified)] = np.nan
+            return unified
         case float():
             return math.nan if math.isnan(value) else value
         case Mapping():
@@ -134,7 +138,7 @@ def _encode_array(value: object) -> msgspec.msgpack.Ext:
     if not isinstance(value, np.ndarray | np.generic):
         raise TypeError(f"a node's state holds a {type(value).__name__}; expected plain values and NumPy arrays")
     array = np.ascontiguousarray(value)
-    if array.dtype.kind in "OV":  # addresses and fields, which no bytes can carry
+    if array.dtype.kind in "OV":  # objects and structured types, whose bytes are no values
         raise TypeError(f"a node's state holds an array of {array.dtype}; expected numbers, truth values or text")
     header = msgspec.msgpack.encode((array.dtype.str, np.shape(value)))
     return msgspec.msgpack.Ext(_ARRAY, bytes([len(header)]) + header + array.tobytes())

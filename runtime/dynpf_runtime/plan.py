@@ -1,4 +1,4 @@
-"""The plan of a run: all that the runtime knows of it. Whoever reads scenarios makes one; the runtime reads none."""
+"""The plan of a run: all that the runtime knows of it. The reader of scenarios makes it; the runtime reads none."""
 
 from typing import Literal, NamedTuple
 
@@ -14,24 +14,24 @@ __all__ = ["Plan", "run_header"]
 class Plan(NamedTuple):
     """Nodes, clock and limits of a run.
 
-    ``text`` is the resolved scenario, by which processes that meet tell that they mean the same run; the runtime
-    compares it only.
+    ``text`` is the resolved scenario. Processes compare it to check that they belong to the same run; the runtime does
+    not interpret it.
     """
 
     graph: Graph
     seed: int
     clock: Literal["lockstep", "realtime"]
-    rate: float | None  # times as fast as its own time; None: as fast as it can, in real time once
+    rate: float | None  # logical time over wall-clock time; None: as fast as possible in lockstep, 1 in realtime
     tick_ns: int
     max_ticks: int
-    plays_log: bool  # the source plays a log instead of making ticks of its own
-    state_digest_ticks: int  # a digest of each node's state every so many steps
+    plays_log: bool  # the records of a log begin the ticks, instead of a clock
+    state_digest_ticks: int  # steps between two digests of a node's state
     faults: tuple[Fault, ...]
     text: str
 
 
 def run_header(plan: Plan) -> RunHeader:
-    """Return the header of a run of ``plan`` made by this program here."""
+    """Return the recording header of a run of ``plan`` on this machine."""
     return RunHeader(
         scenario=plan.text,
         seed=plan.seed,

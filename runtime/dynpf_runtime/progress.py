@@ -1,27 +1,33 @@
-"""Progress of long work, told in one line of the terminal while a person is watching."""
+"""Progress of long work, shown in one line of the terminal."""
 
 import sys
 import time
 
-__all__ = ["Progress"]
+__all__ = ["Progress", "show_progress"]
 
 PERIOD_S = 0.3
 _CLEAR_LINE = "\r\x1b[K"
 
 
+def show_progress(text: str) -> None:
+    """Replace the line by ``text``, or erase it if that is empty; do nothing if stderr is no terminal."""
+    if sys.stderr.isatty():
+        print(f"{_CLEAR_LINE}{text}", end="", file=sys.stderr, flush=True)
+
+
 class Progress:
-    """A line that is written over and over; nothing is written where stderr is no terminal."""
+    """The progress of a run: a line that is updated a few times a second."""
 
     def __init__(self) -> None:
-        self._watched = sys.stderr.isatty()
         self._next = time.monotonic() + PERIOD_S
 
     def show(self, ticks: int, messages: int) -> None:
+        """Update the line, unless that was done a moment ago."""
         now = time.monotonic()
-        if self._watched and now >= self._next:
+        if now >= self._next:
             self._next = now + PERIOD_S
-            print(f"{_CLEAR_LINE}tick {ticks}, {messages} messages", end="", file=sys.stderr, flush=True)
+            show_progress(f"tick {ticks}, {messages} messages")
 
     def clear(self) -> None:
-        if self._watched:
-            print(_CLEAR_LINE, end="", file=sys.stderr, flush=True)
+        """Erase the line."""
+        show_progress("")

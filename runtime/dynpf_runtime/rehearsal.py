@@ -1,6 +1,6 @@
-"""A run's first ticks, done once a machine before any run: what steps call is compiled then, and takes no time later.
+"""Rehearsal: runs the first ticks of a plan once per machine, so that all kernels are compiled before the run begins.
 
-Kernels take seconds when they are first called on a machine. A process that compiles within a run looks as if it hung.
+Compiling takes seconds. A process that compiles during a run looks as if it hung.
 """
 
 import contextlib
@@ -22,9 +22,9 @@ _RECORDS = 100
 
 
 def rehearse_run(plan: Plan, log: Sequence[LogRecord]) -> None:
-    """Run the first ticks of ``plan`` in this process, unless nodes of the same kinds have been on this machine.
+    """Run the first ticks of ``plan`` in this process, unless nodes of the same kinds have been rehearsed before.
 
-    A node that fails here will fail in the run, which tells it.
+    Errors of nodes are suppressed here: the run itself will report them.
     """
     folder = cache_folder()
     if folder is None:

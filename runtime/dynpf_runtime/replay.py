@@ -1,7 +1,6 @@
-"""The replay runner: nodes are fed from a recording, in journal order, and what they do is compared with what they did.
+"""The replay runner: executes nodes again on their recorded inputs, in journal order, and compares the results.
 
-Each node gets its recorded inputs, never another node's new output. A run that was made lockstep can also be replayed
-as a closed loop from its source, with settings changed.
+Each node gets its recorded inputs, never another node's new output.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,7 +25,7 @@ __all__ = ["Mismatch", "Replayed", "replay_node", "write_replayed"]
 
 
 class Mismatch(NamedTuple):
-    """The first place where a replayed node did something else: both values, as recorded and as replayed."""
+    """The first difference between a replayed node and its recording, with both values."""
 
     node: str
     topic: str
@@ -38,8 +37,10 @@ class Mismatch(NamedTuple):
 
 
 class Replayed(NamedTuple):
-    """What came of replaying one node. ``executed`` is kept only on request: boot, messages and journal
-    entry of each step."""
+    """The result of replaying one node.
+
+    ``executed`` has boot, messages and journal entry of each step, if ``replay_node`` was asked to keep them.
+    """
 
     node: str
     steps: int
@@ -50,9 +51,9 @@ class Replayed(NamedTuple):
 
 
 def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = False) -> Replayed:
-    """Feed the node ``name`` of ``plan`` what it consumed in the recorded run; compare what it does with what it did.
+    """Replay the node ``name`` of ``plan`` on its recorded inputs, and compare the results with the recorded ones.
 
-    Compared are messages, sequences, stamps and state digests.
+    The comparison covers messages, sequence numbers, stamps and state digests.
 
     Raises UsageError if the recording has no journal of the node or lacks an input that the journal names.
     """
@@ -71,43 +72,43 @@ def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = Fal
         for entry in recording.journal(name, boot):
             inputs = list(_inputs(recording, topics, name, entry))
             sent = executor.step(entry.tick, entry.stamp_ns, inputs, 0).sent
-            anew = executor.journal(entry.tick, entry.stamp_ns, inputs, sent, last=entry.last)
-            first = first or _compare(recording, name, boot, (entry, anew), sent)
+            replayed_entry = executor.journal(entry.tick, entry.stamp_ns, inputs, sent, last=entry.last)
+            first = first or _compare(recording, name, boot, (entry, replayed_entry), sent)
             steps += 1
             messages += len(sent)
             digests += bool(entry.state)
             if keep:
-                kept.append((boot, sent, anew))
+                kept.append((boot, sent, replayed_entry))
     return Replayed(name, steps, messages, digests, first, tuple(kept))
 
 
 def _inputs(recording: Recording, topics: Mapping[str, Topic], node: str, entry: JournalEntry) -> Iterator[Received]:
-    for sender, boot, topic, sequence in (msgspec.structs.astuple(one) for one in entry.consumed):
-        one = recording.find(sender, boot, topic, sequence)
-        if one is None:
+    for sender, boot, topic, sequence in (msgspec.structs.astuple(consumed) for consumed in entry.consumed):
+        record = recording.find(sender, boot, topic, sequence)
+        if record is None:
             raise UsageError(
                 f"{recording.path}: step {entry.step} of {node} consumed {topic} {sequence} of {sender}, which the "
-                "recording lacks; dynpf doctor tells what else is missing"
+                "recording lacks; dynpf doctor lists what else is missing"
             )
-        yield Received(topic, sender, boot, sequence, one.stamp_ns, decode(topic, one.payload, topics))
+        yield Received(topic, sender, boot, sequence, record.stamp_ns, decode(topic, record.payload, topics))
 
 
 def _compare(
     recording: Recording, node: str, boot: str, entries: tuple[JournalEntry, JournalEntry], sent: Sequence[Sent]
 ) -> Mismatch | None:
-    entry, anew = entries
+    entry, replayed_entry = entries
 
     def mismatch(topic: str, sequence: int, field: str, recorded: Any, replayed: Any) -> Mismatch:
         return Mismatch(node, topic, entry.tick, sequence, field, recorded, replayed)
 
-    old = {(one.topic, one.sequence): None for one in entry.produced if is_compared(one.topic)}
-    new = {(one.topic, one.envelope.sequence): one for one in sent if is_compared(one.topic)}
+    old = {(produced.topic, produced.sequence): None for produced in entry.produced if is_compared(produced.topic)}
+    new = {(message.topic, message.envelope.sequence): message for message in sent if is_compared(message.topic)}
     for topic, sequence in [*old, *(key for key in new if key not in old)]:
         before = recording.find(node, boot, topic, sequence) if (topic, sequence) in old else None
         after = new.get((topic, sequence))
         if before is None or after is None:
-            told = ["present" if one is not None else "absent" for one in (before, after)]
-            return mismatch(topic, sequence, "message", *told)
+            presence = ["present" if message is not None else "absent" for message in (before, after)]
+            return mismatch(topic, sequence, "message", *presence)
         if before.stamp_ns != after.envelope.stamp_ns:
             return mismatch(topic, sequence, "stamp_ns", before.stamp_ns, after.envelope.stamp_ns)
         if before.payload != after.payload:
@@ -115,21 +116,20 @@ def _compare(
             return mismatch(topic, sequence, *field)
     if list(old) != list(new):
         return mismatch("", 0, "order of messages", [key[0] for key in old], [key[0] for key in new])
-    if entry.state and entry.state != anew.state:
-        return mismatch(f"journal/{node}", entry.step, "state", entry.state, anew.state)
+    if entry.state and entry.state != replayed_entry.state:
+        return mismatch(f"journal/{node}", entry.step, "state", entry.state, replayed_entry.state)
     return None
 
 
 def write_replayed(recording: Recording, outcomes: Sequence[Replayed], writer: RecordingWriter) -> None:
-    """Write the recording anew with the output of the replayed nodes in the place of what was recorded of them.
+    """Write a copy of the recording in which the output of the replayed nodes replaces their recorded output.
 
-    The gaps that the hosts of these nodes told them stay, for the nodes consumed them; what the recorder missed, the
-    writer finds anew.
+    Gap events of these nodes' hosts stay, because the nodes consumed them. The writer finds the recorder's gaps again.
     """
     replayed = {outcome.node for outcome in outcomes}
     for record in recording.records:
-        told = record.topic == EVENT_PREFIX + record.node
-        if record.topic == "recorder/gap" or (record.node in replayed and not told):
+        is_host_event = record.topic == EVENT_PREFIX + record.node
+        if record.topic == "recorder/gap" or (record.node in replayed and not is_host_event):
             continue
         envelope = Envelope(
             record.node,
@@ -142,7 +142,7 @@ def write_replayed(recording: Recording, outcomes: Sequence[Replayed], writer: R
         writer.message(record.topic, envelope, record.payload)
     for outcome in outcomes:
         for boot, sent, made in outcome.executed:
-            for one in sent:
-                writer.message(*one)
+            for message in sent:
+                writer.message(*message)
             envelope = Envelope(outcome.node, boot, made.step, made.tick, made.stamp_ns, 0)
             writer.journal(envelope, encode_entry(made))

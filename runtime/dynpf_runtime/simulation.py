@@ -1,8 +1,8 @@
-"""Simulation: the machines of a whole run in one process, on a seeded network and a clock of their own.
+"""Simulation: the machines of a whole run in one process, on a seeded network and a simulated clock.
 
-The network is what Zenoh makes of processes around one router: whatever a process sends goes to the router and from
-there to whoever wants it, in its order on each of these ways, late by chance on each. Liveliness tokens and questions
-take the same ways. Two simulations of the same machines under the same seed do the same.
+The network behaves like Zenoh with processes around one router: every message goes to the router and from there to the
+subscribers, each connection keeps the order and delays messages at random. Liveliness tokens and queries take the same
+connections. Two simulations of the same machines under the same seed give the same story.
 """
 
 import heapq
@@ -42,11 +42,11 @@ from dynpf_runtime.machines.events import (
 __all__ = ["Happened", "Network", "Simulation"]
 
 _EPOCH_NS = 1_700_000_000 * 10**9
-_CUT_NS = 20_000_000  # until a process knows that the router is gone, after it has seen the others' tokens go
+_CUT_NS = 20_000_000  # longest time from the loss of the others' tokens until a process knows that the router is gone
 
 
 class Happened(NamedTuple):
-    """One effect of a process, or the event that it is told of, and when."""
+    """One event or effect of a process, and its time."""
 
     at_ns: int
     process: str
@@ -54,7 +54,7 @@ class Happened(NamedTuple):
 
 
 class Network(NamedTuple):
-    """How long things take, each drawn evenly from zero to this many nanoseconds."""
+    """Longest durations; each is drawn uniformly between zero and this many nanoseconds."""
 
     delay_ns: int = 2_000_000  # from a process to the router, or back
     work_ns: int = 200_000  # to handle an event
@@ -64,8 +64,8 @@ class Network(NamedTuple):
 _NETWORK = Network()
 
 
-class _Way:
-    """One direction of a process's connection to the router: nothing overtakes."""
+class _Link:
+    """One direction of a process's connection to the router, which keeps the order of messages."""
 
     def __init__(self, random: Random, delay_ns: int) -> None:
         self._random = random
@@ -73,34 +73,35 @@ class _Way:
         self._last_ns = 0
 
     def arrival_ns(self, now_ns: int) -> int:
+        """Return the time of arrival of a message sent at ``now_ns``."""
         self._last_ns = max(self._last_ns, now_ns + 1 + int(self._random.random() * self._delay_ns))
         return self._last_ns
 
 
 class _Process:
-    """A machine, and what is around it."""
+    """A machine, and the state of its simulated process."""
 
-    def __init__(self, name: str, machine: Machine, perform: Callable[[Effect], Event | None], ways: list[_Way]):
+    def __init__(self, name: str, machine: Machine, perform: Callable[[Effect], Event | None], links: list[_Link]):
         self.name = name
         self.machine = machine
         self.perform = perform
-        self.to_router, self.from_router = ways
+        self.to_router, self.from_router = links
         self.inbox: deque[Event] = deque([Started()])
         self.subscribed: list[str] = []
-        self.known: list[str] = []  # what of it the router knows
+        self.registered: list[str] = []  # its subscriptions that the router knows
         self.watched: list[str] = []
         self.busy_ns = 0
         self.planned_ns = NEVER_NS
-        self.running = True  # it is there, and its machine has not ended
+        self.running = True  # it was not killed, and its machine has not ended
         self.hangs = False
-        self.linked = True  # as far as it knows itself
+        self.linked = True  # whether it takes itself to be connected
 
 
 class Simulation:
-    """Processes by names of the simulation's own, one of which, ``router``, the others go through.
+    """Processes by name, connected through the one named ``router``.
 
-    What has happened so far stands in ``story``, and who has ended, with what, in ``ended``. ``lost`` is asked of each
-    message on its way from the router to a process whether it is lost there.
+    ``story`` lists what has happened so far, ``ended`` the processes that have ended, each with its error. ``lost``
+    decides for each message from the router to a process whether it is lost.
     """
 
     def __init__(self, seed: int, router: str, network: Network = _NETWORK) -> None:
@@ -115,23 +116,23 @@ class Simulation:
         self._processes: dict[str, _Process] = {}
         self._agenda: list[tuple[int, int, Callable[[], None]]] = []
         self._count = 0
-        self._open = True  # the router, to whoever is connected
+        self._open = True  # whether the router runs
         self._tokens: dict[str, _Process] = {}
         self._answers: dict[str, bytes] = {}
         self._routes: dict[str, list[_Process]] = {}
 
     def add(self, name: str, machine: Machine, perform: Callable[[Effect], Event | None] | None = None) -> None:
-        """Start a process a while from now; ``perform`` carries out what is not of the bus."""
+        """Start a process after a random delay; ``perform`` carries out effects that do not concern the bus."""
         if name in self._processes:
             raise ValueError(f"there is a process {name!r} already; give the second one another name")
         delay_ns = 0 if name == self._router else self._network.delay_ns
-        ways = [_Way(self._random, delay_ns) for _ in range(2)]
-        process = self._processes[name] = _Process(name, machine, perform or _refuse, ways)
+        links = [_Link(self._random, delay_ns) for _ in range(2)]
+        process = self._processes[name] = _Process(name, machine, perform or _refuse, links)
         process.busy_ns = self.now_ns + self._draw(self._network.start_ns)
         self._plan(process)
 
     def run(self, until: Callable[[], bool] | None = None, limit_ns: int = 600 * 10**9) -> None:
-        """Go on until every process has ended or hangs, or ``until`` is true; raises TimeoutError at ``limit_ns``."""
+        """Run until every process has ended or hangs, or ``until`` is true; raises TimeoutError at ``limit_ns``."""
         while self._agenda and not (until is not None and until()):
             if not any(process.running and not process.hangs for process in self._processes.values()):
                 return
@@ -142,27 +143,28 @@ class Simulation:
             act()
 
     def kill(self, name: str) -> None:
-        """End a process where it stands; what it has sent already arrives."""
+        """End a process at once; messages that it has already sent still arrive."""
         self._leave(self._processes[name])
 
     def hang(self, name: str) -> None:
-        """Let a process do nothing any more, though it is there."""
+        """Make a process stop handling events while it stays connected."""
         self._processes[name].hangs = True
 
     def ask_to_stop(self, name: str, reason: str, *, at_once: bool = False) -> None:
-        """Do what a signal does to a process."""
+        """Act like a signal to a process."""
         self._arrive(self._processes[name], StopAsked(reason, at_once))
 
     def publish(self, key: str, payload: bytes, attachment: bytes = b"") -> None:
-        """Publish as somebody who is no process of the run."""
+        """Publish as a stranger, not as a process of the run."""
         self._route(Arrived(key, payload, attachment), but=None)
 
-    def told(self, name: str) -> list[str]:
-        """Return what a process has told the person at the terminal."""
-        return [one.what.text for one in self.story if one.process == name and type(one.what) is Tell]
+    def notices(self, name: str) -> list[str]:
+        """Return the texts that a process has printed for the user."""
+        effects = (happened.what for happened in self.story if happened.process == name)
+        return [effect.text for effect in effects if type(effect) is Tell]
 
     def _plan(self, process: _Process) -> None:
-        """Have a process served when it is free and there is something to do."""
+        """Schedule a process for when it is free and has something to do."""
         due_ns = process.busy_ns if process.inbox else max(process.busy_ns, process.machine.wake_ns)
         if not process.running or process.hangs or due_ns >= process.planned_ns:
             return
@@ -171,7 +173,7 @@ class Simulation:
 
     def _serve(self, process: _Process, planned_ns: int) -> None:
         if not process.running or process.hangs or planned_ns != process.planned_ns:
-            return  # it was planned anew
+            return  # it has been rescheduled
         process.planned_ns = NEVER_NS
         if process.inbox:
             self._handle(process, process.inbox.popleft())
@@ -192,7 +194,7 @@ class Simulation:
                 self._do(process, effect)
                 if not process.running:
                     return
-        except Exception as error:  # it would be the end of a real process, too
+        except Exception as error:  # it would end a real process, too
             self._end(process, error)
 
     def _do(self, process: _Process, effect: Effect) -> None:
@@ -200,7 +202,7 @@ class Simulation:
             case Put():
                 self._put(process, Arrived(*effect))
             case Tell():
-                pass  # it stands in the story
+                pass  # the story has it
             case Ended(error):
                 self._end(process, error)
             case Subscribe(key):
@@ -244,31 +246,34 @@ class Simulation:
         return int(self._random.random() * most_ns)
 
     def _send(self, process: _Process, act: Callable[[], None]) -> None:
-        """Let something happen at the router when word of it has come there."""
+        """Schedule an action of the router for when the process's message arrives there."""
         self._at(process.to_router.arrival_ns(self.now_ns), lambda: act() if self._open else None)
 
     def _reply(self, process: _Process, event: Event) -> None:
-        """Let something arrive at a process when it has come from the router."""
+        """Send an event from the router to a process."""
         self._at(process.from_router.arrival_ns(self.now_ns), lambda: self._arrive(process, event))
 
     def _put(self, process: _Process, arrived: Arrived) -> None:
         self.published[arrived.key] += 1
         if any(matches(pattern, arrived.key) for pattern in process.subscribed):
-            self._arrive(process, arrived)  # one's own comes back at once, as from Zenoh
+            self._arrive(process, arrived)  # as in Zenoh, a process's own messages come back at once
         self._send(process, lambda: self._route(arrived, but=process))
 
     def _route(self, arrived: Arrived, but: _Process | None) -> None:
         receivers = self._routes.get(arrived.key)
         if receivers is None:
-            every = self._processes.values()
-            receivers = [one for one in every if any(matches(pattern, arrived.key) for pattern in one.known)]
+            receivers = [
+                process
+                for process in self._processes.values()
+                if any(matches(pattern, arrived.key) for pattern in process.registered)
+            ]
             self._routes[arrived.key] = receivers
         for receiver in receivers:
             if receiver is not but and not self.lost(receiver.name, arrived):
                 self._reply(receiver, arrived)
 
     def _subscribe(self, process: _Process, key: str) -> None:
-        process.known.append(key)
+        process.registered.append(key)
         self._routes.clear()
 
     def _watch(self, process: _Process, key: str) -> None:
@@ -289,8 +294,8 @@ class Simulation:
         return [token for token in self._tokens if matches(key, token)]
 
     def _forget(self, process: _Process) -> None:
-        """Take away what a process has had at the router."""
-        process.known.clear()
+        """Remove a process's subscriptions and tokens from the router."""
+        process.registered.clear()
         process.watched.clear()
         self._routes.clear()
         for token in [token for token, holder in self._tokens.items() if holder is process]:
@@ -298,7 +303,7 @@ class Simulation:
             self._tell_token(Token(token, False))
 
     def _close(self) -> None:
-        """End the router: whoever is connected sees the others' tokens go, and a moment later that it is cut off."""
+        """End the router: processes see the others' tokens disappear, and a moment later lose their connection."""
         for token in self._tokens:
             self._tell_token(Token(token, False))
         for process in self._processes.values():
@@ -313,7 +318,7 @@ def _cut(process: _Process) -> None:
 
 @cache
 def matches(pattern: str, key: str) -> bool:
-    """Return whether ``key`` is among the keys that ``pattern`` stands for."""
+    """Return whether ``key`` matches ``pattern``, in which ``*`` is one part and ``**`` any number of parts."""
     return _match(pattern.split("/"), key.split("/"))
 
 
@@ -326,4 +331,4 @@ def _match(pattern: list[str], key: list[str]) -> bool:
 
 
 def _refuse(effect: Effect) -> Event | None:
-    raise TypeError(f"nobody here carries out {effect!r}")
+    raise TypeError(f"no one carries out {effect!r} here")

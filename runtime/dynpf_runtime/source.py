@@ -1,4 +1,4 @@
-"""Sources: what begins a tick. The simulator counts ticks; an imported log gives one tick for each sensor record."""
+"""Feeds of a run's source: a clock gives ticks of equal length, an imported log one tick per sensor record."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
@@ -16,7 +16,7 @@ __all__ = ["Feed", "LogRecord", "feed_log", "feed_ticks"]
 
 
 class Feed(NamedTuple):
-    """One tick's beginning: its time, the log messages to be published, and those of them that the node consumes."""
+    """The beginning of a tick: its time, the log's messages to publish, and those that the source consumes."""
 
     stamp_ns: int
     sent: tuple[Sent, ...]
@@ -41,38 +41,38 @@ def feed_ticks(tick_ns: int, max_ticks: int) -> Iterator[Feed]:
 def feed_log(
     records: Iterable[LogRecord], graph: Graph, *, boot: str, publish_ns: int, max_ticks: int
 ) -> Iterator[Feed]:
-    """Yield one tick for each record that wakes a node; other records ride along with the next such one.
+    """Yield one tick for each record that wakes a node; records in between belong to the next tick.
 
-    Records that follow the last such one ride along with the last tick. Nothing is yielded for a log without any.
+    Records after the last waking one belong to the last tick. A log without waking records gives no tick.
     """
     reads, topics = graph.specs[graph.source].reads, graph.topics
     sequences: defaultdict[str, int] = defaultdict(int)
-    riding: list[LogRecord] = []
+    batch: list[LogRecord] = []
     waiting: tuple[list[LogRecord], LogRecord] | None = None
     tick = 0
 
-    def feed(batch: list[LogRecord], trigger: LogRecord, *, last: bool) -> Feed:
+    def feed(records: list[LogRecord], trigger: LogRecord, *, last: bool) -> Feed:
         sent = []
-        for record in batch:
+        for record in records:
             envelope = Envelope(LOG_NODE, boot, sequences[record.topic], tick, record.stamp_ns, publish_ns)
             sequences[record.topic] += 1
             sent.append(Sent(record.topic, envelope, record.payload))
         inputs = tuple(
             Received(
-                one.topic,
+                message.topic,
                 LOG_NODE,
                 boot,
-                one.envelope.sequence,
-                one.envelope.stamp_ns,
-                decode(one.topic, one.payload, topics),
+                message.envelope.sequence,
+                message.envelope.stamp_ns,
+                decode(message.topic, message.payload, topics),
             )
-            for one in sent
-            if one.topic in reads
+            for message in sent
+            if message.topic in reads
         )
         return Feed(trigger.stamp_ns, tuple(sent), inputs, last)
 
     for record in records:
-        riding.append(record)
+        batch.append(record)
         if record.topic not in graph.waking_records:
             continue
         if waiting is not None:
@@ -80,7 +80,7 @@ def feed_log(
             tick += 1
             if tick == max_ticks:
                 return
-        waiting, riding = (riding, record), []
+        waiting, batch = (batch, record), []
     if waiting is not None:
-        batch, trigger = waiting
-        yield feed([*batch, *riding], trigger, last=True)
+        last_batch, trigger = waiting
+        yield feed([*last_batch, *batch], trigger, last=True)

@@ -1,20 +1,20 @@
-"""Nodes of one's own: what a class has to have so that a scenario can name it, ``kind = "package.module:Name"``.
+"""User nodes: the base classes of nodes that a scenario names as ``kind = "package.module:Name"``.
 
-A node is a frozen struct: its fields are its parameters, typed and checked as all of a scenario. What it remembers from
-step to step is its State, which steps are given and return; so it can be taken out, put back and digested as it is.
+A node is a frozen struct: its fields are its parameters, typed and checked like the rest of a scenario. Its memory from
+step to step is its State, which each step takes and returns; so it can be saved, restored and digested.
 """
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import msgspec
 from dynpf_protocol.messages import Message, RobotState
 from dynpf_protocol.topics import Topic
 from dynpf_runtime.node import Received
-from msgspec import Meta
 
 from dynpf.rng import Draws, generator
+from dynpf.types import Count
 
 __all__ = ["Moment", "NoState", "Node", "Sensor"]
 
@@ -22,13 +22,13 @@ M = TypeVar("M", bound=Message)
 
 
 class NoState(NamedTuple):
-    """The state of a node that remembers nothing."""
+    """The state of a node without memory."""
 
 
 class Moment(NamedTuple):
-    """What a step is given: its number, the tick, the logical time, and its inputs in order.
+    """The arguments of a step: its number, the tick, the logical time, and its inputs in order.
 
-    ``fact`` gives a table that the run's nodes share, such as "map" or "landmarks"; None where the run has none.
+    ``fact`` returns a table that the run's nodes share, such as "map" or "landmarks"; None if the run has none.
     """
 
     number: int
@@ -44,14 +44,14 @@ class Moment(NamedTuple):
         return [received.message for received in self.inputs if isinstance(received.message, kind)]
 
     def newest(self, kind: type[M]) -> M | None:
-        """Return the message of a type with the latest stamp, None where there is none."""
+        """Return the message of a type with the latest stamp, None if there is none."""
         found = [
             (received.stamp_ns, received.message) for received in self.inputs if isinstance(received.message, kind)
         ]
         return max(found, key=lambda pair: pair[0])[1] if found else None
 
     def draws(self, purpose: str = "") -> Draws:
-        """Return this step's random numbers for one purpose: the same for the same seed, node and step."""
+        """Return this step's random numbers for a purpose; they depend only on seed, node, step and purpose."""
         return generator(self.seed, self.node, self.number, purpose)
 
 
@@ -59,11 +59,12 @@ Output = Message | tuple[str, Message]
 
 
 class Node(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A node of one's own.
+    """A user node.
 
-    ``reads`` names topics, or types of messages: of a type, all topics of the same robot that carry it. ``writes`` has
-    the type of each topic that it writes to; a name without a slash is the node's own, ``alarm`` of a node ``guard``
-    being ``guard/alarm``. State is a NamedTuple of plain values, messages and NumPy arrays, with a default for each.
+    ``reads`` lists topics, or message types, which stand for all topics of the same robot that carry them. ``writes``
+    has the type of each topic that the node writes; a name without a slash is the node's own: ``alarm`` of a node
+    ``guard`` is the topic ``guard/alarm``. State is a NamedTuple of plain values, messages and NumPy arrays, each with
+    a default.
     """
 
     reads: ClassVar[Sequence[str | type[Message]]] = ()
@@ -72,27 +73,29 @@ class Node(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
     @abstractmethod
     def step(self, state: Any, moment: Moment) -> tuple[Any, Iterable[Output]] | tuple[Any, Iterable[Output], bool]:
-        """Return the state after the step and what the node says: messages, with their topics where types do not tell.
+        """Return the state after the step, and messages: each alone, or with its topic if its type has several.
 
-        A pure function of its arguments: no clock, no file, no random numbers but ``moment.draws()``. The source of a
-        run may return, as a third, whether this tick is the last.
+        It must be a pure function of its arguments: no clock, no file, no random numbers but ``moment.draws()``. The
+        source of a run may return, as a third value, whether this tick is the last.
         """
 
 
 class Sensor(Node, frozen=True, kw_only=True):
-    """A simulated sensor: at each new true state of the robot, or at every so many, one reading on one topic.
+    """A simulated sensor: one reading on one topic at every ``every``-th new true state of the robot.
 
-    ``topic`` names it and ``message`` is its type; ``sense`` makes it.
+    ``topic`` and ``message`` are the reading's topic and type; ``sense`` makes it.
     """
 
     topic: ClassVar[str]
     message: ClassVar[type[Message]]
     reads: ClassVar[Sequence[str | type[Message]]] = ("truth/robot",)
 
-    every: Annotated[int, Meta(ge=1)] = 1  # true states between readings
+    every: Count = 1  # true states between readings
 
     class State(NamedTuple):
-        states: int = 0  # seen so far
+        """What it remembers."""
+
+        states: int = 0  # true states so far
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)
@@ -101,7 +104,7 @@ class Sensor(Node, frozen=True, kw_only=True):
 
     @abstractmethod
     def sense(self, truth: RobotState, draws: Draws) -> Message | None:
-        """Return the reading at a true state, None for no reading; its random numbers come from ``draws``."""
+        """Return the reading at a true state, None for no reading, with random numbers from ``draws`` alone."""
 
     def step(self, state: Any, moment: Moment) -> tuple[Any, Iterable[Output]]:
         """Read the newest true state, if there is a new one."""

@@ -14,7 +14,7 @@ from dynpf_formats.recording.header import RunHeader
 from dynpf_formats.recording.reader import Recorded, Recording, read_recording
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_lab.references.check import check_part, parts
-from dynpf_lab.references.runs import run_anew
+from dynpf_lab.references.runs import rerun_entry
 from dynpf_lab.references.table import CHECKOUT, Entry, Made, read_table, recording_file, render_table
 from dynpf_lab.references.update import MAX_BYTES, first_differences, report_file, update
 from dynpf_protocol.codec import decode, encode
@@ -75,7 +75,7 @@ def test_faults_lose_messages_and_delay_them():
 @pytest.fixture(scope="module")
 def made_here(tmp_path_factory) -> Recording:
     """The run of the table's row "landmarks", made on this platform, where bytes can be compared."""
-    return run_anew(CHECKOUT, TABLE["landmarks"], tmp_path_factory.mktemp("made") / "landmarks.mcap")
+    return rerun_entry(CHECKOUT, TABLE["landmarks"], tmp_path_factory.mktemp("made") / "landmarks.mcap")
 
 
 def altered(
@@ -166,7 +166,7 @@ def test_reordered_input_is_found_by_diff_by_replay_and_in_what_replay_wrote(mad
 
 
 def test_another_seed_is_found_by_diff_and_by_replay(made_here, tmp_path):
-    other = run_anew(CHECKOUT, msgspec.structs.replace(TABLE["landmarks"], seed=2), tmp_path / "other.mcap")
+    other = rerun_entry(CHECKOUT, msgspec.structs.replace(TABLE["landmarks"], seed=2), tmp_path / "other.mcap")
     first = diff(made_here, other).first
     assert first.tick is not None
     assert first.tick <= 1

@@ -1,1 +1,1 @@
-"""Exporters: recordings of ours in the formats of others."""
+"""Exporters: recordings in foreign formats."""

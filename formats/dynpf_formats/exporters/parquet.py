@@ -13,13 +13,13 @@ from dynpf_formats.recording.reader import Recording
 
 __all__ = ["write_parquet"]
 
-BATCH = 1000  # rows that are written at once
+BATCH = 1000  # rows written at once
 
 
 def write_parquet(recording: Recording, topic: str, path: Path) -> int:
-    """Write the table, lists of numbers as lists, other lists as JSON; return how many rows it has.
+    """Write the table, lists of numbers as lists, other lists as JSON; return the number of rows.
 
-    Raises FileExistsError where ``path`` exists, OSError where it cannot be written.
+    Raises FileExistsError if ``path`` exists, OSError if it cannot be written.
     """
     kinds = [
         pyarrow.int64(),
@@ -57,4 +57,4 @@ def _kind(info: types.Type) -> Any:
 def _column(column: tuple[Any, ...], kind: Any) -> list[Any]:
     if kind != pyarrow.string():
         return list(column)
-    return [one if one is None or isinstance(one, str) else in_json(one) for one in column]
+    return [value if value is None or isinstance(value, str) else in_json(value) for value in column]

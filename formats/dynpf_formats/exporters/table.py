@@ -1,7 +1,7 @@
-"""The messages of a topic as a table: one row a message, one column a field.
+"""The messages of a topic as a table: one row per message, one column per field.
 
-Fields of fields are joined by dots, lists of a fixed length have a column for each place; other lists stay one value. A
-field that a message leaves out is empty.
+Names of nested fields are joined by dots. Lists of a fixed length have one column per element; other lists stay one
+value. A field that a message leaves out is empty.
 """
 
 import csv
@@ -23,9 +23,9 @@ Columns = Mapping[str, tuple[types.Type, Getter]]
 
 
 def columns(recording: Recording, topic: str) -> Columns:
-    """Return the columns of a topic's table by name: the type of their values, and what takes one from a message.
+    """Return the columns of a topic's table by name: the type of the values, and the getter of a message's value.
 
-    Of a type that dynpf does not have, these are the fields that the recording's own schema names.
+    For a message type that dynpf does not have, the columns are the fields of the schema in the recording.
     """
     row = recording.topics.get(topic)
     if row is not None:
@@ -38,7 +38,7 @@ class _Described(msgspec.Struct):
 
 
 def _fields(schema: RecordedSchema) -> list[str]:
-    """Return the fields that a schema names, none where it is not readable."""
+    """Return the fields that a schema names, none if it is unreadable."""
     try:
         return [*msgspec.json.decode(schema.data, type=_Described).properties]
     except (msgspec.DecodeError, RecursionError):
@@ -46,7 +46,7 @@ def _fields(schema: RecordedSchema) -> list[str]:
 
 
 def message_of(recording: Recording, topic: str, payload: bytes) -> Any:
-    """Return a message of a topic; of a type that dynpf does not have, a dictionary."""
+    """Return a decoded message of a topic; a dictionary if dynpf does not have its type."""
     return decode(topic, payload, recording.topics) if topic in recording.topics else msgspec.json.decode(payload)
 
 
@@ -57,8 +57,8 @@ def _leaves(info: types.Type, name: str, get: Getter) -> Iterator[tuple[str, tup
                 inner = f"{name}.{field.name}" if name else field.name
                 yield from _leaves(field.type, inner, _of_field(get, field.name))
         case types.VarTupleType(item_type=item, min_length=low, max_length=high) if low == high and low is not None:
-            for place in range(low):
-                yield from _leaves(item, f"{name}.{place}", _of_place(get, place))
+            for index in range(low):
+                yield from _leaves(item, f"{name}.{index}", _of_index(get, index))
         case _:
             yield name, (info, get)
 
@@ -72,10 +72,10 @@ def _of_field(get: Getter, name: str) -> Getter:
     return field
 
 
-def _of_place(get: Getter, place: int) -> Getter:
+def _of_index(get: Getter, index: int) -> Getter:
     def item(message: Any) -> Any:
         whole = get(message)
-        return None if whole is None else whole[place]
+        return None if whole is None else whole[index]
 
     return item
 
@@ -89,23 +89,26 @@ def rows(recording: Recording, topic: str) -> Iterator[list[Any]]:
 
 
 def header(recording: Recording, topic: str) -> list[str]:
-    """Return the names of what ``rows`` yields."""
+    """Return the column names of ``rows``."""
     return ["stamp_ns", "stamp_s", "sequence", *columns(recording, topic)]
 
 
 def write_csv(recording: Recording, topic: str, stream: TextIO) -> int:
-    """Write the table, numbers with all their digits, lists as JSON; return how many rows it has."""
+    """Write the table, numbers with all their digits, lists as JSON; return the number of rows."""
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(header(recording, topic))
     count = 0
     for row in rows(recording, topic):
         writer.writerow(
-            ["" if one is None else one if isinstance(one, str | int | float) else in_json(one) for one in row]
+            [
+                "" if value is None else value if isinstance(value, str | int | float) else in_json(value)
+                for value in row
+            ]
         )
         count += 1
     return count
 
 
 def in_json(value: Any) -> str:
-    """Return what has no cell of its own, such as a list, as JSON."""
+    """Return a value that fits no single cell, such as a list, as JSON."""
     return msgspec.json.encode(value).decode()

@@ -1,4 +1,4 @@
-"""Trajectories in the format of the TUM RGB-D benchmark, as evo reads them: time, position and quaternion a line."""
+"""Trajectories in the format of the TUM RGB-D benchmark, as evo reads them: time, position and quaternion per line."""
 
 import math
 from collections.abc import Iterator
@@ -20,13 +20,13 @@ def pose_topics(recording: Recording) -> list[str]:
 
 
 def tum_lines(recording: Recording, topic: str) -> Iterator[str]:
-    """Yield the poses of a topic in order of time; of several at one time the last, or the one that is scored.
+    """Yield the poses of a topic in order of time; of several with one stamp the last, or the scored one.
 
-    A log whose clock jumps back has records of one stamp at different moments. So where the reference has a pose of
-    that stamp, the first that follows it in the file is meant: poses and reference then pair up by their stamps. Times
+    A log whose clock jumps back has records with the same stamp at different moments. If the reference has a pose with
+    that stamp, the first pose that follows it in the file is taken, so that poses and reference pair up by stamp. Times
     have all their nanoseconds, numbers all their digits. ``topic`` is one of ``pose_topics``.
     """
-    chosen = _one_of_each_stamp(recording, topic)
+    chosen = _unique_by_stamp(recording, topic)
     for stamp_ns in sorted(chosen):
         pose = _pose(decode(topic, chosen[stamp_ns].payload, recording.topics))
         at, q = pose.position, pose.orientation
@@ -34,7 +34,7 @@ def tum_lines(recording: Recording, topic: str) -> Iterator[str]:
         yield f"{stamp_ns // 10**9}.{stamp_ns % 10**9:09d} {numbers}"
 
 
-def _one_of_each_stamp(recording: Recording, topic: str) -> dict[int, Recorded]:
+def _unique_by_stamp(recording: Recording, topic: str) -> dict[int, Recorded]:
     chosen: dict[int, Recorded] = {}
     answered: set[int] = set()
     due_ns: int | None = None

@@ -1,4 +1,4 @@
-"""ROS bags, 1 and 2, opened with the package rosbags; whatever that raises is told as an import's failure."""
+"""ROS bags, 1 and 2, opened with the package rosbags; whatever it raises becomes an ImportFailedError."""
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -11,7 +11,7 @@ from rosbags.rosbag2 import Reader as Reader2
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from dynpf_formats.importers.errors import ImportFailedError
-from dynpf_formats.importers.stream import Losses
+from dynpf_formats.importers.log import Losses
 from dynpf_formats.importers.text import refuse_pointer
 
 __all__ = ["Bag", "Message", "open_bag"]
@@ -21,7 +21,7 @@ IDL_SEPARATOR = "=" * 80 + "\n"  # between the files of a type's definition
 
 
 class Message(NamedTuple):
-    """A message as it was recorded: its topic, when it arrived (ns), and what it says."""
+    """A recorded message: its topic, time of arrival (ns) and content."""
 
     topic: str
     arrival_ns: int
@@ -34,8 +34,8 @@ class Bag:
     def __init__(self, path: Path, reader: Any, types: Collection[str]) -> None:
         self.path = path
         self._reader = reader
-        self.topics: dict[str, str] = {one.topic: one.msgtype for one in reader.connections}
-        store = _typestore([one for one in reader.connections if one.msgtype in types])
+        self.topics: dict[str, str] = {connection.topic: connection.msgtype for connection in reader.connections}
+        store = _typestore([connection for connection in reader.connections if connection.msgtype in types])
         self._decode = store.deserialize_ros1 if isinstance(reader, Reader1) else store.deserialize_cdr
 
     def of_type(self, *types: str) -> list[str]:
@@ -43,11 +43,11 @@ class Bag:
         return sorted(name for name, kind in self.topics.items() if kind in types)
 
     def messages(self, topics: Collection[str], losses: Losses) -> Iterator[Message]:
-        """Yield the messages of the given topics; those that do not decode are left out.
+        """Yield the messages of the given topics, without those that do not decode.
 
-        Raises ImportFailedError where the bag cannot be read on.
+        Raises ImportFailedError if the rest of the bag cannot be read.
         """
-        chosen = [one for one in self._reader.connections if one.topic in topics]
+        chosen = [connection for connection in self._reader.connections if connection.topic in topics]
         last_ns = 0
         stream = iter(self._reader.messages(chosen)) if chosen else iter(())
         while True:
@@ -56,13 +56,13 @@ class Bag:
             except StopIteration:
                 return
             except Exception as error:  # the library lets through what its parts raise on broken bytes
-                told = f"cannot be read beyond {last_ns * 1e-9:.3f} s"
-                raise ImportFailedError(f"{self.path}: {told}: {_in_a_line(error)}") from error
+                text = f"cannot be read beyond {last_ns * 1e-9:.3f} s"
+                raise ImportFailedError(f"{self.path}: {text}: {_in_a_line(error)}") from error
             try:
                 content = self._decode(data, connection.msgtype)
             except Exception as error:  # as above
-                place = f"{connection.topic} at {last_ns * 1e-9:.3f} s: {_in_a_line(error)}"
-                losses.add("messages that do not decode", place)
+                where = f"{connection.topic} at {last_ns * 1e-9:.3f} s: {_in_a_line(error)}"
+                losses.add("messages that do not decode", where)
                 continue
             yield Message(connection.topic, last_ns, content)
 
@@ -71,7 +71,7 @@ class Bag:
 def open_bag(path: Path, types: Collection[str]) -> Iterator[Bag]:
     """Open a .bag file, a .mcap or .db3 file, or the folder of a ROS 2 bag; raises ImportFailedError.
 
-    ``types`` are those whose messages shall be read: of other types a bag may hold what nobody can read.
+    ``types`` are the message types to be read; a bag may hold unreadable messages of other types.
     """
     if path.is_dir():
         if not (path / "metadata.yaml").is_file():
@@ -93,14 +93,14 @@ def open_bag(path: Path, types: Collection[str]) -> Iterator[Bag]:
 
 
 def _typestore(connections: Sequence[Any]) -> Any:
-    """Return the types of the connections as the bag defines them; old bags of ROS 2 do not: there, as in Humble."""
+    """Return the types of the connections as the bag defines them, or Humble's for old ROS 2 bags, which do not."""
     store = get_typestore(Stores.EMPTY)
     found: dict[str, Any] = {}
-    for one in connections:
-        text = one.msgdef.data
-        match one.msgdef.format:
+    for connection in connections:
+        text = connection.msgdef.data
+        match connection.msgdef.format:
             case MessageDefinitionFormat.MSG:
-                found.update(get_types_from_msg(text, one.msgtype))
+                found.update(get_types_from_msg(text, connection.msgtype))
             case MessageDefinitionFormat.IDL:
                 parts = [part.partition("\n")[2] for part in text.split(IDL_SEPARATOR)[1:]] or [text]
                 for part in parts:

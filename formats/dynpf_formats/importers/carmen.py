@@ -1,13 +1,13 @@
-"""Importer of CARMEN logs: laser scans, odometry, and corrected poses where somebody has corrected the log.
+"""Importer of CARMEN logs: laser scans, odometry, and the corrected poses of a corrected log.
 
 A log is lines of text: PARAM name value; ODOM x y theta v w acceleration; FLASER n ranges, laser pose, odometry pose;
 ROBOTLASER1 with the scanner's geometry, ranges, remissions, laser pose, robot pose; TRUEPOS true pose, odometry pose;
 each but PARAM ending in time, host, logger's time. The file's order is the order of events: the logger's clock jumps
-back and forth between processes, so it is kept but not sorted by.
+back and forth between processes, so stamps are kept but records are not sorted by them.
 
-A log that a mapper has corrected (GMapping, vasco) holds the corrected pose in its laser lines. Its ODOM lines start
-anew at that pose after every scan: the first after a scan repeats it, with a time that means nothing (0, or whatever
-was in memory), and is no record. Raw odometry is the increments between the others, chained.
+A log that a mapper has corrected (GMapping, vasco) holds the corrected pose in its laser lines. Its ODOM lines restart
+at that pose after every scan: the first after a scan repeats it, with a meaningless time (0, or whatever was in
+memory), and is no record. Raw odometry is the chain of the increments between the other lines.
 """
 
 import math
@@ -19,10 +19,9 @@ from dynpf_protocol.messages import OdometryPose, RobotState
 
 from dynpf.portable import hypot
 from dynpf_formats.importers.errors import ImportFailedError
-from dynpf_formats.importers.log import Record
+from dynpf_formats.importers.log import ImportedLog, Losses, Record
 from dynpf_formats.importers.poses import Pose, compose, inverse, relative, wrapped
-from dynpf_formats.importers.scans import changes_alone, normalized_scan, scanner_record
-from dynpf_formats.importers.stream import LogStream, Losses
+from dynpf_formats.importers.scans import normalized_scan, scanner_record, without_repeated_scanners
 from dynpf_formats.importers.text import finite_number, lines_of, seconds_to_ns, whole_number
 from dynpf_formats.recording.header import Attachment
 
@@ -30,8 +29,8 @@ __all__ = ["import_carmen"]
 
 Numbered = Iterable[tuple[int, str]]
 
-LASERS = ("ROBOTLASER1", "FLASER")  # the one that tells more first: loggers write both of the same scan
-NO_RETURN_M = 80.0  # a SICK scanner tells errors and no return by codes from 80 m on
+LASERS = ("ROBOTLASER1", "FLASER")  # the more detailed one first: loggers write both for the same scan
+NO_RETURN_M = 80.0  # a SICK scanner gives errors and missing returns as codes from 80 m on
 DEPARTED_M, DEPARTED_RAD = 0.5, 0.3  # a laser line's pose that far from odometry has been corrected
 PARAMS = {"robot_frontlaser_offset": "offset", "robot_front_laser_max": "range_max"}
 
@@ -46,30 +45,33 @@ class _Odom(NamedTuple):
 class _Laser(NamedTuple):
     ranges: list[float]
     span: tuple[float, float]  # rad, first and last beam
-    range_max: float | None  # m; None: the line does not tell
+    range_max: float | None  # m; None: the line does not give it
     laser: Pose
     robot: Pose  # FLASER calls it the odometry's
     time: str
 
 
 class _Survey(NamedTuple):
-    """What has to be known of a log before its first record can be told."""
+    """What has to be known of a log before its first record can be made."""
 
-    laser: str  # the kind of laser lines that are taken
+    laser: str  # the kind of laser lines that are used
     offset: float  # m, of the front laser before the robot's centre
     range_max: float  # m, of FLASER lines
     odometry: bool  # whether there are ODOM lines
-    restarts: bool  # whether odometry starts anew after each scan
+    restarts: bool  # whether odometry restarts after each scan
     corrected: bool  # whether the laser lines hold corrected poses
-    apart: bool  # whether FLASER lines hold the corrected pose in one place and raw odometry in the other
+    apart: bool  # whether FLASER lines hold the corrected pose in one of their poses and raw odometry in the other
     backwards: int  # lines that are earlier than the one before them
 
 
-def import_carmen(path: Path, *, range_max: float | None = None, attachments: tuple[Attachment, ...] = ()) -> LogStream:
+def import_carmen(
+    path: Path, *, range_max: float | None = None, attachments: tuple[Attachment, ...] = ()
+) -> ImportedLog:
     """Return the log in a file, plain or compressed.
 
-    ``range_max`` in metres: ranges from there on are no return; otherwise the line or the parameters of the log tell,
-    else 80 m. Lines that cannot be read are left out and counted. Raises ImportFailedError for what is no such log.
+    ``range_max`` in metres: larger or equal ranges are no return; by default it is that of the line, else that of the
+    log's parameters, else 80 m. Unreadable lines are left out and counted. Raises ImportFailedError if the file is no
+    CARMEN log.
     """
     survey = _survey(path, range_max)
     losses = Losses()
@@ -82,8 +84,8 @@ def import_carmen(path: Path, *, range_max: float | None = None, attachments: tu
         "range_max_m": survey.range_max,
         "clock_backwards": survey.backwards,
     }
-    records = changes_alone(_records(path, survey, range_max, losses))
-    return LogStream(path.name, "carmen", settings, records, losses, attachments)
+    records = without_repeated_scanners(_records(path, survey, range_max, losses))
+    return ImportedLog(path.name, "carmen", settings, records, losses, attachments)
 
 
 def _survey(path: Path, range_max: float | None) -> _Survey:
@@ -93,14 +95,14 @@ def _survey(path: Path, range_max: float | None) -> _Survey:
     odom: Pose | None = None
     jumped: Pose | None = None  # the last laser line's pose, if it is not where odometry was
     jumps = repeated = 0
-    apart = told = False
+    apart = has_true_poses = False
     backwards, newest_ns = 0, 0
     for _, line in lines_of(path):
         kind, _, rest = line.partition(" ")
         fields = rest.split()
         if kind == "PARAM" and len(fields) > 1 and fields[0] in PARAMS:
             _take_param(params, PARAMS[fields[0]], fields[1])
-        told = told or kind == "TRUEPOS"
+        has_true_poses = has_true_poses or kind == "TRUEPOS"
         try:
             if kind == "ODOM":
                 found = _odom(fields)
@@ -121,7 +123,7 @@ def _survey(path: Path, range_max: float | None) -> _Survey:
                 continue
             stamp_ns = seconds_to_ns(time)
         except ValueError:
-            continue  # told when the records are read
+            continue  # counted when the records are read
         counts[kind] += 1
         backwards, newest_ns = backwards + (stamp_ns < newest_ns), stamp_ns
     chosen = next((kind for kind in LASERS if counts[kind]), None)
@@ -134,7 +136,7 @@ def _survey(path: Path, range_max: float | None) -> _Survey:
         range_max=range_max or params.get("range_max", NO_RETURN_M),
         odometry=counts["ODOM"] > 0,
         restarts=restarts,
-        corrected=restarts or (departed[chosen] and not told),  # where the truth is told, the rest is odometry
+        corrected=restarts or (departed[chosen] and not has_true_poses),  # beside true poses, the rest is odometry
         apart=apart and chosen == "FLASER",
         backwards=backwards,
     )
@@ -154,17 +156,19 @@ def _far(a: Pose, b: Pose) -> bool:
 
 
 class _Chain:
-    """Raw odometry out of poses that start anew."""
+    """Raw odometry from poses that restart."""
 
     def __init__(self) -> None:
         self._raw: Pose | None = None
         self._anchors: tuple[Pose, Pose] | None = None  # a pose of the file, and of raw odometry at that moment
 
     def restart(self, pose: Pose) -> None:
+        """Let ``pose`` of the file be the newest pose of raw odometry."""
         self._raw = self._raw or pose
         self._anchors = pose, self._raw
 
     def follow(self, pose: Pose) -> Pose:
+        """Return a pose of the file as raw odometry."""
         if self._anchors is None:
             self._raw = (pose[0], pose[1], wrapped(pose[2]))
         else:
@@ -175,39 +179,39 @@ class _Chain:
 
 def _records(path: Path, survey: _Survey, range_max: float | None, losses: Losses) -> Iterator[Record]:
     chain = _Chain()
-    anew: Pose | None = None  # where a corrected log's next ODOM line starts
+    restart: Pose | None = None  # where a corrected log's next ODOM line starts
     for number, line in lines_of(path):
         kind, _, rest = line.partition(" ")
-        place = f"{path.name}:{number}"
+        where = f"{path.name}:{number}"
         kind = kind.strip()
         if not kind or kind.startswith("#") or kind == "PARAM":
             continue
         try:
             if kind == "ODOM":
                 odom = _odom(rest.split())
-                repeats, anew = anew == odom.pose, None
+                repeats, restart = restart == odom.pose, None
                 if repeats:
                     chain.restart(odom.pose)
                 else:
                     yield _odometry(seconds_to_ns(odom.time), chain.follow(odom.pose))
             elif kind == survey.laser:
                 laser = _laser(kind, rest.split())
-                anew = laser.robot if survey.restarts else None
+                restart = laser.robot if survey.restarts else None
                 yield from _laser_records(laser, survey, range_max, losses)
             elif kind == "TRUEPOS" and not survey.corrected:
                 pose, time = _true_pose(rest.split())
                 yield _truth(seconds_to_ns(time), pose)
             else:
-                losses.add(f"{kind[:30]} lines" + (", the same scans again" if kind in LASERS else ""), place)
+                losses.add(f"{kind[:30]} lines" + (", the same scans again" if kind in LASERS else ""), where)
         except ValueError as error:
-            losses.add(BAD_LINE, f"{place}: {error}")
+            losses.add(BAD_LINE, f"{where}: {error}")
 
 
 def _laser_records(laser: _Laser, survey: _Survey, range_max: float | None, losses: Losses) -> Iterator[Record]:
     stamp_ns = seconds_to_ns(laser.time)
     mount: Pose = (survey.offset, 0.0, 0.0) if survey.laser == "FLASER" else relative(laser.robot, laser.laser)
     if survey.corrected:
-        # Mappers that put one pose in both places have corrected the robot's.
+        # Mappers that write one pose as both have corrected the robot's.
         yield _truth(stamp_ns, compose(laser.laser, inverse(mount)) if survey.apart else laser.robot)
     if not survey.odometry and (survey.apart or not survey.corrected):
         x, y, theta = laser.robot
@@ -246,7 +250,7 @@ def _laser(kind: str, fields: list[str]) -> _Laser:
 
 
 def _front_laser(fields: list[str]) -> _Laser:
-    """FLASER tells no angles. Beams lie over 180 degrees: an even number leaves out the last, as 180 at -90 .. 89."""
+    """Parse a FLASER line. It has no angles: beams cover 180 degrees, an even number without the last (-90 .. 89)."""
     count = _count(fields, 0)
     _expect(fields, count + 10)
     ranges = _ranges(fields[1 : count + 1])
@@ -271,9 +275,9 @@ def _robot_laser(fields: list[str]) -> _Laser:
     return _Laser(ranges, span, range_max if range_max > 0.0 else None, _pose(rest[:3]), _pose(rest[3:6]), rest[11])
 
 
-def _count(fields: list[str], place: int) -> int:
-    _expect(fields, place + 1)
-    return whole_number(fields[place], "number of readings")
+def _count(fields: list[str], index: int) -> int:
+    _expect(fields, index + 1)
+    return whole_number(fields[index], "number of readings")
 
 
 def _expect(fields: list[str], count: int) -> None:

@@ -1,6 +1,6 @@
 """Point clouds of depth cameras flattened to range scans, as TURTLEBOT does (pointcloud_to_laserscan).
 
-Of the points in a band of heights, each beam of the scan takes the nearest in its direction.
+Each beam of the scan takes the nearest point in its direction, out of those in a band of heights.
 """
 
 import math
@@ -9,10 +9,9 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from dynpf.portable import atan2, hypot, product, whole
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray, NonNegative, Positive
 
 __all__ = ["FlattenParams", "flatten", "points_of"]
 
@@ -20,20 +19,20 @@ DTYPES = {7: "f4", 8: "f8"}  # of sensor_msgs/PointField
 
 
 class FlattenParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The scan that is made of a cloud; the defaults are a Kinect's (TURTLEBOT)."""
+    """The scan that a cloud is flattened to; the defaults are a Kinect's (TURTLEBOT)."""
 
     field_of_view: Annotated[float, Meta(gt=0.0, le=2 * math.pi)] = math.radians(57.8)  # rad, first to last beam
     beams: Annotated[int, Meta(ge=2, le=100_000)] = 116
-    range_min: Annotated[float, Meta(ge=0.0)] = 0.6  # m
-    range_max: Annotated[float, Meta(gt=0.0)] = 4.0  # m; also the reading of a beam in which there is no point
+    range_min: NonNegative = 0.6  # m
+    range_max: Positive = 4.0  # m; also the reading of a beam without a point
     low: float = 0.05  # m, above the robot's base
     high: float = 1.0  # m, above the robot's base
 
 
-def points_of(message: Any) -> NDArray[np.float64]:
-    """Return the points of a PointCloud2 that are numbers, shape (N, 3), in metres in the cloud's own frame.
+def points_of(message: Any) -> FloatArray:
+    """Return the finite points of a PointCloud2, shape (N, 3), in metres in the cloud's own frame.
 
-    Raises ValueError where the message does not hold what its fields promise.
+    Raises ValueError if the message's data do not fit its fields.
     """
     fields = {field.name: field for field in message.fields}
     missing = [name for name in "xyz" if name not in fields]
@@ -62,14 +61,14 @@ def points_of(message: Any) -> NDArray[np.float64]:
 def flatten(
     points: FloatArray, transform: FloatArray, sensor: tuple[float, float, float], params: FlattenParams
 ) -> FloatArray:
-    """Return the ranges (B,) in metres of the scan that a cloud makes, range_max where there is no point.
+    """Return the ranges (B,) in metres of a cloud's scan, range_max for a beam without a point.
 
-    ``points`` (N, 3) in the cloud's frame, which ``transform`` (4, 4) places on the robot; ``sensor`` is where the
-    scan's origin and axis lie on the robot (m, m, rad).
+    ``points`` (N, 3) are in the cloud's frame, ``transform`` (4, 4) is that frame's pose on the robot; ``sensor`` is
+    the pose of the scan on the robot (m, m, rad).
     """
-    places = product(points, transform[:3, :3].T) + transform[:3, 3]
-    places = places[np.isfinite(places).all(axis=1) & (places[:, 2] >= params.low) & (places[:, 2] <= params.high)]
-    dx, dy = places[:, 0] - sensor[0], places[:, 1] - sensor[1]
+    seen = product(points, transform[:3, :3].T) + transform[:3, 3]
+    seen = seen[np.isfinite(seen).all(axis=1) & (seen[:, 2] >= params.low) & (seen[:, 2] <= params.high)]
+    dx, dy = seen[:, 0] - sensor[0], seen[:, 1] - sensor[1]
     distance = hypot(dx, dy)
     bearing = np.mod(atan2(dy, dx) - sensor[2] + np.pi, 2 * np.pi) - np.pi
     step = params.field_of_view / (params.beams - 1)

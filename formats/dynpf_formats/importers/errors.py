@@ -8,7 +8,7 @@ SHOWN = 20
 
 
 class ImportFailedError(DynpfError):
-    """A foreign log cannot be imported: one line a problem, each with its file, line and value."""
+    """A foreign log cannot be imported. The text has one line per problem, with file, line and value."""
 
     def __init__(self, *problems: str) -> None:
         more = [f"and {len(problems) - SHOWN} more"] if len(problems) > SHOWN else []

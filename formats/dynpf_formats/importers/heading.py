@@ -1,34 +1,34 @@
 """Where a reference trajectory's heading contradicts its own direction of travel.
 
 A motion-capture system that swaps two markers of a robot keeps its position and turns its heading by a fixed angle for
-as long as the swap lasts. A wheeled robot cannot drive sideways: there the heading lies.
+as long as the swap lasts. A wheeled robot cannot drive sideways: where it seems to, the heading is wrong.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.portable import atan2, hypot
+from dynpf.types import FloatArray
 
 __all__ = ["heading_faults"]
 
-Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 HALF_CHORD_S = 0.5  # the direction of travel at t is that of the chord from t - 0.5 s to t + 0.5 s
 SHORTEST_CHORD_M = 0.05  # a slower robot's direction of travel is noise
 GAP_S = 0.5  # no chord spans a gap of the reference
 SUSPECT_RAD = 0.7  # turning sharply, or with an outlier in the position, a robot stays below it
-SHORTEST_FAULT_S = 2.0  # what is shorter is an outlier in the position, not a fault of the heading
+SHORTEST_FAULT_S = 2.0  # anything shorter is an outlier in the position, not a fault of the heading
 HEALTHY_S = 2.0  # a fault ends only where the heading is good for so long
 
 
-def heading_faults(time: Floats, pose: Floats, backwards: Bools) -> Bools:
-    """Return for each of the N samples whether its heading is at fault.
+def heading_faults(time: FloatArray, pose: FloatArray, backwards: Bools) -> Bools:
+    """Return for each of the N samples whether its heading is faulty.
 
     ``time`` (N,) in seconds, not decreasing; ``pose`` (N, 3) is x, y in metres and theta in radians; ``backwards`` (N,)
-    tells where the robot drives in reverse. A fault is a stretch of at least two seconds whose heading is more than
-    0.7 rad off the direction of travel. It takes in the adjoining samples at which the robot hardly moves, and half
-    a chord on either side, within which neither can be told.
+    marks where the robot drives in reverse. A fault is a stretch of at least two seconds whose heading is more than
+    0.7 rad off the direction of travel. It includes the adjoining samples at which the robot hardly moves, and half a
+    chord on either side, within which the direction of travel is unknown.
     """
     if len(time) == 0:
         return np.zeros(0, dtype=bool)
@@ -45,8 +45,8 @@ def heading_faults(time: Floats, pose: Floats, backwards: Bools) -> Bools:
     return faults
 
 
-def _offset(time: Floats, pose: Floats, backwards: Bools) -> tuple[Floats, Bools]:
-    """Return heading less direction of travel in [-pi, pi), and where the robot moves enough to tell."""
+def _offset(time: FloatArray, pose: FloatArray, backwards: Bools) -> tuple[FloatArray, Bools]:
+    """Return heading minus direction of travel in [-pi, pi), and where the robot moves enough to define it."""
     piece = np.concatenate([[0], np.cumsum(np.diff(time) > GAP_S)])
     first, last = np.searchsorted(piece, piece), np.searchsorted(piece, piece, side="right") - 1
     before = np.maximum(np.searchsorted(time, time - HALF_CHORD_S), first)
@@ -57,10 +57,10 @@ def _offset(time: Floats, pose: Floats, backwards: Bools) -> tuple[Floats, Bools
     return offset, hypot(chord[:, 0], chord[:, 1]) >= SHORTEST_CHORD_M
 
 
-def _runs(time: Floats, suspects: NDArray[np.intp]) -> list[tuple[int, int]]:
+def _runs(time: FloatArray, suspects: NDArray[np.intp]) -> list[tuple[int, int]]:
     """Return first and last index of each run of suspects, joined across less than HEALTHY_S of good heading.
 
-    ``time`` is that of the samples in which the robot moves: standing still neither ends a run nor carries it on.
+    ``time`` is that of the samples in which the robot moves: standing still neither ends nor extends a run.
     """
     if len(suspects) == 0:
         return []

@@ -1,15 +1,14 @@
-"""An imported log: its records in order, the landmarks they speak of, and what was found on the way."""
+"""An imported log: its records in order, where they come from, and what was left out."""
 
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
 
 import msgspec
-from dynpf_protocol.landmarks import Landmark
 from dynpf_protocol.messages import Message
 
-__all__ = ["ImportSummary", "ImportedLog", "Record"]
+from dynpf_formats.recording.header import Attachment
 
-Span = tuple[float, float]
-"""First and last second, counted from the log's first record."""
+__all__ = ["Dropped", "ImportSummary", "ImportedLog", "Losses", "Record"]
 
 
 class Record(NamedTuple):
@@ -20,30 +19,53 @@ class Record(NamedTuple):
     message: Message
 
 
-class ImportSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """What a log holds and what of it was left out."""
+class Dropped(msgspec.Struct, frozen=True):
+    """How much was left out for one reason, with the first example."""
 
-    source: str
-    robot: int | None  # None: the log is of a single robot without a number
-    start_ns: int
-    duration_s: float
-    odometry: int  # messages
-    landmark_messages: int
-    landmark_readings: int
-    references: int  # reference poses
-    landmarks: int  # on the map
-    robot_readings: int  # of these, readings of other robots, taken for landmarks that move
-    dropped_robots: int  # readings of other robots that were not
-    dropped_unknown_barcodes: int  # readings of barcodes that no table has
-    dropped_unmapped: int  # readings of landmarks without a surveyed position
-    clock_backwards: int  # rows older than the one before them in their table; they are put in order of time
-    reference_gaps: tuple[Span, ...]
-    heading_faults: tuple[Span, ...]
+    count: int
+    first: str
+
+
+class Losses:
+    """Counts what an importer leaves out, by reason, while the records are read."""
+
+    def __init__(self) -> None:
+        self._counts: dict[str, int] = {}
+        self._first: dict[str, str] = {}
+
+    def add(self, reason: str, example: str, count: int = 1) -> None:
+        """Count something left out; ``example`` says in a few words where and what it was."""
+        self._counts[reason] = self._counts.get(reason, 0) + count
+        self._first.setdefault(reason, example)
+
+    def summary(self) -> dict[str, Dropped]:
+        """Return what has been left out so far, by reason."""
+        return {reason: Dropped(count, self._first[reason]) for reason, count in self._counts.items()}
 
 
 class ImportedLog(NamedTuple):
-    """A whole log in memory; records are in time order."""
+    """A log of any length. ``losses`` are complete once ``records`` are exhausted.
 
-    records: tuple[Record, ...]
-    landmarks: tuple[Landmark, ...]
-    summary: ImportSummary
+    ``settings`` describe how the source was read: what was chosen, and what was found in it. Records are in the order
+    in which they are to be played; they may be an iterator, which reads the source as the recording is written.
+    """
+
+    source: str
+    format: str
+    settings: Mapping[str, Any]
+    records: Iterable[Record]
+    losses: Losses
+    attachments: tuple[Attachment, ...] = ()
+
+
+class ImportSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """What was written of a log, and what was left out."""
+
+    source: str
+    format: str
+    settings: Mapping[str, Any]
+    start_ns: int
+    duration_s: float
+    messages: dict[str, int]  # topic -> messages
+    attachments: tuple[str, ...]
+    dropped: dict[str, Dropped]  # by reason

@@ -1,7 +1,7 @@
-"""An occupancy map out of a log's own scans, where they were taken at known poses: the counting model.
+"""An occupancy map from a log's own scans at their reference poses: the counting model.
 
-A cell counts how often a beam ended in it and how often one went through it, at most once a scan each; it is occupied
-where the share of the ends is large, free where it was gone through otherwise, unknown where nobody looked.
+A cell counts how many scans have a beam that ends in it, and how many have one that passes through it. It is occupied
+if the share of ends is large enough, free if it is smaller, unknown if no beam reached it.
 """
 
 import math
@@ -13,7 +13,7 @@ from dynpf_protocol.messages import LaserScan, RobotState, heading
 from numpy.typing import NDArray
 
 from dynpf.portable import sincos, whole
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 from dynpf_formats.importers.errors import ImportFailedError
 from dynpf_formats.importers.log import Record
 from dynpf_formats.importers.poses import Pose, compose
@@ -22,7 +22,7 @@ from dynpf_formats.recording.header import Attachment
 
 __all__ = ["drawn_map"]
 
-FAR_M = 30.0  # beams are believed up to here
+FAR_M = 30.0  # longer beams are not used
 OCCUPIED_SHARE = 0.25  # of ends among ends and passages
 MARGIN_M = 1.0  # around everything seen
 LARGEST = 2**27  # cells
@@ -32,7 +32,7 @@ Cells = NDArray[np.int64]
 
 
 class _Beams(NamedTuple):
-    """A scan at its place: the sensor's position (2,), the beams' directions (B, 2), lengths (B,) in metres."""
+    """A scan on the map: the sensor's position (2,), the beams' directions (B, 2), lengths (B,) in metres."""
 
     origin: FloatArray
     directions: FloatArray
@@ -42,8 +42,8 @@ class _Beams(NamedTuple):
 def drawn_map(records: Callable[[], Iterable[Record]], resolution: float, name: str) -> tuple[Attachment, ...]:
     """Return the map of a log, its cells ``resolution`` metres wide, as the files ``name``.yaml and ``name``.pgm.
 
-    ``records`` gives the log's records anew at each call; every scan that follows a reference pose of its own stamp
-    takes part. Raises ImportFailedError where there is none, or the area is too large.
+    Each call of ``records`` gives the log's records from the start. Every scan that follows a reference pose with the
+    same stamp is used. Raises ImportFailedError if there is none, or if the area is too large.
     """
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for beams in _placed(records()):

@@ -1,4 +1,4 @@
-"""Maps of others as attachments of a recording: the YAML file of map_server and the image that it names."""
+"""Foreign maps as attachments of a recording: the YAML file of map_server and the image that it names."""
 
 from collections.abc import Iterator
 from pathlib import Path, PurePath
@@ -9,8 +9,7 @@ import numpy as np
 from dynpf.maps.map_server import decode
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf_formats.importers.errors import ImportFailedError
-from dynpf_formats.importers.log import Record
-from dynpf_formats.importers.stream import LogStream, Losses
+from dynpf_formats.importers.log import ImportedLog, Losses, Record
 from dynpf_formats.importers.text import refuse_pointer
 from dynpf_formats.importers.transforms import matrix, planar
 from dynpf_formats.recording.attachments import attached
@@ -18,28 +17,27 @@ from dynpf_formats.recording.header import Attachment
 
 __all__ = ["import_map", "map_attachments", "map_of_message"]
 
-
 LARGEST_MAP = 2**28  # cells of a map in a message
 
 
-def import_map(path: Path) -> LogStream:
-    """Return a log without records, to which the map of a map_server YAML file is attached.
+def import_map(path: Path) -> ImportedLog:
+    """Return a log without records, with the map of a map_server YAML file attached.
 
-    Raises ImportFailedError for what is no such map.
+    Raises ImportFailedError if the file is no such map.
     """
     attachments, grid = _read(path)
-    return LogStream(path.name, "map", _facts(grid), _nothing(), Losses(), attachments)
+    return ImportedLog(path.name, "map", _facts(grid), _nothing(), Losses(), attachments)
 
 
 def map_attachments(path: Path) -> tuple[Attachment, ...]:
-    """Return the YAML file and its image as attachments; raises ImportFailedError for what is no map."""
+    """Return the YAML file and its image as attachments; raises ImportFailedError if the file is no map."""
     return _read(path)[0]
 
 
 def map_of_message(message: Any, name: str) -> tuple[Attachment, ...]:
-    """Return a ROS OccupancyGrid as the files of map_server, cell by cell the same; ``name`` without suffix.
+    """Return a ROS OccupancyGrid as the files of map_server, with equal cells; ``name`` is without suffix.
 
-    Raises ValueError for a grid that holds no map.
+    Raises ValueError if the grid is no valid map.
     """
     width, height = int(message.info.width), int(message.info.height)
     cells = np.asarray(message.data, dtype=np.int8)

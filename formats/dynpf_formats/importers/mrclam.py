@@ -3,31 +3,29 @@
 A data set is a folder of text tables: Barcodes, Landmark_Groundtruth, and for each robot Odometry, Measurement and
 Groundtruth, named ``Robot1_Odometry.dat`` and so on; or of a single robot, under any other prefix or none. Each may
 be compressed, as ``.dat.xz``. A measurement names a barcode, which the table of barcodes turns into a subject: subjects
-1 to 5 are robots, the others landmarks. Robots can be taken for landmarks that move: references tell where they were.
+1 to 5 are robots, the others landmarks. Robots can be taken as moving landmarks; their references give the positions.
 """
 
+import heapq
 import lzma
-import math
 import re
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby, pairwise
 from pathlib import Path
-from typing import NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
-from dynpf_protocol.landmarks import Landmark
 from dynpf_protocol.messages import LandmarkReading, LandmarkReadings, Odometry, RobotState
 from msgspec import UNSET
-from numpy.typing import NDArray
 
 from dynpf_formats.importers.errors import ImportFailedError
 from dynpf_formats.importers.heading import GAP_S, heading_faults
-from dynpf_formats.importers.log import ImportedLog, ImportSummary, Record, Span
-from dynpf_formats.importers.text import LFS_POINTER, finite_number, seconds_to_ns, whole_number
+from dynpf_formats.importers.log import ImportedLog, Losses, Record
+from dynpf_formats.importers.mrclam_tables import MrclamTexts, Reading, Tables, TextFile, tables_of
+from dynpf_formats.importers.text import LFS_POINTER
+from dynpf_formats.recording.attachments import attached_landmarks
 
-__all__ = ["MrclamTexts", "TextFile", "import_mrclam", "import_mrclam_team", "parse_mrclam", "robots_in"]
+__all__ = ["import_mrclam", "import_mrclam_team", "robots_in"]
 
 ROBOTS = range(1, 6)
 MAX_READINGS = 256  # of one LandmarkReadings message
@@ -35,31 +33,12 @@ ORDER = {"log/truth": 0, "log/odometry": 1, "log/landmarks": 2}  # of records wi
 
 _ROBOT_PREFIX = re.compile(r"Robot(\d+)_$")
 
-Row = TypeVar("Row")
-
-
-class TextFile(NamedTuple):
-    """A table's name, for messages about it, and its lines."""
-
-    name: str
-    lines: Sequence[str]
-
-
-class MrclamTexts(NamedTuple):
-    """The five tables that make up one robot's log."""
-
-    barcodes: TextFile
-    landmarks: TextFile
-    odometry: TextFile
-    measurements: TextFile
-    references: TextFile
-
 
 def import_mrclam(folder: Path, robot: int | None = None, *, robots: bool = False) -> ImportedLog:
-    """Return one robot's log of the data set in ``folder``; with ``robots``, the others are landmarks that move.
+    """Return one robot's log of the data set in ``folder``; with ``robots``, the others are moving landmarks.
 
-    ``robot`` may be left out where the folder has one robot alone. Raises ImportFailedError for a missing or unreadable
-    file, for a robot that is not there, and for every line that does not hold what its table promises.
+    ``robot`` may be left out if the folder has a single robot. Raises ImportFailedError for a missing or unreadable
+    file, for a robot that is not there, and for every line that does not fit its table.
     """
     prefix, number = _choose(folder, robot)
     common = "" if number is not None else prefix
@@ -71,13 +50,11 @@ def import_mrclam(folder: Path, robot: int | None = None, *, robots: bool = Fals
         f"{prefix}Groundtruth",
     )
     if robots and number is None:
-        raise ImportFailedError(
-            f"{folder}: its one robot has no number, so the others' references cannot be told apart"
-        )
-    others = [one for one in ROBOTS if robots and one != number]
+        raise ImportFailedError(f"{folder}: its one robot has no number, so the other robots are not known")
+    others = [other for other in ROBOTS if robots and other != number]
     texts: list[TextFile] = []
     problems: list[str] = []
-    for name in (*names, *(f"Robot{one}_Groundtruth" for one in others)):
+    for name in (*names, *(f"Robot{other}_Groundtruth" for other in others)):
         try:
             texts.append(_read(folder, name))
         except ImportFailedError as error:
@@ -85,25 +62,33 @@ def import_mrclam(folder: Path, robot: int | None = None, *, robots: bool = Fals
     if problems:
         raise ImportFailedError(*problems)
     moving = dict(zip(others, texts[len(names) :], strict=True))
-    return parse_mrclam(MrclamTexts(*texts[: len(names)]), source=folder.name, robot=number, moving=moving)
+    return _log(MrclamTexts(*texts[: len(names)]), folder.name, number, moving)
 
 
-def import_mrclam_team(folder: Path) -> tuple[ImportedLog, ...]:
-    """Return the log of each robot of the data set in ``folder``, in the topics of that robot: ``r1/log/odometry``.
+def import_mrclam_team(folder: Path) -> ImportedLog:
+    """Return the logs of all robots of the data set in ``folder`` as one, on topics such as ``r1/log/odometry``.
 
-    All have one clock and one map. Raises ImportFailedError as ``import_mrclam`` does.
+    They share one clock and one map. Raises ImportFailedError as ``import_mrclam`` does.
     """
-    logs = []
-    for number in robots_in(folder):
-        log = import_mrclam(folder, number)
-        logs.append(log._replace(records=tuple(one._replace(topic=f"r{number}/{one.topic}") for one in log.records)))
+    logs = {f"r{number}": import_mrclam(folder, number) for number in robots_in(folder)}
     if not logs:
         raise ImportFailedError(f"{folder}: its one robot has no number; leave out --robot all to import it")
-    return tuple(logs)
+    losses = Losses()
+    for robot, log in logs.items():
+        for reason, dropped in log.losses.summary().items():
+            losses.add(f"{robot}: {reason}", dropped.first, dropped.count)
+    settings = {f"{robot}_{name}": value for robot, log in logs.items() for name, value in log.settings.items()}
+    records = heapq.merge(*(_on_topics_of(*item) for item in logs.items()), key=lambda record: record.stamp_ns)
+    return ImportedLog(folder.name, "mrclam", settings, records, losses, next(iter(logs.values())).attachments)
+
+
+def _on_topics_of(robot: str, log: ImportedLog) -> Iterator[Record]:
+    for record in log.records:
+        yield record._replace(topic=f"{robot}/{record.topic}")
 
 
 def robots_in(folder: Path) -> list[int]:
-    """Return the numbers of the robots in a data set, none where its one robot has no number."""
+    """Return the numbers of the robots in a data set, none if its single robot has no number."""
     return sorted(_robots(_prefixes(folder)))
 
 
@@ -160,207 +145,63 @@ def _read(folder: Path, name: str) -> TextFile:
     return TextFile(path.name, text.decode("utf-8", errors="replace").splitlines())
 
 
-def parse_mrclam(
-    texts: MrclamTexts, *, source: str, robot: int | None, moving: Mapping[int, TextFile] | None = None
-) -> ImportedLog:
-    """Return the log that the five tables tell; ``moving`` are the references of other robots, by subject.
+def _log(texts: MrclamTexts, source: str, robot: int | None, moving: Mapping[int, TextFile]) -> ImportedLog:
+    """Return the log in the five tables; ``moving`` are the references of other robots, by subject.
 
-    Readings taken at the same time make one message. Raises ImportFailedError with every line that is not as its
-    table promises.
+    Readings with the same time make one message. Raises ImportFailedError with every line that does not fit its table.
     """
-    tables = _tables_of(texts, moving or {})
-    ids = frozenset(landmark.id for landmark in tables.landmarks)
-    known = [_reading(row, tables.barcodes.get(row.barcode), tables.paths) for row in tables.measurements]
-    readings = sorted(
-        (row for row in known if row.subject in ids or row.place is not None), key=lambda row: row.stamp_ns
-    )
-    odometry = sorted(tables.odometry, key=lambda record: record.stamp_ns)
-    references = sorted(tables.references, key=lambda record: record.stamp_ns)
-    groups = list(_grouped(readings))
+    tables = tables_of(texts, moving)
+    losses = Losses()
+    readings = sorted(_readings(tables, losses), key=lambda row: row.stamp_ns)
+    odometry, references = (sorted(rows, key=lambda row: row.stamp_ns) for rows in (tables.odometry, tables.references))
     truth, faults, gaps = _checked(references, odometry)
-
-    records = sorted([*truth, *odometry, *groups], key=lambda record: (record.stamp_ns, ORDER[record.topic]))
-    start = records[0].stamp_ns
-    summary = ImportSummary(
-        source=source,
-        robot=robot,
-        start_ns=start,
-        duration_s=(records[-1].stamp_ns - start) / 1e9,
-        odometry=len(odometry),
-        landmark_messages=len(groups),
-        landmark_readings=len(readings),
-        references=len(truth),
-        landmarks=len(tables.landmarks),
-        robot_readings=sum(row.place is not None for row in known),
-        dropped_robots=sum(
-            int(row.subject in ROBOTS and row.subject not in ids and row.place is None) for row in known
-        ),
-        dropped_unknown_barcodes=sum(row.subject is None for row in known),
-        dropped_unmapped=sum(
-            int(row.subject is not None and row.subject not in ROBOTS and row.subject not in ids) for row in known
-        ),
-        clock_backwards=tables.late,
-        reference_gaps=tuple(_since(start, first, last) for first, last in gaps),
-        heading_faults=tuple(_since(start, first, last) for first, last in faults),
+    records = sorted(
+        [*truth, *odometry, *_grouped(readings)], key=lambda record: (record.stamp_ns, ORDER[record.topic])
     )
-    return ImportedLog(tuple(records), tables.landmarks, summary)
+    start_ns = records[0].stamp_ns
+    settings = {
+        "robot": robot,
+        "landmarks": len(tables.landmarks),
+        "landmark_readings": len(readings),
+        "robot_readings": sum(row.position is not None for row in readings),
+        "clock_backwards": tables.late,  # rows older than the previous row of their table; they are sorted by time
+        "reference_gaps_s": [_since(start_ns, first, last) for first, last in gaps],
+        "heading_faults_s": [_since(start_ns, first, last) for first, last in faults],
+    }
+    return ImportedLog(source, "mrclam", settings, tuple(records), losses, (attached_landmarks(tables.landmarks),))
 
 
-class _Tables(NamedTuple):
-    """What the tables of one robot hold, line by line, and how often their clocks go back."""
-
-    barcodes: Mapping[int, int]  # barcode -> subject
-    landmarks: tuple[Landmark, ...]
-    odometry: list[Record]
-    measurements: "list[_Measurement]"
-    references: list[Record]
-    paths: "Mapping[int, _Path]"  # of other robots, by subject
-    late: int
-
-
-def _tables_of(texts: MrclamTexts, moving: Mapping[int, TextFile]) -> _Tables:
-    """Read the tables; raises ImportFailedError with every line that is not as its table promises."""
-    problems: list[str] = []
-    pairs = list(_table(texts.barcodes, _barcode, problems))
-    landmarks = tuple(_table(texts.landmarks, _landmark, problems))
-    odometry = list(_table(texts.odometry, _odometry, problems))
-    measurements = list(_table(texts.measurements, _measurement, problems))
-    references = list(_table(texts.references, _reference, problems))
-    paths = {subject: _Path.of(_table(file, _reference, problems)) for subject, file in moving.items()}
-    needed = ((texts.barcodes.name, pairs), (texts.landmarks.name, landmarks), (texts.odometry.name, odometry))
-    for name, rows in needed:
-        if not rows and not problems:
-            problems.append(f"{name}: holds no record")
-    problems += [
-        f"{texts.barcodes.name}: barcode {code} has two subjects" for code in _twice(code for code, _ in pairs)
-    ]
-    doubles = _twice(landmark.id for landmark in landmarks)
-    problems += [f"{texts.landmarks.name}: subject {subject} has two positions" for subject in doubles]
-    if problems:
-        raise ImportFailedError(*problems)
-    clocked: tuple[Sequence[Record | _Measurement], ...] = (odometry, measurements, references)
-    late = sum(later.stamp_ns < before.stamp_ns for rows in clocked for before, later in pairwise(rows))
-    return _Tables(dict(pairs), landmarks, odometry, measurements, references, paths, late)
-
-
-class _Measurement(NamedTuple):
-    stamp_ns: int
-    barcode: int
-    range: float
-    bearing: float
-
-
-class _Reading(NamedTuple):
-    stamp_ns: int
-    subject: int | None  # None: no table has the barcode
-    range: float
-    bearing: float
-    place: tuple[float, float] | None = None  # m, of a robot
-
-
-class _Path(NamedTuple):
-    """A robot's reference: stamps (T,) in ns and positions (T,) in metres."""
-
-    stamps: NDArray[np.int64]
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, records: Iterable[Record]) -> "_Path":
-        rows = sorted(
-            (record.stamp_ns, record.message.x, record.message.y)
-            for record in records
-            if isinstance(record.message, RobotState)
-        )
-        stamps, x, y = zip(*rows, strict=True) if rows else ((), (), ())
-        return cls(np.array(stamps, dtype=np.int64), np.array(x), np.array(y))
-
-    def at(self, stamp_ns: int) -> tuple[float, float] | None:
-        """Return where the robot was, between two references near enough; None where there are none."""
-        after = int(np.searchsorted(self.stamps, stamp_ns, side="left"))
-        if after < self.stamps.size and self.stamps[after] == stamp_ns:
-            return float(self.x[after]), float(self.y[after])
-        if not 0 < after < self.stamps.size:
-            return None
-        before, span = after - 1, int(self.stamps[after] - self.stamps[after - 1])
-        if span > GAP_S * 1e9:
-            return None
-        share = (stamp_ns - int(self.stamps[before])) / span
-        x, y = ((1.0 - share) * axis[before] + share * axis[after] for axis in (self.x, self.y))
-        return float(x), float(y)
-
-
-def _reading(row: _Measurement, subject: int | None, paths: Mapping[int, _Path]) -> _Reading:
-    """Return a measurement by its subject, and where that was if it is a robot whose path is known."""
-    path = None if subject is None else paths.get(subject)
-    return _Reading(row.stamp_ns, subject, row.range, row.bearing, None if path is None else path.at(row.stamp_ns))
-
-
-def _table(file: TextFile, parse: Callable[[list[str]], Row], problems: list[str]) -> Iterator[Row]:
-    """Yield the rows of a table; what cannot be parsed goes to ``problems``, with file and line."""
-    for number, line in enumerate(file.lines, start=1):
-        fields = line.split()
-        if not fields or fields[0].startswith("#"):
+def _readings(tables: Tables, losses: Losses) -> Iterator[Reading]:
+    """Yield the readings of landmarks with a position, and of robots whose position at that time is known."""
+    ids = frozenset(landmark.id for landmark in tables.landmarks)
+    for row in tables.measurements:
+        subject = tables.barcodes.get(row.barcode)
+        where = f"{row.stamp_ns * 1e-9:.3f} s"
+        if subject is None:
+            losses.add("readings of unknown barcodes", f"{where}: barcode {row.barcode}")
             continue
-        try:
-            yield parse(fields)
-        except ValueError as error:
-            problems.append(f"{file.name}:{number}: {error}")
+        path = tables.paths.get(subject)
+        position = None if path is None else path.at(row.stamp_ns)
+        if subject in ids or position is not None:
+            yield Reading(row.stamp_ns, subject, row.range, row.bearing, position)
+        elif subject in ROBOTS:
+            losses.add("readings of other robots", f"{where}: subject {subject}")
+        else:
+            losses.add("readings of landmarks without a position", f"{where}: subject {subject}")
 
 
-def _barcode(fields: list[str]) -> tuple[int, int]:
-    subject, barcode = _columns(fields, 2)
-    return whole_number(barcode, "barcode"), whole_number(subject, "subject")
-
-
-def _landmark(fields: list[str]) -> Landmark:
-    subject, x, y, _, _ = _columns(fields, 5)
-    return Landmark(id=whole_number(subject, "subject"), x=finite_number(x, "x"), y=finite_number(y, "y"))
-
-
-def _odometry(fields: list[str]) -> Record:
-    time, v, w = _columns(fields, 3)
-    return Record("log/odometry", seconds_to_ns(time), Odometry(v=finite_number(v, "v"), w=finite_number(w, "w")))
-
-
-def _measurement(fields: list[str]) -> _Measurement:
-    time, barcode, distance, bearing = _columns(fields, 4)
-    value = finite_number(distance, "range")
-    if value < 0.0:
-        raise ValueError(f"range is {distance!r}; expected 0 or more")
-    turned = math.remainder(finite_number(bearing, "bearing"), math.tau)
-    return _Measurement(seconds_to_ns(time), whole_number(barcode, "barcode"), value, turned)
-
-
-def _reference(fields: list[str]) -> Record:
-    time, x, y, theta = _columns(fields, 4)
-    pose = RobotState(x=finite_number(x, "x"), y=finite_number(y, "y"), theta=finite_number(theta, "orientation"))
-    return Record("log/truth", seconds_to_ns(time), pose)
-
-
-def _columns(fields: list[str], count: int) -> list[str]:
-    if len(fields) != count:
-        raise ValueError(f"{len(fields)} columns in {' '.join(fields)[:60]!r}; expected {count}")
-    return fields
-
-
-def _twice(numbers: Iterable[int]) -> list[int]:
-    return [number for number, count in Counter(numbers).items() if count > 1]
-
-
-def _grouped(readings: Sequence[_Reading]) -> Iterator[Record]:
-    """Yield one message for the readings of each moment."""
+def _grouped(readings: Sequence[Reading]) -> Iterator[Record]:
+    """Yield one message for the readings with the same stamp."""
     for stamp_ns, rows in groupby(readings, key=lambda row: row.stamp_ns):
         moment = tuple(
             LandmarkReading(
                 landmark=row.subject,
                 range=row.range,
                 bearing=row.bearing,
-                x=UNSET if row.place is None else row.place[0],
-                y=UNSET if row.place is None else row.place[1],
+                x=UNSET if row.position is None else row.position[0],
+                y=UNSET if row.position is None else row.position[1],
             )
             for row in rows
-            if row.subject is not None
         )
         for first in range(0, len(moment), MAX_READINGS):
             yield Record("log/landmarks", stamp_ns, LandmarkReadings(readings=moment[first : first + MAX_READINGS]))
@@ -370,7 +211,7 @@ Spans = list[tuple[int, int]]
 
 
 def _checked(references: Sequence[Record], odometry: Sequence[Record]) -> tuple[list[Record], Spans, Spans]:
-    """Mark the references whose heading is at fault; return them, the faults, and the gaps (first and last stamp)."""
+    """Mark references with a faulty heading; return all references, the faults, and the gaps (first and last stamp)."""
     poses = [record.message for record in references if isinstance(record.message, RobotState)]
     speeds = [record.message.v for record in odometry if isinstance(record.message, Odometry)]
     stamps = np.array([record.stamp_ns for record in references], dtype=np.int64)
@@ -396,5 +237,6 @@ def _checked(references: Sequence[Record], odometry: Sequence[Record]) -> tuple[
     return truth, faults, gaps
 
 
-def _since(start_ns: int, first_ns: int, last_ns: int) -> Span:
+def _since(start_ns: int, first_ns: int, last_ns: int) -> tuple[float, float]:
+    """Return a span in seconds after the start of the log."""
     return (first_ns - start_ns) / 1e9, (last_ns - start_ns) / 1e9

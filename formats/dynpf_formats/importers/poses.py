@@ -1,4 +1,7 @@
-"""Single poses (x, y, theta) in the plane, metres and radians, as importers reckon with them."""
+"""Single poses (x, y, theta) in the plane as tuples of floats, metres and radians.
+
+``dynpf.se2`` works on arrays and wraps angles by another rounding; imported recordings keep these bytes.
+"""
 
 import math
 
@@ -23,13 +26,13 @@ def compose(pose: Pose, step: Pose) -> Pose:
 
 
 def inverse(pose: Pose) -> Pose:
-    """Return where the frame of ``pose`` is seen from ``pose``."""
+    """Return the pose of the reference frame in the frame of ``pose``."""
     sine, cosine = sincos(pose[2])
     return -cosine * pose[0] - sine * pose[1], sine * pose[0] - cosine * pose[1], wrapped(-pose[2])
 
 
 def relative(start: Pose, end: Pose) -> Pose:
-    """Return ``end`` in the frame of ``start``, both being in one frame."""
+    """Return ``end`` in the frame of ``start``; both are given in a common frame."""
     dx, dy = end[0] - start[0], end[1] - start[1]
     sine, cosine = sincos(start[2])
     return cosine * dx + sine * dy, cosine * dy - sine * dx, wrapped(end[2] - start[2])

@@ -1,9 +1,9 @@
 """Importer of ROS bags, 1 and 2: one scanner (or depth camera), odometry, ground truth, static transforms and the map.
 
-A bag has what its robot had; a recording of ours has one robot, one scanner, one odometry. What is not named is chosen
-by rules that the summary tells: of several scanners that which sees most, of several topics of one kind the first by
-name. Scans keep the scanner's place on the robot, from the transforms. Times are those of the headers, and order is
-theirs too.
+A bag may have any number of sensors; a recording has one robot, one scanner, one odometry. Topics that the caller does
+not name are chosen by rules, and the summary names them: the scanner with the widest view, and the first by name of
+several topics of one kind. Scans keep the scanner's pose on the robot, from the transforms. Records have the stamps of
+the message headers and are sorted by them.
 """
 
 import re
@@ -16,16 +16,15 @@ import numpy as np
 from dynpf_protocol.messages import LaserScan, OdometryPose, RobotState
 
 from dynpf.portable import product
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 from dynpf_formats.importers.bags import Bag, Message, open_bag
 from dynpf_formats.importers.clouds import FlattenParams, flatten, points_of
 from dynpf_formats.importers.errors import ImportFailedError
-from dynpf_formats.importers.log import Record
+from dynpf_formats.importers.log import ImportedLog, Losses, Record
 from dynpf_formats.importers.maps import map_of_message
 from dynpf_formats.importers.ordered import Reorder
 from dynpf_formats.importers.poses import Pose, compose, inverse
-from dynpf_formats.importers.scans import changes_alone, normalized_scan, scanner_record
-from dynpf_formats.importers.stream import LogStream, Losses
+from dynpf_formats.importers.scans import normalized_scan, scanner_record, without_repeated_scanners
 from dynpf_formats.importers.transforms import OPTICAL, TransformTree, matrix, planar
 from dynpf_formats.recording.header import Attachment
 
@@ -41,27 +40,27 @@ TYPES = (SCANS, CLOUDS, ODOMETRY, MAPS, *TRANSFORMS, *POSES)
 TRUE = re.compile(r"truth|ground|(^|[/_])gt([/_]|$)|vicon|mocap|optitrack", re.IGNORECASE)
 BASES = ("base_footprint", "base_link", "base")
 TF = "tf"
-"""Where odometry comes from, if it is not a topic of its own: the transform from the odometry frame to the base."""
+"""The source of odometry if there is no topic for it: the transform from the odometry frame to the base."""
 
 Limits = tuple[float, float]
-"""What a scanner measures between, m."""
+"""Least and greatest range of a scanner, m."""
 
 
 class BagChoice(msgspec.Struct, frozen=True, kw_only=True):
-    """What of a bag is taken; what is None is chosen by what there is."""
+    """Which parts of a bag are imported; None lets the importer choose from what there is."""
 
     scan: str | None = None  # topic of LaserScan or PointCloud2
     odometry: str | None = None  # topic of Odometry, or "tf"
     truth: str | None = None  # topic of poses
     base: str | None = None  # the robot's frame
-    odom_frame: str = "odom"  # the frame in which tf has the robot by odometry
-    truth_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, m, rad: the map in the truth's frame
+    odom_frame: str = "odom"  # the frame in which tf gives the robot's pose by odometry
+    truth_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, m, rad: pose of the map in the truth's frame
     truth_shift: float = 0.0  # s, added to the stamps of the truth
     flatten: FlattenParams = FlattenParams()
 
 
 class _Plan(NamedTuple):
-    """What is read from where."""
+    """Which topics and frames are read."""
 
     scan: str
     is_cloud: bool
@@ -69,19 +68,19 @@ class _Plan(NamedTuple):
     truth: str | None
     transforms: tuple[str, ...]
     base: str
-    odom_child: str  # the frame that tf has in the odometry frame
-    to_base: Pose  # the base in that frame
-    mount: FloatArray  # (4, 4), the scanner on the base
-    range_max: float | None  # m, what a beam without return reads; None: it changes from scan to scan
+    odom_child: str  # the child of the odometry frame in tf
+    to_base: Pose  # pose of the base in that frame
+    mount: FloatArray  # (4, 4), pose of the scanner on the base
+    range_max: float | None  # m, the reading of a beam without return; None: it changes from scan to scan
 
 
 def import_rosbag(
     path: Path, choice: BagChoice | None = None, *, attachments: tuple[Attachment, ...] = ()
-) -> LogStream:
+) -> ImportedLog:
     """Return the log in a .bag, .mcap or .db3 file, or in the folder of a ROS 2 bag.
 
-    A map in the bag is attached unless there are ``attachments``. Messages are read as the records are taken: memory
-    does not grow with the bag but for its index. Raises ImportFailedError where there is nothing to be imported.
+    A map in the bag is attached unless there are ``attachments``. Messages are read as the records are iterated: only
+    the index grows with the bag. Raises ImportFailedError if there is nothing to import.
     """
     choice = choice or BagChoice()
     losses = Losses()
@@ -103,8 +102,8 @@ def import_rosbag(
             "truth_shift_s": choice.truth_shift,
             "topics_left_out": {name: bag.topics[name] for name in sorted(bag.topics.keys() - taken)},
         }
-    records = changes_alone(_records(path, plan, choice, losses))
-    return LogStream(path.name, "rosbag", settings, records, losses, attachments)
+    records = without_repeated_scanners(_records(path, plan, choice, losses))
+    return ImportedLog(path.name, "rosbag", settings, records, losses, attachments)
 
 
 # --- choosing ------------------------------------------------------------------------------------------------------
@@ -113,13 +112,14 @@ def import_rosbag(
 def _planned(bag: Bag, choice: BagChoice, losses: Losses) -> _Plan:
     scan, frame, range_max = _scanner(bag, choice)
     transforms = tuple(bag.of_type(*TRANSFORMS))
-    truth = _named(bag, choice.truth, "truth", POSES) or _first(one for one in bag.of_type(*POSES) if TRUE.search(one))
+    poses = (topic for topic in bag.of_type(*POSES) if TRUE.search(topic))
+    truth = _named(bag, choice.truth, "truth", POSES) or _first(poses)
     odometry = None if choice.odometry == TF else _named(bag, choice.odometry, "odometry", (ODOMETRY,))
     if odometry is None and choice.odometry is None:
-        odometry = _first(one for one in bag.of_type(ODOMETRY) if one != truth and not TRUE.search(one))
+        odometry = _first(topic for topic in bag.of_type(ODOMETRY) if topic != truth and not TRUE.search(topic))
     child = _first_child_frame(bag, odometry, losses)
     tree = _tree(bag, transforms, choice, frame, child)
-    base = choice.base or _first(one for one in (child, *BASES) if one in tree.frames()) or child or BASES[0]
+    base = choice.base or _first(name for name in (child, *BASES) if name in tree.frames()) or child or BASES[0]
     mount = tree.find(base, frame)
     if mount is None:
         mount = np.eye(4)
@@ -143,7 +143,7 @@ def _first(names: Any) -> str | None:
 
 
 def _named(bag: Bag, name: str | None, what: str, types: tuple[str, ...]) -> str | None:
-    """Return the topic that was asked for by name, having checked it."""
+    """Return the topic of the given name, or None for none; raises ImportFailedError if the bag has no such topic."""
     if name is None:
         return None
     if bag.topics.get(name) not in types:
@@ -153,7 +153,7 @@ def _named(bag: Bag, name: str | None, what: str, types: tuple[str, ...]) -> str
 
 
 def _scanner(bag: Bag, choice: BagChoice) -> tuple[str, str, float | None]:
-    """Return topic, frame and range of the scanner that is taken: of several, the widest view, then most beams."""
+    """Return topic, frame and greatest range of the chosen scanner: that with the widest view, then most beams."""
     scan = _named(bag, choice.scan, "scan", (SCANS, CLOUDS))
     found: list[tuple[float, int, str, str, float]] = []
     names = [scan] if scan is not None else bag.of_type(SCANS) or bag.of_type(CLOUDS)
@@ -180,15 +180,15 @@ def _frame(message: Any) -> str:
 
 
 def _first_child_frame(bag: Bag, odometry: str | None, losses: Losses) -> str:
-    """Return the robot's frame as odometry names it, or an empty text."""
+    """Return the name of the robot's frame in odometry, or an empty text."""
     first = next(bag.messages([odometry], losses), None) if odometry else None
     return "" if first is None else str(first.content.child_frame_id).lstrip("/")
 
 
 def _tree(bag: Bag, topics: tuple[str, ...], choice: BagChoice, frame: str, child: str) -> TransformTree:
-    """Read transforms until the scanner is placed on the robot, and the robot in the odometry frame."""
+    """Read transforms until the scanner's pose on the robot, and the robot's in the odometry frame, are known."""
     tree = TransformTree()
-    bases = [one for one in (choice.base, child) if one] or list(BASES)
+    bases = [name for name in (choice.base, child) if name] or list(BASES)
     for message in bag.messages(topics, Losses()):
         for transform in message.content.transforms:
             found = matrix(transform.transform.translation, transform.transform.rotation)
@@ -201,7 +201,7 @@ def _tree(bag: Bag, topics: tuple[str, ...], choice: BagChoice, frame: str, chil
 
 
 def _odom_child(tree: TransformTree, base: str, odom_frame: str) -> tuple[str | None, Pose]:
-    """Return the frame that lies in the odometry frame and carries the base, and where the base lies in it."""
+    """Return the child of the odometry frame that is an ancestor of the base, and the pose of the base in it."""
     frame: str | None = base
     for _ in range(len(tree.frames())):
         if frame is None or tree.parent(frame) == odom_frame:
@@ -209,12 +209,12 @@ def _odom_child(tree: TransformTree, base: str, odom_frame: str) -> tuple[str | 
         frame = tree.parent(frame)
     if frame is None or tree.parent(frame) != odom_frame:
         return None, (0.0, 0.0, 0.0)
-    place = tree.find(frame, base)
-    return frame, (0.0, 0.0, 0.0) if place is None else planar(place)
+    transform = tree.find(frame, base)
+    return frame, (0.0, 0.0, 0.0) if transform is None else planar(transform)
 
 
 def _mount(plan: _Plan) -> Pose:
-    """Return where the scan's origin and axis lie on the robot, seen from above."""
+    """Return the pose of the scan on the robot, in the plane."""
     if not plan.is_cloud:
         return planar(plan.mount)
     turned = plan.mount.copy()
@@ -244,7 +244,7 @@ def _map(bag: Bag, losses: Losses) -> tuple[Attachment, ...]:
 def _records(path: Path, plan: _Plan, choice: BagChoice, losses: Losses) -> Iterator[Record]:
     with open_bag(path, TYPES) as bag:
         named = (plan.scan, plan.truth, *(plan.transforms if plan.odometry == TF else (plan.odometry,)))
-        topics = sorted({one for one in named if one is not None})
+        topics = sorted({topic for topic in named if topic is not None})
         order = Reorder(losses)
         reader = _Reader(plan, choice, losses)
         for message in bag.messages(topics, losses):
@@ -254,7 +254,7 @@ def _records(path: Path, plan: _Plan, choice: BagChoice, losses: Losses) -> Iter
 
 
 class _Reader:
-    """Turns one message after the other into records, such as belong together in one tuple."""
+    """Turns messages into records; records that belong together are one tuple."""
 
     def __init__(self, plan: _Plan, choice: BagChoice, losses: Losses) -> None:
         self._plan = plan
@@ -263,9 +263,10 @@ class _Reader:
         self._mount = _mount(plan)
         self._shift_ns = round(choice.truth_shift * 1e9)
         self._to_map = inverse(choice.truth_offset)
-        self._told: Record | None = None  # the last odometry
+        self._last_odometry: Record | None = None
 
     def read(self, message: Message) -> Iterator[tuple[Record, ...]]:
+        """Yield the records of a message."""
         plan, content = self._plan, message.content
         if message.topic in plan.transforms:
             for transform in content.transforms:
@@ -280,27 +281,27 @@ class _Reader:
         if message.topic == plan.odometry:
             yield from self._odometry(message, content.header, pose.position, pose.orientation, (0.0, 0.0, 0.0))
         else:
-            stamp_ns, place = (
+            stamp_ns, true_pose = (
                 self._stamp(message, content.header),
                 self._planar(message, pose.position, pose.orientation),
             )
-            if stamp_ns is not None and place is not None:
-                x, y, theta = compose(self._to_map, place)
+            if stamp_ns is not None and true_pose is not None:
+                x, y, theta = compose(self._to_map, true_pose)
                 truth = RobotState(x=x, y=y, theta=theta)
                 yield (Record("log/truth", max(stamp_ns + self._shift_ns, 0), truth),)
 
     def _odometry(
         self, message: Message, header: Any, position: Any, orientation: Any, base: Pose
     ) -> Iterator[tuple[Record, ...]]:
-        stamp_ns, place = self._stamp(message, header), self._planar(message, position, orientation)
-        if stamp_ns is None or place is None:
+        stamp_ns, pose = self._stamp(message, header), self._planar(message, position, orientation)
+        if stamp_ns is None or pose is None:
             return
-        x, y, theta = compose(place, base)
+        x, y, theta = compose(pose, base)
         record = Record("log/odometry_pose", stamp_ns, OdometryPose(x=x, y=y, theta=theta))
-        if record == self._told:
-            self._losses.add("odometry told again", _place(message))
+        if record == self._last_odometry:
+            self._losses.add("repeated odometry", _where(message))
             return
-        self._told = record
+        self._last_odometry = record
         yield (record,)
 
     def _scan(self, message: Message) -> Iterator[tuple[Record, ...]]:
@@ -315,15 +316,15 @@ class _Reader:
     def _laser(self, message: Message, stamp_ns: int) -> tuple[LaserScan, Limits] | None:
         content = message.content
         numbers = (content.angle_min, content.angle_increment, content.range_min, content.range_max)
-        start, step, least, greatest = (float(one) for one in numbers)
+        start, step, least, greatest = (float(number) for number in numbers)
         if not np.isfinite([start, step, least]).all() or not greatest > 0.0:
-            self._losses.add("scans without a geometry", f"{_place(message)}: {numbers}")
+            self._losses.add("scans without a geometry", f"{_where(message)}: {numbers}")
             return None
         ranges = np.asarray(content.ranges, dtype=np.float64)
-        if np.isinf(greatest):  # nothing in JSON says so: the farthest return stands for it
+        if np.isinf(greatest):  # JSON has no infinity: the farthest return stands for it
             greatest = float(ranges[np.isfinite(ranges)].max(initial=least + 1.0))
         end = start + step * (len(ranges) - 1)
-        if self._plan.mount[2, 2] < 0.0:  # it hangs upside down: its left is the robot's right
+        if self._plan.mount[2, 2] < 0.0:  # the scanner hangs upside down: its left is the robot's right
             start, end = -start, -end
         return self._normalized(stamp_ns, (start, end), ranges, (least, greatest))
 
@@ -332,7 +333,7 @@ class _Reader:
         try:
             points = points_of(message.content)
         except ValueError as error:
-            self._losses.add("clouds that cannot be read", f"{_place(message)}: {error}")
+            self._losses.add("clouds that cannot be read", f"{_where(message)}: {error}")
             return None
         ranges = flatten(points, self._plan.mount, self._mount, params)
         half = params.field_of_view / 2
@@ -347,17 +348,17 @@ class _Reader:
     def _stamp(self, message: Message, header: Any) -> int | None:
         seconds, nanoseconds = int(header.stamp.sec), int(header.stamp.nanosec)
         if seconds == nanoseconds == 0:
-            self._losses.add("stamps of 0, replaced by the time of arrival", _place(message))
+            self._losses.add("stamps of 0, replaced by the time of arrival", _where(message))
             return message.arrival_ns
         if seconds < 0:
-            self._losses.add("stamps before 0", _place(message))
+            self._losses.add("stamps before 0", _where(message))
             return None
         return seconds * 10**9 + nanoseconds
 
     def _planar(self, message: Message, position: Any, orientation: Any) -> Pose | None:
         found = matrix(position, orientation)
         if found is None:
-            self._losses.add("poses that are not finite numbers", _place(message))
+            self._losses.add("poses that are not finite numbers", _where(message))
             return None
         return planar(found)
 
@@ -366,5 +367,5 @@ def _child(transform: Any) -> str:
     return str(transform.child_frame_id).lstrip("/")
 
 
-def _place(message: Message) -> str:
+def _where(message: Message) -> str:
     return f"{message.topic} at {message.arrival_ns * 1e-9:.3f} s"

@@ -1,6 +1,6 @@
-"""Range scans of others as ours: every range a number of metres, a beam that tells nothing reads the maximum.
+"""Foreign range scans as LaserScan messages: every range is a number of metres, a beam without a reading the maximum.
 
-What a scanner measures between stands in a record of its own, before its first scan and where it changes.
+A separate record gives the least and greatest range of the scanner, before its first scan and wherever they change.
 """
 
 from collections.abc import Iterable, Iterator
@@ -10,10 +10,9 @@ from dynpf_protocol import frames
 from dynpf_protocol.messages import LaserScan, Message, Scanner, planar_pose, timestamp
 from numpy.typing import ArrayLike
 
-from dynpf_formats.importers.log import Record
-from dynpf_formats.importers.stream import Losses
+from dynpf_formats.importers.log import Losses, Record
 
-__all__ = ["MOST_BEAMS", "SCANNER", "changes_alone", "normalized_scan", "scanner_record"]
+__all__ = ["MOST_BEAMS", "SCANNER", "normalized_scan", "scanner_record", "without_repeated_scanners"]
 
 SCANNER = "log/scanner"
 
@@ -29,24 +28,24 @@ def normalized_scan(
     *,
     losses: Losses,
 ) -> LaserScan | None:
-    """Return a scan of B beams, or None where it has none, or more than a message holds; ``losses`` tells it.
+    """Return a scan of B beams, or None if it has none or more than a message holds, which ``losses`` counts.
 
     ``mount`` is the sensor's pose on the robot (m, m, rad), ``span`` the angles of the first and the last beam (rad),
-    ``ranges`` (B,) in metres, ``limits`` the least and the greatest range that the sensor gives. What is at the
-    greatest range or beyond it is no return, as is infinity; NaN and what is below the least range are lost beams.
+    ``ranges`` (B,) in metres, ``limits`` the least and the greatest range of the sensor. Ranges at or beyond the
+    greatest are no return, as is infinity; NaN and ranges below the least are lost beams.
     """
     values = np.asarray(ranges, dtype=np.float64)
-    place = f"{stamp_ns * 1e-9:.3f} s"
+    where = f"{stamp_ns * 1e-9:.3f} s"
     if not 0 < values.size <= MOST_BEAMS:
-        losses.add("scans without beams or with too many", f"{place}: {values.size} beams")
+        losses.add("scans without beams or with too many", f"{where}: {values.size} beams")
         return None
     least, greatest = limits
     nan, short = np.isnan(values), values < least
     if nan.any():
-        losses.add("beams that are not a number", f"{place}: beam {int(nan.argmax())}", int(nan.sum()))
+        losses.add("beams that are not a number", f"{where}: beam {int(nan.argmax())}", int(nan.sum()))
     if short.any():
         first = int(short.argmax())
-        losses.add("beams below the least range", f"{place}: {values[first]} m, beam {first}", int(short.sum()))
+        losses.add("beams below the least range", f"{where}: {values[first]} m, beam {first}", int(short.sum()))
     values = np.where(nan | short | (values > greatest), greatest, values)
     return LaserScan(
         timestamp=timestamp(stamp_ns),
@@ -59,17 +58,17 @@ def normalized_scan(
 
 
 def scanner_record(stamp_ns: int, limits: tuple[float, float]) -> Record:
-    """Return what a scanner says of itself that gives ranges between ``limits``, metres."""
+    """Return the record of a scanner whose ranges lie between ``limits``, metres."""
     least, greatest = limits
     return Record(SCANNER, stamp_ns, Scanner(range_min=max(least, 0.0), range_max=greatest))
 
 
-def changes_alone(records: Iterable[Record]) -> Iterator[Record]:
-    """Yield records, those of the scanner only where they say something new."""
-    said: Message | None = None
+def without_repeated_scanners(records: Iterable[Record]) -> Iterator[Record]:
+    """Yield the records, without scanner records that repeat the last one."""
+    last: Message | None = None
     for record in records:
         if record.topic == SCANNER:
-            if record.message == said:
+            if record.message == last:
                 continue
-            said = record.message
+            last = record.message
         yield record

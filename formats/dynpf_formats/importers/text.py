@@ -1,4 +1,4 @@
-"""Foreign text files, plain or compressed, and the numbers in them."""
+"""Reads foreign text files, plain or compressed, and the numbers in them."""
 
 import bz2
 import gzip
@@ -15,7 +15,7 @@ from dynpf_formats.importers.errors import ImportFailedError
 __all__ = ["LFS_POINTER", "finite_number", "lines_of", "refuse_pointer", "seconds_to_ns", "whole_number"]
 
 LFS_POINTER = b"version https://git-lfs.github.com/spec/"
-LONGEST_LINE = 2**22  # characters; what is longer is no line of a log
+LONGEST_LINE = 2**22  # bytes; anything longer is no line of a log
 
 _PACKED: Mapping[bytes, Callable[[Path], IO[bytes] | gzip.GzipFile]] = {
     b"\x1f\x8b": gzip.GzipFile,
@@ -25,7 +25,7 @@ _PACKED: Mapping[bytes, Callable[[Path], IO[bytes] | gzip.GzipFile]] = {
 
 
 def refuse_pointer(path: Path) -> None:
-    """Raise ImportFailedError where a file is missing or empty, or only the pointer that Git LFS keeps in its place."""
+    """Raise ImportFailedError if a file is missing or empty, or only a Git LFS pointer."""
     try:
         with path.open("rb") as stream:
             start = stream.read(len(LFS_POINTER))
@@ -38,17 +38,17 @@ def refuse_pointer(path: Path) -> None:
 
 
 def lines_of(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield the lines of a text file with their numbers from 1; gzip, xz and bzip2 are unpacked on the way.
+    """Yield the lines of a text file with their numbers from 1, unpacking gzip, xz and bzip2.
 
-    Raises ImportFailedError for what cannot be read, at the place where it cannot.
+    Raises ImportFailedError at the first line that cannot be read.
     """
     refuse_pointer(path)
     number = 0
     try:
         with path.open("rb") as plain:
             magic = plain.read(6)
-        unpacked = next((one for start, one in _PACKED.items() if magic.startswith(start)), None)
-        with path.open("rb") if unpacked is None else unpacked(path) as stream:
+        unpack = next((opener for start, opener in _PACKED.items() if magic.startswith(start)), None)
+        with path.open("rb") if unpack is None else unpack(path) as stream:
             while line := stream.readline(LONGEST_LINE):
                 number += 1
                 if len(line) == LONGEST_LINE:
@@ -59,7 +59,7 @@ def lines_of(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def finite_number(text: str, name: str) -> float:
-    """Return the number; raises ValueError that names it where it is none, or NaN or infinite."""
+    """Return the number in a text; raises ValueError with its name unless it is finite."""
     try:
         value = float(text)
     except ValueError:
@@ -70,14 +70,14 @@ def finite_number(text: str, name: str) -> float:
 
 
 def whole_number(text: str, name: str) -> int:
-    """Return the number; raises ValueError that names it where it is none of at most nine digits."""
+    """Return the whole number in a text; raises ValueError with its name unless it has one to nine digits."""
     if not (text.isascii() and text.isdigit()) or len(text) > 9:
         raise ValueError(f"{name} is {text[:60]!r}; expected a whole number")
     return int(text)
 
 
 def seconds_to_ns(text: str) -> int:
-    """Return a time in seconds as nanoseconds, without going through a float that has not the digits."""
+    """Return a time in seconds as nanoseconds, by way of a decimal: a float has too few digits."""
     try:
         seconds = Decimal(text)
     except InvalidOperation:

@@ -1,4 +1,4 @@
-"""Transforms between a robot's frames, as ROS tells them: a tree of poses in space, and what is planar about them."""
+"""Transforms between a robot's frames, as in ROS: a tree of poses in space, and their projection to the plane."""
 
 import math
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dynpf.portable import atan2, product
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 from dynpf_formats.importers.poses import Pose
 
 __all__ = ["OPTICAL", "TransformTree", "matrix", "planar"]
@@ -17,9 +17,9 @@ OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
 def matrix(translation: Any, rotation: Any) -> FloatArray | None:
-    """Return position and quaternion (objects with x, y, z and w) as a matrix (4, 4), or None where they are none.
+    """Return position and quaternion (objects with x, y, z and w) as a matrix (4, 4), or None if they are invalid.
 
-    A quaternion is made a unit one; one of length 0, and numbers that are not finite, give None.
+    The quaternion is normalized; a quaternion of length 0 and numbers that are not finite give None.
     """
     q = np.array([rotation.x, rotation.y, rotation.z, rotation.w], dtype=np.float64)
     t = np.array([translation.x, translation.y, translation.z], dtype=np.float64)
@@ -38,7 +38,7 @@ def matrix(translation: Any, rotation: Any) -> FloatArray | None:
 
 
 def planar(transform: FloatArray) -> Pose:
-    """Return where the origin and the x axis of a frame (4, 4) lie, seen from above: m, m, rad."""
+    """Return the pose (m, m, rad) of a frame (4, 4) projected to the plane, by its origin and x axis."""
     x, y = transform[:2, 3].tolist()
     return x, y, atan2(float(transform[1, 0]), float(transform[0, 0]))
 
@@ -50,19 +50,19 @@ class TransformTree:
         self._parents: dict[str, tuple[str, FloatArray]] = {}
 
     def put(self, parent: str, child: str, transform: FloatArray) -> None:
-        """Take in where ``child`` lies in ``parent``."""
+        """Set the pose of ``child`` in ``parent``."""
         self._parents[child] = parent, transform
 
     def frames(self) -> set[str]:
-        """Return every frame that was named."""
+        """Return the names of all frames."""
         return {*self._parents, *(parent for parent, _ in self._parents.values())}
 
     def parent(self, frame: str) -> str | None:
-        """Return the frame in which ``frame`` lies."""
+        """Return the parent of ``frame``, or None."""
         return self._parents[frame][0] if frame in self._parents else None
 
     def find(self, target: str, source: str) -> FloatArray | None:
-        """Return where ``source`` lies in ``target``, (4, 4); None where nothing joins them."""
+        """Return the pose of ``source`` in ``target``, (4, 4); None if the tree does not connect them."""
         up, down = self._ancestors(source), self._ancestors(target)
         for frame, transform in up:
             for other, back in down:
@@ -71,7 +71,7 @@ class TransformTree:
         return None
 
     def _ancestors(self, frame: str) -> Sequence[tuple[str, FloatArray]]:
-        """Return the frame and everything above it, each with where the frame lies in it."""
+        """Return the frame and its ancestors, each with the frame's pose in it."""
         found = [(frame, np.eye(4))]
         while found[-1][0] in self._parents and len(found) <= len(self._parents):
             name, transform = found[-1]
@@ -81,7 +81,7 @@ class TransformTree:
 
 
 def _inverse(transform: FloatArray) -> FloatArray:
-    """Return a rotation and translation (4, 4) undone."""
+    """Return the inverse of a rigid transform (4, 4)."""
     found = np.eye(4)
     found[:3, :3] = transform[:3, :3].T
     found[:3, 3] = -product(found[:3, :3], transform[:3, 3])

@@ -1,7 +1,7 @@
 """Importer of trajectories in the format of the TUM RGB-D benchmark, which evo writes too: reference poses.
 
-A line is a pose: time (s), x, y, z (m), and the quaternion x, y, z, w; what stands behind # is not read. Of the
-orientation the heading is kept, of the position the plane.
+A line is a pose: time (s), x, y, z (m), and the quaternion x, y, z, w; text after # is a comment. Only the pose in the
+plane is kept: x, y and heading.
 """
 
 from collections.abc import Iterator
@@ -13,8 +13,7 @@ from dynpf_protocol.messages import RobotState
 from dynpf_protocol.topics import LOG_NODE
 
 from dynpf_formats.importers.errors import ImportFailedError
-from dynpf_formats.importers.log import Record
-from dynpf_formats.importers.stream import LogStream, Losses
+from dynpf_formats.importers.log import ImportedLog, Losses, Record
 from dynpf_formats.importers.text import finite_number, lines_of, seconds_to_ns
 from dynpf_formats.importers.transforms import matrix, planar
 from dynpf_formats.recording.reader import read_recording
@@ -32,25 +31,25 @@ class _Vector(NamedTuple):
     w: float = 0.0
 
 
-def import_tum(path: Path, log: Path | None = None) -> LogStream:
-    """Return the poses as a reference alone, or, given an imported ``log``, that log with them as its reference.
+def import_tum(path: Path, log: Path | None = None) -> ImportedLog:
+    """Return the poses as a log of references, or, given an imported ``log``, that log with them as its reference.
 
-    Lines that cannot be read, and poses earlier than the one before them, are left out and counted. Raises
-    ImportFailedError for a file without poses, RecordingError for a log that cannot be read.
+    Unreadable lines, and poses earlier than the previous one, are left out and counted. Raises ImportFailedError for a
+    file without poses, RecordingError for a log that cannot be read.
     """
     if next(_poses(path, Losses()), None) is None:
         raise ImportFailedError(f"{path}: no line of 8 numbers; expected time, x, y, z, qx, qy, qz, qw")
     losses = Losses()
     truth = _poses(path, losses)
     if log is None:
-        return LogStream(path.name, "tum", {}, truth, losses)
+        return ImportedLog(path.name, "tum", {}, truth, losses)
     recording = read_recording(log)
-    kept = [one for one in recording.messages(node=LOG_NODE) if one.topic != TRUTH]
+    kept = [record for record in recording.messages(node=LOG_NODE) if record.topic != TRUTH]
     if not kept:
         raise ImportFailedError(f"{log}: holds no records of an imported log to which a reference could be given")
-    records = (Record(one.topic, one.stamp_ns, decode(one.topic, one.payload)) for one in kept)
+    records = (Record(record.topic, record.stamp_ns, decode(record.topic, record.payload)) for record in kept)
     settings = {"log": log.name}
-    return LogStream(path.name, "tum", settings, _merged(truth, records), losses, recording.attachments)
+    return ImportedLog(path.name, "tum", settings, _merged(truth, records), losses, recording.attachments)
 
 
 def _poses(path: Path, losses: Losses) -> Iterator[Record]:
@@ -59,14 +58,14 @@ def _poses(path: Path, losses: Losses) -> Iterator[Record]:
         fields = line.partition("#")[0].split()
         if not fields:
             continue
-        place = f"{path.name}:{number}"
+        where = f"{path.name}:{number}"
         try:
             stamp_ns, pose = _pose(fields)
         except ValueError as error:
-            losses.add("lines that cannot be read", f"{place}: {error}")
+            losses.add("lines that cannot be read", f"{where}: {error}")
             continue
         if stamp_ns < newest_ns:
-            losses.add("poses whose clock went backwards", f"{place}: {fields[0]} s")
+            losses.add("poses whose clock went backwards", f"{where}: {fields[0]} s")
             continue
         newest_ns = stamp_ns
         yield Record(TRUTH, stamp_ns, pose)
@@ -85,7 +84,7 @@ def _pose(fields: list[str]) -> tuple[int, RobotState]:
 
 
 def _merged(truth: Iterator[Record], others: Iterator[Record]) -> Iterator[Record]:
-    """Yield the others in their order, each after the poses up to its time."""
+    """Yield the other records in their order, each after the poses up to its time."""
     waiting = next(truth, None)
     for record in others:
         while waiting is not None and waiting.stamp_ns <= record.stamp_ns:

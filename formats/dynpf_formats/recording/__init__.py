@@ -1,1 +1,1 @@
-"""Recordings: one MCAP file a run. Writing, checked reading, content digest, comparison, diagnosis and recovery."""
+"""Recordings, one MCAP file per run: writing, checked reading, content digest, comparison, diagnosis and recovery."""

@@ -1,23 +1,46 @@
-"""The files that a scenario names, as they travel in a recording."""
+"""The files that a scenario names, as attachments of a recording."""
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+
+import msgspec
+from dynpf_protocol.landmarks import Landmark
 
 from dynpf_formats.recording.header import Attachment
 
-__all__ = ["FOLDER", "attached", "is_file"]
+__all__ = ["FOLDER", "LANDMARKS", "attached", "attached_landmarks", "files_of", "is_file", "landmarks_of"]
 
 FOLDER = "files/"
-"""Where the attachments are that a scenario names; those of a played log are beside it."""
+"""The folder of the attachments that a scenario names; those of a played log are beside it."""
+
+LANDMARKS = "landmarks.json"
+"""The attachment that holds an imported log's landmarks."""
 
 
 def attached(name: str, data: bytes) -> Attachment:
-    """Return a file that a scenario names as it travels in a recording."""
+    """Return a file that a scenario names as an attachment of a recording."""
     return Attachment(name=f"{FOLDER}{name}", media_type=_media_type(name), data=data)
 
 
 def is_file(attachment: Attachment) -> bool:
-    """Return whether an attachment is a file that a scenario names, or would name."""
+    """Return whether an attachment is a file that a scenario names, or could name."""
     return attachment.name.startswith(FOLDER)
+
+
+def files_of(attachments: Iterable[Attachment]) -> dict[str, bytes]:
+    """Return the contents of the files among attachments, by the names that a scenario uses."""
+    return {item.name.removeprefix(FOLDER): item.data for item in attachments if is_file(item)}
+
+
+def attached_landmarks(landmarks: Sequence[Landmark]) -> Attachment:
+    """Return the landmarks of a log as an attachment: a JSON list of id, x and y."""
+    return Attachment(name=LANDMARKS, media_type="application/json", data=msgspec.json.encode(landmarks))
+
+
+def landmarks_of(attachments: Iterable[Attachment]) -> tuple[Landmark, ...]:
+    """Return the landmarks among attachments, none if there are none; raises msgspec.DecodeError."""
+    data = next((item.data for item in attachments if item.name == LANDMARKS), b"[]")
+    return msgspec.json.decode(data, type=tuple[Landmark, ...])
 
 
 def _media_type(name: str) -> str:

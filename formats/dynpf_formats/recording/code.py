@@ -1,4 +1,4 @@
-"""What code a recording names: read from its scenario's text alone, whether or not that could be run."""
+"""The user classes that a recording names, read from the text of its scenario, whether or not that can be run."""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -13,19 +13,19 @@ __all__ = ["code_in_words", "described_code", "recorded_code"]
 
 
 def recorded_code(recording: Recording) -> tuple[UserClass, ...]:
-    """Return the classes that a replay would import and run, if it were allowed to; none of them is looked for."""
+    """Return the classes that a replay would import and run if allowed; none of them is imported here."""
     try:
         scenario = json.loads(recording.header.scenario)
     except (ValueError, RecursionError):
-        return ()  # of such a scenario nothing can be run
+        return ()  # nothing of such a scenario can be run
     tables = _node_tables(scenario) if isinstance(scenario, dict) else ()
     return tuple(user for key, table in tables for user in _of_node(key, table))
 
 
 def _node_tables(scenario: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the tables of nodes, each with its key: those with usual names, and the others, listed or by name.
+    """Yield the tables of nodes, each with its key: nodes with usual names, then the others, by list or by name.
 
-    A kind may stand there alone.
+    A kind alone, without a table, is allowed.
     """
     others = scenario.get("nodes")
     named = [*others.items()] if isinstance(others, dict) else []
@@ -40,7 +40,7 @@ def _node_tables(scenario: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]
 
 
 def _of_node(key: str, table: dict[str, Any]) -> Iterator[UserClass]:
-    """Yield what a node's table names: the node itself, whose other keys are its own matter, or its components."""
+    """Yield the classes of a node's table: the node's own class, whose other keys are left alone, or its components."""
     kind = table.get("kind")
     if isinstance(kind, str) and CLASS_NAME.fullmatch(kind):
         yield from _named(key, table)
@@ -51,25 +51,27 @@ def _of_node(key: str, table: dict[str, Any]) -> Iterator[UserClass]:
 
 
 def _named(key: str, table: Any) -> Iterator[UserClass]:
-    """Yield what one component's table names, or each of a list of them; a kind may stand there alone."""
-    listed = [(f"{key}.{index}", one) for index, one in enumerate(table)] if isinstance(table, list) else [(key, table)]
-    for where, one in listed:
-        kind = one.get("kind") if isinstance(one, dict) else one
+    """Yield the class of a component's table, or of each table in a list; a kind alone is allowed."""
+    listed = (
+        [(f"{key}.{index}", part) for index, part in enumerate(table)] if isinstance(table, list) else [(key, table)]
+    )
+    for where, component in listed:
+        kind = component.get("kind") if isinstance(component, dict) else component
         if isinstance(kind, str) and CLASS_NAME.fullmatch(kind):
             module, _, name = kind.partition(":")
             yield UserClass(f"{where}.kind", module, name)
 
 
 def described_code(named: Iterable[UserClass]) -> list[dict[str, str]]:
-    """Return what a replay would import and run, as ``info`` and ``doctor`` print it with --json."""
-    return [{"key": one.key, "module": one.module, "class": one.name} for one in named]
+    """Return the classes that a replay would import and run, as ``info --json`` and ``doctor --json`` print them."""
+    return [{"key": user.key, "module": user.module, "class": user.name} for user in named]
 
 
 def code_in_words(code: Iterable[dict[str, str]]) -> list[str]:
-    """Return what a replay would import and run as lines for a person."""
+    """Return the classes that a replay would import and run as lines for a person."""
     lines = []
-    for one in code:
-        module = one["module"]
+    for row in code:
+        module = row["module"]
         allowed = "replay refuses" if is_standard(module) else f"replay runs only with --allow-code {module}"
-        lines.append(f"code: {one['key']} names the class {one['class']} of the module {module}, which {allowed}")
+        lines.append(f"code: {row['key']} names the class {row['class']} of the module {module}, which {allowed}")
     return lines

@@ -26,8 +26,8 @@ class FirstDifference(msgspec.Struct, frozen=True, kw_only=True):
     """The first message, or state, that differs.
 
     ``field`` is the path inside the message, such as ``pose.x``; or ``tick``, ``stamp_ns``, ``state``, ``message``
-    (one side lacks it), ``consumed[i]`` or ``produced[i]`` (the step took or made another message in that place) or
-    ``payload`` (other bytes, the same values). ``tick`` is None where no journal tells it.
+    (one side lacks it), ``consumed[i]`` or ``produced[i]`` (the step consumed or produced another message at index i)
+    or ``payload`` (other bytes, the same values). ``tick`` is None if no journal has it.
     """
 
     node: str
@@ -40,7 +40,7 @@ class FirstDifference(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TopicCounts(msgspec.Struct, frozen=True, kw_only=True):
-    """How many messages of a topic either recording has, and how many of them differ or lack their counterpart."""
+    """The number of messages of a topic in each recording, and how many differ or lack their counterpart."""
 
     a: int
     b: int
@@ -48,7 +48,7 @@ class TopicCounts(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Difference(msgspec.Struct, frozen=True, kw_only=True):
-    """The result of a comparison, in the form in which ``dynpf diff --json`` prints it, the measures aside."""
+    """The result of a comparison, as ``dynpf diff --json`` prints it but for the measures."""
 
     same: bool
     first: FirstDifference | None
@@ -56,11 +56,11 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def diff(a: Recording, b: Recording) -> Difference:
-    """Compare what counts as the same run.
+    """Compare two recordings by what their content digests cover.
 
-    The first difference is the first by tick, then in the order of the nodes in a tick, then of the topic table, then
-    by sequence; steps that differ though all messages and states are the same come last. Two recordings are the same
-    exactly if their content digests are.
+    Differences are ordered by tick, then by the order of the nodes in a tick, then of the topic table, then by sequence
+    number; steps that differ although all messages and states are equal come last. Two recordings are the same exactly
+    if their content digests are.
     """
     left, right = leaves(a), leaves(b)
     ranks = _node_ranks(a, b)
@@ -103,7 +103,7 @@ def _differ(a: Leaf | None, b: Leaf | None) -> bool:
 
 
 def _node_ranks(a: Recording, b: Recording) -> dict[str, int]:
-    """Return where each node stands in a tick; the log comes before all."""
+    """Return the rank of each node in a tick; the log comes first."""
     nodes = (LOG_NODE, *(a.header.writes or b.header.writes or NODES))
     return {node: rank for rank, node in enumerate(nodes)}
 
@@ -111,7 +111,7 @@ def _node_ranks(a: Recording, b: Recording) -> dict[str, int]:
 def _order(ranks: Mapping[str, int], key: Key, a: Leaf | None, b: Leaf | None) -> _Order:
     present = [leaf for leaf in (a, b) if leaf is not None]
     tick = min((leaf.tick for leaf in present if leaf.tick >= 0), default=_LAST)
-    # Without a journal there are no ticks, and the stamp tells what came first.
+    # Without a journal there are no ticks; the stamps then give the order.
     stamp = min(leaf.stamp_ns for leaf in present) if tick == _LAST else 0
     return (
         tick,
@@ -184,7 +184,7 @@ def _state_difference(key: StateKey, a: tuple[int, str] | None, b: tuple[int, st
 def _step_difference(
     ranks: Mapping[str, int], left: Mapping[StepKey, StepLine], right: Mapping[StepKey, StepLine]
 ) -> FirstDifference | None:
-    """Find the first step that took or made other messages, or the same in another order."""
+    """Return the first step that consumed or produced other messages, or the same in another order."""
     pairs = {key: (left.get(key), right.get(key)) for key in {**left, **right} if left.get(key) != right.get(key)}
     if not pairs:
         return None
@@ -195,27 +195,27 @@ def _step_difference(
     key = min(pairs, key=order)
     before, after = pairs[key]
     if before is None or after is None:
-        field, one, other = "step", _presence(before), _presence(after)
+        field, a_value, b_value = "step", _presence(before), _presence(after)
     else:
-        field, one, other = next(_step_fields(before, after))
+        field, a_value, b_value = next(_step_fields(before, after))
     return FirstDifference(
         node=key.node,
         topic=JOURNAL_PREFIX + key.node,
         tick=order(key)[0],
         sequence=key.number,
         field=field,
-        a=one,
-        b=other,
+        a=a_value,
+        b=b_value,
     )
 
 
 def _step_fields(a: StepLine, b: StepLine) -> Iterator[tuple[str, Any, Any]]:
-    """Yield the fields in which two steps differ, each with both values; messages in words."""
+    """Yield the fields in which two steps differ, each with both values; messages as text."""
     for name in ("consumed", "produced"):
         pairs = zip_longest(getattr(a, name), getattr(b, name))
-        for place, (one, other) in enumerate(pairs):
-            if one != other:
-                yield f"{name}[{place}]", _worded(one), _worded(other)
+        for index, (before, after) in enumerate(pairs):
+            if before != after:
+                yield f"{name}[{index}]", _worded(before), _worded(after)
     for name in ("step", "tick", "stamp_ns", "state"):
         if getattr(a, name) != getattr(b, name):
             yield name, getattr(a, name), getattr(b, name)
@@ -256,17 +256,17 @@ def _first_member(path: str, a: dict[str, Any], b: dict[str, Any]) -> tuple[str,
 
 
 def _first_element(path: str, a: list[Any], b: list[Any]) -> tuple[str, Any, Any] | None:
-    for place, (left, right) in enumerate(zip(a, b, strict=False)):
-        if found := _first_value(f"{path}[{place}]", left, right):
+    for index, (left, right) in enumerate(zip(a, b, strict=False)):
+        if found := _first_value(f"{path}[{index}]", left, right):
             return found
     return None if len(a) == len(b) else (f"{path}.length", len(a), len(b))
 
 
 def _excerpts(a: str, b: str) -> tuple[str, str]:
-    """Return both texts, cut down to where they part if they are long."""
+    """Return both texts; long ones are cut to the neighbourhood of their first difference."""
     if max(len(a), len(b)) <= _SHOWN:
         return a, b
-    parting = next((place for place, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
+    parting = next((index for index, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
     start = max(0, parting - _SHOWN // 4)
     return _excerpt(a, start), _excerpt(b, start)
 

@@ -1,9 +1,9 @@
-"""What counts as "the same run", as data: the compared messages and the journals, and a digest over them.
+"""What counts as "the same run": the compared messages and journals, and the content digest over them.
 
-Compared are, for each node, topic and start of the node, the messages by sequence: payload bytes and logical stamp; and
-of each journal the steps: tick, stamp, what was consumed and produced, and the digest of the state. A message's tick is
-thus told by the journal alone. Left out are boots (a node's starts are numbered in their order), publish times, topics
-that are not compared, the layout of file and journal.
+For each node, topic and start of the node, the digest covers the messages by sequence number: payload bytes and logical
+stamp; and the steps of each journal: tick, stamp, consumed and produced messages, and the digest of the state. Only the
+journal gives a message's tick. The digest leaves out boots (a node's starts are numbered in their order), publish
+times, topics that are not compared, and the layout of file and journal.
 """
 
 import hashlib
@@ -35,7 +35,7 @@ __all__ = [
 
 
 class Key(NamedTuple):
-    """Which message; ``start`` numbers the starts of the node's process from 0."""
+    """Identifies a message; ``start`` numbers the starts of the node's process from 0."""
 
     node: str
     topic: str
@@ -44,7 +44,7 @@ class Key(NamedTuple):
 
 
 class Leaf(NamedTuple):
-    """What is compared of a message; ``tick`` is -1 where no journal tells it."""
+    """What is compared of a message; ``tick`` is -1 if no journal has it."""
 
     tick: int
     stamp_ns: int
@@ -53,7 +53,7 @@ class Leaf(NamedTuple):
 
 
 class StateKey(NamedTuple):
-    """Which state: the ``number``-th digest in the journal of a node's start."""
+    """Identifies a state: the ``number``-th digest in the journal of a node's start."""
 
     node: str
     start: int
@@ -61,7 +61,7 @@ class StateKey(NamedTuple):
 
 
 class StepKey(NamedTuple):
-    """Which step: the ``number``-th entry in the journal of a node's start."""
+    """Identifies a step: the ``number``-th entry in the journal of a node's start."""
 
     node: str
     start: int
@@ -69,7 +69,7 @@ class StepKey(NamedTuple):
 
 
 class StepLine(NamedTuple):
-    """What is compared of a step: messages without boots, and of those that it produced the compared ones."""
+    """What is compared of a step: its messages without boots; of the produced ones only those on compared topics."""
 
     step: int
     tick: int
@@ -80,7 +80,7 @@ class StepLine(NamedTuple):
 
 
 class _Chain:
-    """The running digest of one source, and how far its sequence has come."""
+    """The running digest of one source, and the next sequence number that it expects."""
 
     __slots__ = ("count", "digest", "expected", "missing")
 
@@ -91,11 +91,12 @@ class _Chain:
         self.missing: list[tuple[int, int]] = []  # (first, last) sequence numbers, in order
 
     def passed(self, sequence: int) -> bool:
-        """Return whether a message with this number, lower than the expected one, has come before."""
+        """Return whether a message with this sequence number, lower than the expected one, was added before."""
         before = bisect_right(self.missing, sequence, key=lambda gap: gap[0])
         return before == 0 or self.missing[before - 1][1] < sequence
 
     def add(self, sequence: int, line: tuple[Any, ...]) -> None:
+        """Add the line of the message with this sequence number, which is the expected one or a higher one."""
         if sequence > self.expected:
             self.missing.append((self.expected, sequence - 1))
         self.expected = sequence + 1
@@ -104,11 +105,11 @@ class _Chain:
 
 
 class Chains:
-    """The content digest of a recording while its messages come one by one.
+    """The content digest of a recording, computed as its messages arrive.
 
-    Of each source it keeps a running SHA-256, the expected sequence number and the ranges that are missing. It takes
-    the messages of a source by sequence; of those with the same number the first counts. A source with a message that
-    comes behind a later one is ``disordered``, and has to be told ``again``, sorted.
+    For each source it keeps a running SHA-256, the expected sequence number and the missing ranges. It takes the
+    messages of a source in order of their sequence numbers; of repeated ones the first counts. A source with a message
+    that comes after a later one is ``disordered``: ``restart`` it and add its messages again, sorted.
     """
 
     def __init__(self) -> None:
@@ -117,7 +118,7 @@ class Chains:
         self.disordered: set[Source] = set()
 
     def add(self, source: Source, sequence: int, stamp_ns: int, payload: bytes) -> None:
-        """Take the next message, or entry of a journal; raises msgspec.DecodeError for what should be an entry."""
+        """Add the next message or journal entry; raises msgspec.DecodeError for an entry that cannot be decoded."""
         chain = self._chains.get(source)
         if chain is None:
             boots = self._starts.setdefault(source.node, {})
@@ -134,8 +135,8 @@ class Chains:
         else:
             chain.add(sequence, (sequence, stamp_ns, hashlib.sha256(payload).hexdigest()))
 
-    def again(self, source: Source) -> None:
-        """Forget what came of a source, whose messages then have to be added by sequence."""
+    def restart(self, source: Source) -> None:
+        """Discard the messages of a source, which then have to be added again in order of their sequence numbers."""
         self._chains[source] = _Chain()
         self.disordered.discard(source)
 
@@ -153,10 +154,10 @@ class Chains:
 
 
 def content_digest(recording: Recording) -> str:
-    """Return the SHA-256, in hexadecimal, over what is compared of a recording.
+    """Return the SHA-256, in hexadecimal, over the compared content of a recording.
 
-    The file is read once, in bounded memory. Only the sources whose messages are out of order in it are then read
-    again by sequence, as are all where a channel is described behind its messages.
+    The file is read once, in bounded memory. Only sources whose messages are out of order in it are read again, by
+    sequence number; all are if a channel is described after its messages.
     """
     chains = Chains()
     for item in stream(recording.path):
@@ -166,7 +167,7 @@ def content_digest(recording: Recording) -> str:
             return _sorted_digest(recording)
         _add(chains, recording, item.source, item)
     for source in [*chains.disordered]:
-        chains.again(source)
+        chains.restart(source)
         for record in recording.of(source):
             _add(chains, recording, source, record)
     return chains.total()
@@ -189,7 +190,7 @@ def _add(chains: Chains, recording: Recording, source: Source, message: Streamed
 
 
 def leaves(recording: Recording) -> dict[Key, Leaf]:
-    """Return what is compared of every compared message."""
+    """Return the compared content of every compared message."""
     numbers = starts(recording)
     found = {}
     for record in recording.messages():
@@ -204,7 +205,7 @@ def leaves(recording: Recording) -> dict[Key, Leaf]:
 
 
 def states(recording: Recording) -> dict[StateKey, tuple[int, str]]:
-    """Return (tick, state digest) of every state that a journal tells."""
+    """Return (tick, state digest) of every state digest in the journals."""
     numbers = starts(recording)
     found: dict[StateKey, tuple[int, str]] = {}
     for node, boot in recording.journals():
@@ -213,7 +214,7 @@ def states(recording: Recording) -> dict[StateKey, tuple[int, str]]:
 
 
 def steps(recording: Recording) -> dict[StepKey, StepLine]:
-    """Return what is compared of every step."""
+    """Return the compared content of every step."""
     numbers = starts(recording)
     return {
         StepKey(node, numbers[node, boot], number): _step_line(entry)
@@ -223,7 +224,7 @@ def steps(recording: Recording) -> dict[StepKey, StepLine]:
 
 
 def starts(recording: Recording) -> dict[tuple[str, str], int]:
-    """Return the place of each boot among the starts of its node."""
+    """Return the number of each (node, boot) among the starts of the node, from 0."""
     nodes = {source.node for source in recording.sources}
     return {(node, boot): start for node in nodes for start, boot in enumerate(recording.boots(node))}
 
@@ -238,7 +239,7 @@ def _states(recording: Recording, node: str, boot: str, start: int) -> Iterator[
 
 
 def _is_counted(source: Source) -> bool:
-    """Return whether a source is the journal of its node, or compared."""
+    """Return whether the digest covers a source: the journal of its node, or a compared topic."""
     if source.topic.startswith(JOURNAL_PREFIX):
         return source.topic == JOURNAL_PREFIX + source.node
     return is_compared(source.topic)

@@ -1,4 +1,4 @@
-"""Says what is wrong with a recording: bytes, framing, gaps, journal, payloads, and who sent what."""
+"""Finds what is wrong with a recording: bytes, framing, gaps, journals, payloads and senders."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -23,13 +23,15 @@ __all__ = ["Diagnosis", "Finding", "Severity", "diagnose", "examine"]
 
 
 class Severity(StrEnum):
-    UNREADABLE = "unreadable"  # nothing can be said about the run
-    ERROR = "error"  # something of the run is lost or wrong
+    """How bad a finding is."""
+
+    UNREADABLE = "unreadable"  # the file cannot be read as a recording
+    ERROR = "error"  # a part of the run is lost or wrong
     WARNING = "warning"  # something is odd
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
-    """One thing that is wrong; ``where`` names the place in file or run."""
+    """One thing that is wrong; ``where`` locates it in the file or the run."""
 
     severity: Severity
     what: str
@@ -37,21 +39,21 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Diagnosis(NamedTuple):
-    """What is wrong with a file, and what code a replay of it would import and run if it were allowed to."""
+    """The findings about a file, and the user classes that a replay of it would import and run if allowed."""
 
     findings: list[Finding]
     code: tuple[UserClass, ...] = ()
 
 
 def examine(path: Path | str) -> list[Finding]:
-    """Return everything that is wrong with a file; an empty list for a whole and complete recording."""
+    """Return everything that is wrong with a file; an empty list for an intact and complete recording."""
     return diagnose(path).findings
 
 
 def diagnose(path: Path | str) -> Diagnosis:
-    """Return everything that is wrong with a file, and the code that it names, none of which is imported.
+    """Return everything that is wrong with a file, and the user classes that it names, without importing them.
 
-    Never raises for what a file holds: a file that is no recording has one finding that says so.
+    Never raises because of a file's content: a file that is no recording has one finding that says so.
     """
     try:
         recording, damage = load(path)
@@ -89,13 +91,13 @@ def _senders(recording: Recording) -> Iterator[Finding]:
             if source.node not in nodes or source.topic != JOURNAL_PREFIX + source.node:
                 yield _error(f"a journal of unknown node {source.node!r}", source.topic)
         elif not (expected := publishers.get(source.topic) or _log_publishers(source.topic)):
-            yield _error(f"topic {source.topic!r} is none that this run has", source.topic)
+            yield _error(f"this run has no topic {source.topic!r}", source.topic)
         elif source.node not in expected:
             yield _error(f"sent by {source.node!r}; expected {', '.join(expected)}", source.topic)
 
 
 def _publishers(recording: Recording) -> dict[str, tuple[str, ...]]:
-    """Return who may send on each topic: what the header says of the nodes, and what hosts, recorder and log send."""
+    """Return the allowed senders of each topic: nodes by the header, and hosts, recorder and log."""
     found = {row.name: row.publishers for row in known_topics().values()}
     if not recording.header.writes:
         return found
@@ -118,7 +120,7 @@ def _log_publishers(name: str) -> tuple[str, ...]:
 def _gaps(recording: Recording) -> Iterator[Finding]:
     for source in recording.sources:
         if source.topic.startswith(JOURNAL_PREFIX):
-            continue  # told by its steps
+            continue  # _journals checks its steps
         expected = 0
         for record in recording.of(source):
             if record.sequence > expected:

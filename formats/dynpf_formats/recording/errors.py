@@ -19,19 +19,19 @@ class RecordingError(DynpfError):
 
 
 class RecordingExistsError(RecordingError):
-    """The file to be written is already there."""
+    """The file to be written already exists."""
 
 
 class NotMcapError(RecordingError):
-    """The file is empty, or something else than MCAP."""
+    """The file is empty, or is not MCAP."""
 
 
 class ForeignRecordingError(RecordingError):
-    """The file is MCAP, but somebody else's."""
+    """The file is MCAP, but no dynpf recording."""
 
 
 class UnreadableHeaderError(RecordingError):
-    """The metadata of the run cannot be read, so nothing says what the messages mean."""
+    """The metadata of the run cannot be read, so the messages cannot be interpreted."""
 
 
 class UnknownVersionError(RecordingError):
@@ -39,8 +39,8 @@ class UnknownVersionError(RecordingError):
 
 
 class TruncatedRecordingError(RecordingError):
-    """The file ends before its footer: whoever wrote it did not finish."""
+    """The file ends before its footer: its writer did not finish."""
 
 
 class CorruptRecordingError(RecordingError):
-    """The file holds other bytes than were written: a checksum or the framing is wrong."""
+    """The file does not hold the bytes that were written: a checksum or the framing is wrong."""

@@ -1,7 +1,7 @@
-"""What a recording says about its run: the header at the start, attachments, and how the run ended.
+"""Metadata of a recording: the header at the start, attachments, and how the run ended.
 
 Header and end are stored as MCAP metadata records. MCAP protects chunks by a checksum, but not these; so each carries
-the SHA-256 of its own entries, which also holds for a file that was cut off before its last checksum.
+the SHA-256 of its own entries, which can be checked even in a file that is truncated before its last checksum.
 """
 
 import hashlib
@@ -24,7 +24,7 @@ _SEAL = "sha256"
 
 
 class Provenance(msgspec.Struct, frozen=True, kw_only=True):
-    """What made a run: program, packages and platform; ``dynpf_formats.recording.provenance.collect`` gives it."""
+    """What made a run: program, packages and platform; see ``dynpf_formats.recording.provenance.collect``."""
 
     dynpf_version: str
     code_digest: str  # SHA-256 over the sources of dynpf's packages
@@ -33,7 +33,7 @@ class Provenance(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RunHeader(msgspec.Struct, frozen=True, kw_only=True):
-    """How to run it again. ``scenario`` is the resolved scenario as JSON; nobody ``writes`` an imported log."""
+    """How to repeat the run. ``scenario`` is the resolved scenario as JSON; ``writes`` is empty for an imported log."""
 
     scenario: str
     seed: int
@@ -43,7 +43,7 @@ class RunHeader(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Attachment(msgspec.Struct, frozen=True, kw_only=True):
-    """A file that travels in the recording, such as a map."""
+    """A file inside the recording, such as a map."""
 
     name: str
     media_type: str
@@ -51,7 +51,7 @@ class Attachment(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RunEnd(msgspec.Struct, frozen=True, kw_only=True):
-    """How a run ended, as its recorder saw it."""
+    """How a run ended, by its recorder."""
 
     complete: bool
     reason: str
@@ -67,22 +67,22 @@ _T = TypeVar("_T", RunHeader, RunEnd)
 
 
 def seal(record: RunHeader | RunEnd) -> dict[str, str]:
-    """Return ``record`` as the entries of a metadata record: text as it is, everything else as JSON, and the seal."""
+    """Return ``record`` as the entries of a metadata record: text as it is, other values as JSON, and the checksum."""
     fields = {name: getattr(record, name) for name in record.__struct_fields__}
     entries = {name: value if isinstance(value, str) else _json(value) for name, value in fields.items()}
     if isinstance(record, RunHeader):
-        entries["dynpf_version"] = record.provenance.dynpf_version  # stands alone, for a reader of another version
+        entries["dynpf_version"] = record.provenance.dynpf_version  # a separate entry, for readers of other versions
     return {**entries, _SEAL: _digest(entries)}
 
 
-def unsealed(entries: Mapping[str, str]) -> bool:
-    """Return whether the entries of a metadata record are not what was sealed."""
+def seal_is_broken(entries: Mapping[str, str]) -> bool:
+    """Return whether the checksum does not match the entries of a metadata record."""
     return entries.get(_SEAL) != _digest({key: value for key, value in entries.items() if key != _SEAL})
 
 
 def unseal(entries: Mapping[str, str], kind: type[_T]) -> _T:
-    """Return the record that ``seal`` was given; raises ValueError where the entries hold something else."""
-    if unsealed(entries):
+    """Return the record that ``seal`` was given; raises ValueError if the entries are damaged or of another kind."""
+    if seal_is_broken(entries):
         raise ValueError("its checksum does not match")
     known = msgspec.structs.fields(kind)
     missing = [field.name for field in known if field.required and field.name not in entries]

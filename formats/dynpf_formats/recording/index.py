@@ -1,4 +1,7 @@
-"""The places of a recording's messages, in arrays of some tens of bytes a message; payloads are fetched on demand."""
+"""The index of a recording's messages, arrays of some tens of bytes per message; payloads are fetched on demand.
+
+A message's position is its index in the order of the file.
+"""
 
 from array import array
 from bisect import bisect_left
@@ -13,13 +16,13 @@ from dynpf_formats.recording.errors import CorruptRecordingError
 from dynpf_formats.recording.mcap_records import Region, unpack
 from dynpf_formats.recording.stream import Source, StreamedMessage
 
-__all__ = ["MessageIndex", "Places", "Recorded", "Records"]
+__all__ = ["MessageIndex", "Positions", "Recorded", "Records"]
 
 _CACHE_BYTES = 16 * 2**20
 
 
 class _Payloads:
-    """Payloads by chunk: the chunks used last are kept, uncompressed, up to _CACHE_BYTES."""
+    """Payloads by chunk: the most recently used chunks stay in memory, uncompressed, up to _CACHE_BYTES."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -29,13 +32,14 @@ class _Payloads:
         self._cached = 0
 
     def add(self, region: Region) -> int:
-        """Take up a chunk that has just been read; return its number."""
+        """Add a chunk that has just been read; return its number."""
         self._offsets.append(region.offset)
         self._lengths.append(region.length)
         self._keep(len(self._offsets) - 1, region.data)
         return len(self._offsets) - 1
 
     def get(self, chunk: int, start: int, stop: int) -> bytes:
+        """Return bytes of a chunk by its number; raises CorruptRecordingError if the file has changed."""
         data = self._cache.get(chunk)
         if data is None:
             data = self._fetch(chunk)
@@ -59,11 +63,11 @@ class _Payloads:
             raise CorruptRecordingError(f"{self._path}: changed while it was in use: {error}") from error
 
 
-class Places:
-    """Where the messages of one source are: their places in the file's order, by sequence, each number once."""
+class Positions:
+    """The positions of one source's messages by sequence number, each number once."""
 
-    def __init__(self, places: "array[int]", sequences: "array[int]", begin: int, end: int) -> None:
-        self._places = places
+    def __init__(self, positions: "array[int]", sequences: "array[int]", begin: int, end: int) -> None:
+        self._positions = positions
         self._sequences = sequences
         self._begin = begin
         self._end = end
@@ -72,11 +76,11 @@ class Places:
         return self._end - self._begin
 
     def __getitem__(self, number: int) -> int:
-        return self._places[range(self._begin, self._end)[number]]
+        return self._positions[range(self._begin, self._end)[number]]
 
     def find(self, sequence: int) -> int | None:
-        """Return the place of a sequence number, or None."""
-        if sequence < len(self) and self._sequences[self[sequence]] == sequence:  # none before it is missing
+        """Return the position of the message with a sequence number, or None."""
+        if sequence < len(self) and self._sequences[self[sequence]] == sequence:  # no earlier one is missing
             return self[sequence]
         number = bisect_left(range(len(self)), sequence, key=lambda number: self._sequences[self[number]])
         found = number < len(self) and self._sequences[self[number]] == sequence
@@ -84,9 +88,9 @@ class Places:
 
 
 class MessageIndex:
-    """Everything recorded, journal and repetitions too, in the order of the file.
+    """All recorded messages, with journal entries and repetitions, in the order of the file.
 
-    It is filled by ``chunk`` and ``add``, and used after ``close``.
+    ``chunk`` and ``add`` fill it; it is ready to use after ``close``.
     """
 
     def __init__(self, path: Path) -> None:
@@ -100,7 +104,7 @@ class MessageIndex:
         self._stops = array("I")
         self.sources: tuple[Source, ...] = ()
         self._numbers = array("H")
-        self._by_source: dict[Source, Places] = {}
+        self._by_source: dict[Source, Positions] = {}
         self._is_first = b""
         self._chunk = 0
 
@@ -108,10 +112,11 @@ class MessageIndex:
         return len(self.sequences)
 
     def chunk(self, region: Region) -> None:
-        """Take up the chunk that the messages to come are in."""
+        """Add the chunk that holds the next messages."""
         self._chunk = self._payloads.add(region)
 
     def add(self, message: StreamedMessage) -> None:
+        """Append a message of the current chunk."""
         self._channels.append(message.channel)
         self.sequences.append(message.sequence)
         self.stamps_ns.append(message.stamp_ns)
@@ -121,7 +126,7 @@ class MessageIndex:
         self._stops.append(message.stop)
 
     def close(self, described: Mapping[int, Source]) -> None:
-        """Name the channels, leave out the messages of those without a name, and sort by source and sequence."""
+        """Assign sources to channels, drop messages on channels without one, and sort by source and sequence number."""
         known = np.zeros(2**16, bool)
         known[list(described)] = True
         keep = known[np.asarray(self._channels)]
@@ -141,7 +146,7 @@ class MessageIndex:
 
     def _sort(self, number: "np.ndarray[tuple[int], np.dtype[np.uint16]]") -> None:
         sequences = np.asarray(self.sequences)
-        order = np.lexsort((sequences, number)).astype(np.uint32)  # stable: of a repetition the first comes first
+        order = np.lexsort((sequences, number)).astype(np.uint32)  # stable: a repetition follows the first
         by_number, by_sequence = number[order], sequences[order]
         is_new = np.ones(len(order), bool)
         is_new[1:] = (by_number[1:] != by_number[:-1]) | (by_sequence[1:] != by_sequence[:-1])
@@ -150,108 +155,121 @@ class MessageIndex:
         is_first[order] = True
         self._is_first = is_first.tobytes()
         bounds = np.searchsorted(by_number, np.arange(len(self.sources) + 1)).tolist()
-        places = _array(order)
+        positions = _array(order)
         self._by_source = {
-            source: Places(places, self.sequences, bounds[place], bounds[place + 1])
-            for place, source in enumerate(self.sources)
+            source: Positions(positions, self.sequences, begin, end)
+            for source, begin, end in zip(self.sources, bounds[:-1], bounds[1:], strict=True)
         }
 
-    def source(self, place: int) -> Source:
-        return self.sources[self._numbers[place]]
+    def source(self, position: int) -> Source:
+        """Return the source of the message at a position."""
+        return self.sources[self._numbers[position]]
 
-    def size(self, place: int) -> int:
-        return self._stops[place] - self._starts[place]
+    def size(self, position: int) -> int:
+        """Return the length of a payload in bytes."""
+        return self._stops[position] - self._starts[position]
 
-    def payload(self, place: int) -> bytes:
-        return self._payloads.get(self._chunks[place], self._starts[place], self._stops[place])
+    def payload(self, position: int) -> bytes:
+        """Return the payload at a position, read from the file if it is not in memory."""
+        return self._payloads.get(self._chunks[position], self._starts[position], self._stops[position])
 
     def find(self, source: Source, sequence: int) -> int | None:
-        """Return the place of the first message with this number, or None if it was not recorded."""
-        places = self._by_source.get(source)
-        return None if places is None else places.find(sequence)
+        """Return the position of the first message with this sequence number, or None if it was not recorded."""
+        positions = self._by_source.get(source)
+        return None if positions is None else positions.find(sequence)
 
-    def is_first(self, place: int) -> bool:
-        """Return whether no message before has the same source and number."""
-        return bool(self._is_first[place])
+    def is_first(self, position: int) -> bool:
+        """Return whether no earlier message has the same source and sequence number."""
+        return bool(self._is_first[position])
 
     def of(self, source: Source) -> "Records":
+        """Return the messages of a source by sequence number, each number once."""
         return Records(self, self._by_source.get(source, ()))
 
     def all(self) -> "Records":
+        """Return all messages in the order of the file."""
         return Records(self, range(len(self)))
 
     def firsts(self, wanted: Sequence[bool]) -> Iterator[int]:
-        """Yield the places of messages that repeat none, of the sources (by number) that are wanted."""
-        for place, (number, first) in enumerate(zip(self._numbers, self._is_first, strict=True)):
+        """Yield the positions of messages that are no repetitions; ``wanted`` selects sources by their number."""
+        for position, (number, first) in enumerate(zip(self._numbers, self._is_first, strict=True)):
             if first and wanted[number]:
-                yield place
+                yield position
 
 
 class Recorded:
-    """One recorded message; ``payload`` comes from the file when it is asked for."""
+    """One recorded message; its ``payload`` is read from the file on demand."""
 
-    __slots__ = ("_index", "place")
+    __slots__ = ("_index", "position")
 
-    def __init__(self, index: MessageIndex, place: int) -> None:
+    def __init__(self, index: MessageIndex, position: int) -> None:
         self._index = index
-        self.place = place
+        self.position = position
 
     @property
     def source(self) -> Source:
-        return self._index.source(self.place)
+        """Topic, node and boot."""
+        return self._index.source(self.position)
 
     @property
     def topic(self) -> str:
+        """The topic's name."""
         return self.source.topic
 
     @property
     def node(self) -> str:
+        """The sending node."""
         return self.source.node
 
     @property
     def boot(self) -> str:
+        """The start of the sending node's process."""
         return self.source.boot
 
     @property
     def sequence(self) -> int:
-        return self._index.sequences[self.place]
+        """The sequence number within the source."""
+        return self._index.sequences[self.position]
 
     @property
     def stamp_ns(self) -> int:
-        return self._index.stamps_ns[self.place]
+        """Logical time, ns."""
+        return self._index.stamps_ns[self.position]
 
     @property
     def publish_ns(self) -> int:
-        return self._index.publish_ns[self.place]
+        """Time of publishing by the sender's clock, ns."""
+        return self._index.publish_ns[self.position]
 
     @property
     def size(self) -> int:
         """Length of the payload in bytes."""
-        return self._index.size(self.place)
+        return self._index.size(self.position)
 
     @property
     def payload(self) -> bytes:
-        return self._index.payload(self.place)
+        """The encoded message."""
+        return self._index.payload(self.position)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Recorded) and other._index is self._index and other.place == self.place
+        return isinstance(other, Recorded) and other._index is self._index and other.position == self.position
 
     def __hash__(self) -> int:
-        return hash((id(self._index), self.place))
+        return hash((id(self._index), self.position))
 
     def __repr__(self) -> str:
         return f"Recorded({self.topic} {self.sequence} of {self.node}, boot {self.boot}, at {self.stamp_ns} ns)"
 
 
 class Records(Sequence[Recorded]):
-    """Recorded messages by their places; each is made when it is asked for."""
+    """A sequence of recorded messages, which creates its elements on access."""
 
-    def __init__(self, index: MessageIndex, places: "Places | range | tuple[()]") -> None:
+    def __init__(self, index: MessageIndex, positions: "Positions | range | tuple[()]") -> None:
         self._index = index
-        self._places = places
+        self._positions = positions
 
     def __len__(self) -> int:
-        return len(self._places)
+        return len(self._positions)
 
     @overload
     def __getitem__(self, number: int) -> Recorded: ...
@@ -262,7 +280,7 @@ class Records(Sequence[Recorded]):
     def __getitem__(self, number: int | slice) -> Recorded | Sequence[Recorded]:
         if isinstance(number, slice):
             return [self[item] for item in range(len(self))[number]]
-        return Recorded(self._index, self._places[number])
+        return Recorded(self._index, self._positions[number])
 
 
 def _array(values: "np.ndarray[tuple[int], np.dtype[np.unsignedinteger]]") -> "array[int]":

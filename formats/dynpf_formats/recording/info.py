@@ -1,4 +1,4 @@
-"""Says what is in a recording, for scripts and for people."""
+"""The summary of a recording, for scripts and for people."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ from dynpf_protocol.journal import JOURNAL_PREFIX
 
 from dynpf_formats.recording.code import code_in_words, described_code, recorded_code
 from dynpf_formats.recording.digest import content_digest
-from dynpf_formats.recording.provenance import collect, told_apart
+from dynpf_formats.recording.provenance import collect, provenance_difference
 from dynpf_formats.recording.reader import Recording
 
 __all__ = ["describe", "text"]
@@ -47,7 +47,7 @@ def describe(recording: Recording) -> dict[str, Any]:
         "code_digest": provenance.code_digest,
         "packages": provenance.packages,
         "platform": provenance.platform,
-        "platform_differs": told_apart(provenance, collect()),
+        "platform_differs": provenance_difference(provenance, collect()),
     }
 
 
@@ -81,14 +81,14 @@ def _title(recording: Recording) -> str:
         scenario = msgspec.json.decode(recording.header.scenario, type=dict[str, Any])
     except msgspec.DecodeError:
         return "untitled"
-    imported = scenario.get("import")  # what an importer tells of its source, in the place of a scenario
+    imported = scenario.get("import")  # an importer describes its source instead of a scenario
     if isinstance(imported, dict) and "source" in imported:
         return f"log imported from {imported['source']}"
     return str(scenario.get("title", "untitled"))
 
 
 def _ticks(recording: Recording) -> int:
-    """Ticks that the journals span."""
+    """Return the number of ticks in the journals."""
     last = -1
     for node, boot in recording.journals():
         for entry in recording.journal(node, boot):

@@ -1,10 +1,10 @@
-"""Walks an MCAP file from front to back: no length is believed before it is checked, every checksum is compared.
+"""Scans an MCAP file from front to back: checks every length before it is used, and compares every checksum.
 
-Damage is reported with its place, as an item among the others, and the walk goes on behind it where the framing allows:
-what to make of damage is for the caller to say. Memory is bounded by one record and one chunk, whatever a file claims.
+Damage is reported with its offset, as an item among the others, and the scan continues after it if the framing allows;
+the caller decides what damage means. Memory is bounded by one record and one chunk, whatever a file claims.
 
 The record layouts come from the mcap package. Its own StreamReader is not used because it reads as many bytes as a
-file asks for, takes a record that is cut short for a whole one, and leaves the checksums of attachments aside.
+file claims, accepts a truncated record as a whole one, and ignores the checksums of attachments.
 """
 
 import struct
@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 MAX_RECORD = 64 * 2**20
-"""No record and no chunk, compressed or not, may be larger, in bytes."""
+"""The largest record or chunk, compressed or not, in bytes."""
 
 _FRAME = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
@@ -51,6 +51,8 @@ _MAX_CANDIDATES = 100
 
 
 class DamageKind(StrEnum):
+    """What is wrong."""
+
     TRUNCATED = "truncated"  # the file ends too early
     CHECKSUM = "checksum"
     MALFORMED = "malformed"  # a record does not hold what its type promises
@@ -66,7 +68,7 @@ class Damage(NamedTuple):
 
 
 class Region(NamedTuple):
-    """A chunk whose checksum is right: the place of its body in the file, and its records, uncompressed."""
+    """A chunk with a correct checksum: offset and length of its body in the file, and its uncompressed records."""
 
     offset: int
     length: int
@@ -85,7 +87,7 @@ class Message(NamedTuple):
 
 
 class Stray(NamedTuple):
-    """A record outside a chunk, where no recording has one; it has no checksum of its own."""
+    """A record outside a chunk, where recordings have none; it has no checksum of its own."""
 
     offset: int
     what: str
@@ -93,7 +95,7 @@ class Stray(NamedTuple):
 
 
 class End(NamedTuple):
-    """The file has its footer and nothing behind it."""
+    """The file has its footer and nothing after it."""
 
 
 Item = Header | Metadata | Attachment | Schema | Channel | Region | Stray | End | Damage
@@ -118,10 +120,10 @@ class _Body(ReadDataStream):
 
 
 def scan(stream: BinaryIO, size: int) -> Iterator[Item]:
-    """Yield what a file of ``size`` bytes holds, in order. The magic bytes at its start have been checked."""
+    """Yield the items of a file of ``size`` bytes, in order. The caller has checked the magic bytes at its start."""
     offset = len(MAGIC)
     data_crc: int | None = zlib.crc32(MAGIC)  # None: damaged, so the checksum over all data says nothing new
-    summary_crc: int | None = None  # None: not there yet
+    summary_crc: int | None = None  # None: the summary has not begun
     while True:
         try:
             opcode, body = _frame(stream, offset, size)
@@ -148,7 +150,7 @@ def scan(stream: BinaryIO, size: int) -> Iterator[Item]:
             offset += _FRAME.size + len(body)
         except _BadError as bad:
             resumed = _resume(stream, offset, size)
-            cut = bad.kind is DamageKind.TRUNCATED and resumed is not None  # it only seemed so: there is more
+            cut = bad.kind is DamageKind.TRUNCATED and resumed is not None  # not truncated after all: there is more
             yield Damage(DamageKind.MALFORMED if cut else bad.kind, offset, str(bad))
             if resumed is None:
                 return
@@ -157,7 +159,7 @@ def scan(stream: BinaryIO, size: int) -> Iterator[Item]:
 
 
 def contents(data: bytes) -> Iterator[Message | Schema | Channel]:
-    """Yield the records of an uncompressed chunk; raises ValueError where they do not fit together."""
+    """Yield the records of an uncompressed chunk; raises ValueError if they do not fit together."""
     start, size = 0, len(data)
     while start < size:
         if start + _FRAME.size > size:
@@ -183,7 +185,7 @@ def contents(data: bytes) -> Iterator[Message | Schema | Channel]:
 
 
 def unpack(body: bytes) -> bytes:
-    """Return the uncompressed records of the chunk whose record has this body; raises ValueError."""
+    """Return the uncompressed records of a chunk record with this body; raises ValueError if it is damaged."""
     try:
         return _uncompress(_parse(Chunk, body))
     except _BadError as bad:
@@ -267,7 +269,7 @@ def _uncompress(chunk: Chunk) -> bytes:
 
 def _zstd(data: bytes, size: int) -> bytes:
     try:
-        # zstandard allocates what the frame claims to hold: look before believing it.
+        # zstandard allocates the size that the frame claims: check it first.
         claimed = zstandard.get_frame_parameters(data).content_size
         if claimed not in (size, zstandard.CONTENTSIZE_UNKNOWN):
             raise _BadError(
@@ -309,7 +311,7 @@ def _check_footer(stream: BinaryIO, offset: int, size: int, body: bytes, summary
 
 
 def _resume(stream: BinaryIO, offset: int, size: int) -> int | None:
-    """Return where to go on after a record that could not be read: behind it, or at the next whole chunk, or None."""
+    """Return the offset to resume at after an unreadable record: its end, or the next whole chunk, or None."""
     try:
         _, body = _frame(stream, offset, size)
     except _BadError:
@@ -330,7 +332,7 @@ def _framed(stream: BinaryIO, offset: int, size: int) -> bool:
 
 
 def _next_chunk(stream: BinaryIO, offset: int, size: int) -> int | None:
-    """Return the offset of the next record from ``offset`` on that is a chunk with a right checksum."""
+    """Return the offset of the next chunk with a correct checksum, from ``offset`` on, or None."""
     window = 2**20
     candidates = 0
     position = offset

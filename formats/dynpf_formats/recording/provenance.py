@@ -1,4 +1,4 @@
-"""Where a run comes from: the code, the packages and the platform that its bytes depend on."""
+"""The provenance of a run: the code, the packages and the platform that made it."""
 
 import ctypes
 import hashlib
@@ -14,7 +14,7 @@ from llvmlite import binding
 
 from dynpf_formats.recording.header import Provenance
 
-__all__ = ["code_digest", "collect", "platform_fingerprint", "told_apart", "told_where_bytes_differ"]
+__all__ = ["code_digest", "collect", "explain_different_bytes", "platform_fingerprint", "provenance_difference"]
 
 _IN_WORDS = {
     "blas": "BLAS",
@@ -66,7 +66,7 @@ def code_digest() -> str:
     for package in _PACKAGES:
         found = find_spec(package)
         if found is None or not found.submodule_search_locations:
-            continue  # not installed: nothing of it can have had a part in the run
+            continue  # not installed: it had no part in the run
         root = Path(found.submodule_search_locations[0])
         for path in sorted(root.rglob("*.py"), key=lambda path: path.relative_to(root).as_posix()):
             source = path.read_bytes()
@@ -77,7 +77,7 @@ def code_digest() -> str:
 
 
 def platform_fingerprint() -> dict[str, str]:
-    """Return what libraries choose kernels by: information alone, since no bit of a result depends on it."""
+    """Return what libraries choose kernels by. It is informative only: no bit of a result depends on it."""
     simd = np.show_config(mode="dicts")["SIMD Extensions"]
     return {
         "system": platform.system(),
@@ -94,13 +94,13 @@ def platform_fingerprint() -> dict[str, str]:
     }
 
 
-def told_apart(made: Provenance, other: Provenance, here: str = "here") -> str:
-    """Return the first difference between the packages and platforms of two runs in words, empty where there is none.
+def provenance_difference(made: Provenance, other: Provenance, here: str = "here") -> str:
+    """Return a sentence on the first difference between packages and platforms of two runs, empty if there is none.
 
-    What only one of them tells is no difference: older recordings tell less.
+    An entry that only one run has is no difference: older recordings have fewer.
     """
     for name in {**made.packages, **other.packages}:
-        a, b = (one.packages.get(name, "none") for one in (made, other))
+        a, b = (run.packages.get(name, "none") for run in (made, other))
         if a != b:
             return f"recorded with {name} {a}, {here} {b}"
     for name, a in made.platform.items():
@@ -109,9 +109,9 @@ def told_apart(made: Provenance, other: Provenance, here: str = "here") -> str:
     return ""
 
 
-def told_where_bytes_differ(made: Provenance, other: Provenance, here: str = "here") -> str:
-    """Return ``told_apart`` with what it means for two runs of one scenario whose bytes differ."""
-    apart = told_apart(made, other, here)
+def explain_different_bytes(made: Provenance, other: Provenance, here: str = "here") -> str:
+    """Return ``provenance_difference``, and what it means for two runs of one scenario whose bytes differ."""
+    apart = provenance_difference(made, other, here)
     if not apart:
         return ""
     if made.packages != other.packages:
@@ -122,17 +122,17 @@ def told_where_bytes_differ(made: Provenance, other: Provenance, here: str = "he
 
 
 def _with_setting(value: str, variable: str) -> str:
-    """Return a value, with the environment variable that changes what it stands for if that is set."""
+    """Return a value, with the environment variable that changes its meaning if that is set."""
     setting = os.environ.get(variable)
     return f"{value} with {variable}={setting}" if setting else value
 
 
 def _blas() -> str:
-    """Return the name of NumPy's BLAS, its version, and the processor that it has chosen its kernels for."""
+    """Return the name of NumPy's BLAS, its version, and the processor whose kernels it uses."""
     blas = np.show_config(mode="dicts")["Build Dependencies"].get("blas", {})
     name = " ".join(str(blas[key]) for key in ("name", "version") if blas.get(key)) or "unknown"
     numpy = find_spec("numpy._core._multiarray_umath")
-    # A symbol is looked for in what NumPy is linked with, too.
+    # The look-up includes the libraries that NumPy is linked with.
     library = ctypes.CDLL(numpy.origin) if numpy is not None and numpy.origin else None
     for symbol in _CORE_NAMES:
         core = getattr(library, symbol, None)

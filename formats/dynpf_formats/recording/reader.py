@@ -1,6 +1,6 @@
 """Reads a recording: one pass over the file checks every byte and builds an index; payloads are fetched on demand.
 
-The index holds the place of every message in arrays, so memory grows by some tens of bytes a message and not with their
+The index holds the offset of every message in arrays, so memory grows by some tens of bytes per message, not with their
 size; a file cannot claim more messages than its own size allows. A single pass in the order of the file needs only
 ``stream``.
 """
@@ -29,7 +29,7 @@ _NO_TICK = 2**64 - 1
 
 
 class Recording:
-    """One run: how it was made, what was said in it, and how it ended (``end`` is None if nobody wrote that)."""
+    """One recorded run: header, messages, journals, and end (None if it was never written)."""
 
     def __init__(
         self,
@@ -48,21 +48,21 @@ class Recording:
         self.end = end
         self.truncated = truncated
         self.schemas = schemas
-        """The type of each topic's messages, as the recording has it."""
+        """The schema of each topic's messages, as recorded."""
         self.records = index.all()
-        """Everything, journal and repetitions too, in the order of the file."""
+        """All messages, with journal entries and repetitions, in the order of the file."""
         self._index = index
 
     @cached_property
     def topics(self) -> Mapping[str, Topic]:
-        """The topics whose messages are of types that dynpf has: its own, and others by their schemas."""
+        """The topics whose message types dynpf has: its own topics, and others by the names of their schemas."""
         known = {row.type.schema_name: row for row in known_topics().values()}
         others = {name: known[schema.name] for name, schema in self.schemas.items() if schema.name in known}
         return {**{name: replace(row, name=name) for name, row in others.items()}, **known_topics()}
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """All sources, journals too, in the order in which they appear."""
+        """All sources, including journals, in the order in which they appear."""
         return self._index.sources
 
     def boots(self, node: str) -> tuple[str, ...]:
@@ -70,29 +70,29 @@ class Recording:
         return tuple(dict.fromkeys(source.boot for source in self.sources if source.node == node))
 
     def of(self, source: Source) -> Records:
-        """Return the messages of one source by sequence, each number once."""
+        """Return the messages of one source by sequence number, each number once."""
         return self._index.of(source)
 
     def find(self, node: str, boot: str, topic: str, sequence: int) -> Recorded | None:
-        """Return the message of a reference, or None if it was not recorded."""
-        place = self._index.find(Source(topic, node, boot), sequence)
-        return None if place is None else Recorded(self._index, place)
+        """Return the message that a reference names, or None if it was not recorded."""
+        position = self._index.find(Source(topic, node, boot), sequence)
+        return None if position is None else Recorded(self._index, position)
 
     def messages(self, topic: str | None = None, node: str | None = None) -> Iterator[Recorded]:
-        """Yield the messages without the journal, each once, in the order of the file; of one topic or node if told."""
+        """Yield messages but not the journal, each once, in the order of the file; of one topic or node if given."""
         wanted = [
             topic in (None, source.topic)
             and node in (None, source.node)
             and not source.topic.startswith(JOURNAL_PREFIX)
             for source in self.sources
         ]
-        for place in self._index.firsts(wanted):
-            yield Recorded(self._index, place)
+        for position in self._index.firsts(wanted):
+            yield Recorded(self._index, position)
 
     def repetitions(self) -> Iterator[tuple[Recorded, Recorded]]:
-        """Yield each message whose number came before, in the order of the file, behind the first of that number."""
+        """Yield each repeated message in the order of the file, as a pair: the first with that number, the repeated."""
         for record in self.records:
-            if not self._index.is_first(record.place):
+            if not self._index.is_first(record.position):
                 first = self._index.find(record.source, record.sequence)
                 assert first is not None
                 yield Recorded(self._index, first), record
@@ -104,7 +104,7 @@ class Recording:
         )
 
     def journal(self, node: str, boot: str) -> Iterator[JournalEntry]:
-        """Yield the steps of one start of a node, in order; raises CorruptRecordingError at what is not an entry."""
+        """Yield the steps of one start of a node, in order; raises CorruptRecordingError at an undecodable entry."""
         for record in self.of(Source(JOURNAL_PREFIX + node, node, boot)):
             where = f"{self.path}: journal of {node}, entry {record.sequence}"
             try:
@@ -114,46 +114,46 @@ class Recording:
             yield entry
 
     def tick_of(self, record: Recorded) -> int | None:
-        """Return the tick of the step that produced a message, or of the first that consumed one that none produced."""
-        place = record.place
-        if not self._index.is_first(place):
-            place = self._index.find(record.source, record.sequence) or 0
-        tick = self._ticks[place]
+        """Return the tick of the step that produced a message; if none did, of the first step that consumed it."""
+        position = record.position
+        if not self._index.is_first(position):
+            position = self._index.find(record.source, record.sequence) or 0
+        tick = self._ticks[position]
         return None if tick == _NO_TICK else tick
 
     @cached_property
     def _ticks(self) -> "array[int]":
-        """The tick of each message by its place, or _NO_TICK."""
+        """The tick of each message by position, or _NO_TICK."""
         produced = array("Q", [_NO_TICK]) * len(self.records)
         consumed = array("Q", [_NO_TICK]) * len(self.records)
         for node, boot in self.journals():
             for entry in self.journal(node, boot):
                 for made in entry.produced:
-                    place = self._index.find(Source(made.topic, node, boot), made.sequence)
-                    if place is not None:
-                        produced[place] = entry.tick
+                    position = self._index.find(Source(made.topic, node, boot), made.sequence)
+                    if position is not None:
+                        produced[position] = entry.tick
                 for read in entry.consumed:
-                    place = self._index.find(Source(read.topic, read.node, read.boot), read.sequence)
-                    if place is not None:
-                        consumed[place] = min(consumed[place], entry.tick)
-        for place, tick in enumerate(consumed):
-            if produced[place] == _NO_TICK:
-                produced[place] = tick
+                    position = self._index.find(Source(read.topic, read.node, read.boot), read.sequence)
+                    if position is not None:
+                        consumed[position] = min(consumed[position], entry.tick)
+        for position, tick in enumerate(consumed):
+            if produced[position] == _NO_TICK:
+                produced[position] = tick
         return produced
 
 
 class Examined(NamedTuple):
-    """A recording as far as it could be read, and the damage that was found on the way."""
+    """A recording as far as it could be read, and the damage found."""
 
     recording: Recording
     damage: tuple[Damage, ...]
 
 
 def read_recording(path: Path | str, allow_truncated: bool = False) -> Recording:
-    """Return the recording in a file, all of whose checksums are right.
+    """Return the recording in a file, after checking all checksums.
 
-    Raises a RecordingError that says what is wrong. A file that was cut off, such as that of a recorder which was
-    killed, is refused too, unless ``allow_truncated``: then it is read up to its last whole chunk.
+    Raises a RecordingError that says what is wrong. A truncated file, such as that of a killed recorder, is refused
+    too unless ``allow_truncated``: then it is read up to its last whole chunk.
     """
     recording, damage = load(path)
     for found in damage:
@@ -167,7 +167,7 @@ def read_recording(path: Path | str, allow_truncated: bool = False) -> Recording
 
 
 def load(path: Path | str) -> Examined:
-    """Return what can be read of a recording, together with the damage; raises RecordingError if it has no header."""
+    """Return the readable part of a recording, and the damage; raises RecordingError if it has no header."""
     path = Path(path)
     header: RunHeader | None = None
     attachments: list[Attachment] = []

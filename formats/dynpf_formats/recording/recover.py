@@ -1,4 +1,4 @@
-"""Mends a recording into a new file: everything that can still be read, with an end that says what was lost."""
+"""Recovers a damaged recording into a new file: everything readable, with an end that says what was lost."""
 
 from pathlib import Path
 
@@ -17,7 +17,10 @@ _GAP_TOPIC = "recorder/gap"
 
 
 class Recovery(msgspec.Struct, frozen=True, kw_only=True):
-    """What was kept and lost; ``missing`` counts messages known to be missing, ``refused`` those nobody can file."""
+    """What was kept and lost.
+
+    ``missing`` counts messages known to be missing, ``refused`` those that break the protocol and cannot be written.
+    """
 
     kept: int
     last_stamp_ns: int
@@ -31,8 +34,8 @@ class Recovery(msgspec.Struct, frozen=True, kw_only=True):
 def recover(source: Path | str, target: Path | str) -> Recovery:
     """Write everything readable of ``source`` into the new recording ``target`` and return what was kept and lost.
 
-    Chunks that are damaged are left out, whole ones behind them kept. The result is marked incomplete unless nothing
-    was wrong. Raises RecordingExistsError if ``target`` is there, RecordingError where there is nothing to recover.
+    Damaged chunks are left out, intact ones after them kept. The result is marked incomplete unless nothing was wrong.
+    Raises RecordingExistsError if ``target`` exists, RecordingError if there is nothing to recover.
     """
     if Path(target).exists():
         raise RecordingExistsError(f"{target}: the file exists; choose another name")
@@ -44,9 +47,9 @@ def recover(source: Path | str, target: Path | str) -> Recovery:
     ) as writer:
         for record in recording.records:
             if record.topic == _GAP_TOPIC:
-                continue  # the writer finds them again, together with those that the damage made
+                continue  # the writer finds these gaps again, together with those that the damage made
             try:
-                # Recordings leave the tick to the journal, so its place in the envelope says nothing here.
+                # Recordings keep the tick in the journal alone, so the envelope's has no meaning here.
                 envelope = Envelope(record.node, record.boot, record.sequence, 0, record.stamp_ns, record.publish_ns)
                 writer.message(record.topic, envelope, record.payload)
             except ProtocolError:

@@ -1,6 +1,6 @@
-"""One pass over a recording: what it holds, in the order of the file, every byte checked.
+"""One pass over a recording: its items in the order of the file, every byte checked.
 
-Memory is bounded by one record and one chunk, and by the senders and topics, whatever the number of messages.
+Memory is bounded by one record, one chunk, and the number of senders and topics, whatever the number of messages.
 """
 
 from collections.abc import Iterator
@@ -20,20 +20,20 @@ from dynpf_formats.recording.errors import (
     UnknownVersionError,
     UnreadableHeaderError,
 )
-from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, unseal, unsealed
+from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, seal_is_broken, unseal
 from dynpf_formats.recording.mcap_records import MAGIC, Damage, DamageKind, End, Message, Region, Stray, contents, scan
 
 __all__ = ["Described", "Item", "RecordedSchema", "Source", "StreamedMessage", "stream"]
 
-_INDEX_ENTRY = 16  # bytes that a file spends on each message beside the chunk, in its message index
-_UNINDEXED = 20_000  # messages of a last chunk whose index the recorder had no time to write
+_INDEX_ENTRY = 16  # bytes per message in a chunk's message index
+_UNINDEXED = 20_000  # messages of a last chunk whose index the recorder did not get to write
 _MOST_DAMAGE = 10_000
 _LISTED_TOPICS = 8
-_FOREIGN_CHUNKS = 16  # chunks of somebody else's file that are searched for topics
+_FOREIGN_CHUNKS = 16  # chunks of a foreign file that are searched for topics
 
 
 class Source(NamedTuple):
-    """Who sent on what: messages of one source are numbered without gaps from 0."""
+    """Topic and sender; messages of one source are numbered without gaps from 0."""
 
     topic: str
     node: str
@@ -41,16 +41,16 @@ class Source(NamedTuple):
 
 
 class RecordedSchema(NamedTuple):
-    """The type of a topic's messages as the recording has it: its name, and its JSON schema."""
+    """The recorded type of a topic's messages: its name and JSON schema."""
 
     name: str
     data: bytes
 
 
 class Described(NamedTuple):
-    """Which source the messages of a channel are of; it comes once for a channel, as a rule before its messages.
+    """The source of a channel's messages; it comes once per channel, usually before its messages.
 
-    ``schema`` is None where the file has lost it.
+    ``schema`` is None if the file has lost it.
     """
 
     channel: int
@@ -61,8 +61,8 @@ class Described(NamedTuple):
 class StreamedMessage(NamedTuple):
     """One message or journal entry, in its uncompressed chunk.
 
-    ``source`` is None where the chunk that described the channel is lost: a description may still come, at the end of
-    the file. The payload is a part of the chunk, which holds it in memory as long as this is held.
+    ``source`` is None if the chunk that described the channel is lost; a description may still come at the end of the
+    file. A streamed message keeps its whole chunk in memory.
     """
 
     source: Source | None
@@ -76,18 +76,19 @@ class StreamedMessage(NamedTuple):
 
     @property
     def payload(self) -> bytes:
+        """The encoded message."""
         return self.chunk.data[self.start : self.stop]
 
 
 Item = RunHeader | Attachment | Region | Described | StreamedMessage | RunEnd | Damage | End
-"""What a recording holds: a Region comes before the messages in it, the RunHeader before all but attachments and
-damage, and an End where the file has its footer."""
+"""An item of a recording: a Region comes before the messages in it, the RunHeader before all but attachments and
+damage, and an End if the file has its footer."""
 
 
 def stream(path: Path | str) -> Iterator[Item]:
-    """Yield what can be read of a recording, in the order of the file, together with the damage.
+    """Yield the readable items of a recording and the damage, in the order of the file.
 
-    Raises RecordingError where the file cannot be read or has no header.
+    Raises RecordingError if the file cannot be read or has no header.
     """
     path = Path(path)
     try:
@@ -108,7 +109,7 @@ def stream(path: Path | str) -> Iterator[Item]:
 
 
 class _Pass:
-    """What one pass has to remember of what it has seen."""
+    """The state of one pass."""
 
     def __init__(self, path: Path, size: int) -> None:
         self._path = path
@@ -124,6 +125,7 @@ class _Pass:
         self._last_damage: Damage | None = None
 
     def items(self, records: Iterator[object]) -> Iterator[Item]:
+        """Yield the items that the MCAP records hold; raises RecordingError if they are no recording."""
         for record in records:
             if not self._headed and isinstance(record, Region | Stray | Channel | End):
                 raise self._headless() if self._profile == PROFILE else self._foreign(record, records)
@@ -137,7 +139,7 @@ class _Pass:
                 yield item
         if not self._headed:
             raise self._headless()
-        # Where the chunk that described a channel is lost, the summary at the end still describes it.
+        # If the chunk that described a channel is lost, the summary at the end still describes it.
         lost = sum(count for channel, count in self._nameless.items() if channel not in self._sources)
         if lost:
             yield Damage(DamageKind.MALFORMED, 0, f"{lost} messages are on channels that the file does not describe")
@@ -207,7 +209,7 @@ class _Pass:
             yield Damage(DamageKind.MALFORMED, offset, text)
 
     def _run_header(self, entries: dict[str, str]) -> RunHeader:
-        if unsealed(entries):
+        if seal_is_broken(entries):
             raise UnreadableHeaderError(f"{self._path}: the metadata of the run are unreadable: checksum mismatch")
         version = entries.get("schema_version", "none")
         if version not in map(str, READABLE_VERSIONS):

@@ -1,4 +1,4 @@
-"""Writes a recording: channels on demand, chunks that are closed in time, and an account of what is missing."""
+"""Writes a recording: registers channels on demand, closes chunks in time, and accounts for missing messages."""
 
 import errno
 import functools
@@ -26,10 +26,10 @@ from dynpf_formats.shipped import known_topics
 __all__ = ["CHUNK_BYTES", "FLUSH_NS", "MAX_PAYLOAD", "RecordingWriter"]
 
 CHUNK_BYTES = 256 * 1024
-"""Largest chunk, uncompressed; only a message that is larger itself makes a larger one."""
+"""Largest chunk, uncompressed, in bytes; only a single larger message makes a larger chunk."""
 
 FLUSH_NS = 250_000_000
-"""How long, in nanoseconds, a message may wait before it is in the operating system's hands."""
+"""The longest time, in nanoseconds, before a message is handed to the operating system."""
 
 MAX_PAYLOAD = 32 * 2**20
 """Largest payload and attachment, in bytes; well below what the reader accepts as a record."""
@@ -45,13 +45,14 @@ _Source = tuple[str, str, str]
 
 
 class _File:
-    """An unbuffered file: what has been written stays written when the disk is full or the process is killed."""
+    """An unbuffered file: written data survive a full disk and a killed process."""
 
     def __init__(self, path: Path, overwrite: bool) -> None:
         self._raw = path.open("wb" if overwrite else "xb", buffering=0)
         self._position = 0
 
     def write(self, data: bytes) -> int:
+        """Write all of ``data``."""
         view = memoryview(data)
         while view:
             written = self._raw.write(view)
@@ -60,17 +61,19 @@ class _File:
         return len(data)
 
     def tell(self) -> int:
+        """Return the number of bytes written."""
         return self._position
 
     def flush(self) -> None:
-        """Nothing is held back."""
+        """Do nothing: there is no buffer."""
 
     def close(self) -> None:
+        """Close the file."""
         self._raw.close()
 
 
 class _Track:
-    """One channel: its id, the next sequence number expected, the ranges missing so far, and the message count."""
+    """One channel: its id, the next expected sequence number, the missing ranges so far, and the message count."""
 
     __slots__ = ("channel", "count", "expected", "missing")
 
@@ -81,14 +84,15 @@ class _Track:
         self.count = 0
 
     def has(self, sequence: int) -> bool:
+        """Return whether the message with this sequence number was recorded."""
         return sequence < self.expected and not any(first <= sequence <= last for first, last in self.missing)
 
     def fill(self, sequence: int) -> bool:
-        """Take ``sequence`` out of what is missing; return False if it was not missing."""
-        for place, (first, last) in enumerate(self.missing):
+        """Remove ``sequence`` from the missing ranges; return False if it was not missing."""
+        for index, (first, last) in enumerate(self.missing):
             if first <= sequence <= last:
                 parts = ((first, sequence - 1), (sequence + 1, last))
-                self.missing[place : place + 1] = [part for part in parts if part[0] <= part[1]]
+                self.missing[index : index + 1] = [part for part in parts if part[0] <= part[1]]
                 return True
         return False
 
@@ -96,9 +100,9 @@ class _Track:
 class RecordingWriter:
     """Writes one run to ``path``.
 
-    Messages that never came are found by their sequence numbers, per topic, node and boot: each gap is written as a
-    ``recorder/gap`` message when it shows, and those that stay open are listed at the end. Messages that come twice or
-    late are recorded and counted. Raises RecordingExistsError, or RecordingError where the file cannot be written;
+    Missing messages are found by their sequence numbers, per topic, node and boot: each gap is written as a
+    ``recorder/gap`` message when it is noticed, and gaps that stay open are listed at the end. Duplicate and late
+    messages are recorded and counted. Raises RecordingExistsError, or RecordingError if the file cannot be written;
     after that everything up to the last whole chunk can be recovered.
     """
 
@@ -113,9 +117,10 @@ class RecordingWriter:
         topics: Mapping[str, Topic] | None = None,
         schemas: Mapping[str, RecordedSchema] = {},
     ) -> None:
-        """Take the run's topics, if not those that come with dynpf.
+        """Open the file and write the header and the attachments.
 
-        Of those whose types are not at hand, take the ``schemas`` of another recording of the run.
+        ``topics`` are the run's, by default those that come with dynpf. ``schemas`` are those of another recording of
+        the run, for topics whose types are not available.
         """
         self.path = Path(path)
         self._topics = known_topics() if topics is None else topics
@@ -173,10 +178,10 @@ class RecordingWriter:
         self.message(JOURNAL_PREFIX + envelope.node, envelope, payload)
 
     def message(self, name: str, envelope: Envelope, payload: bytes, entry: JournalEntry | None = None) -> None:
-        """Record one message, or journal entry, as it travelled. The envelope's tick is left to the journal.
+        """Record one message or journal entry. The envelope's tick is not recorded: the journal has it.
 
-        ``entry`` is what the payload holds, where the caller knows. Raises UnknownTopicError, BadMessageError for what
-        should be a journal entry, RecordingError.
+        ``entry`` is the decoded payload of a journal entry, if the caller has it. Raises UnknownTopicError,
+        BadMessageError for an undecodable journal entry, RecordingError.
         """
         if self._failure is not None:
             raise self._failure
@@ -203,7 +208,7 @@ class RecordingWriter:
             self._refer(envelope.node, envelope.boot, entry)
 
     def flush_if_due(self, now_ns: int) -> None:
-        """Close the chunk and hand it to the operating system if the last one is FLUSH_NS old; call this often."""
+        """Close the chunk and hand it to the operating system if the last flush is FLUSH_NS ago; call this often."""
         if self._failure is not None:
             raise self._failure
         if self._flushed_ns is None:
@@ -217,10 +222,10 @@ class RecordingWriter:
             raise self._fail(error) from error
 
     def close(self, complete: bool, reason: str) -> RunEnd:
-        """End the recording and return what was written about its end.
+        """End the recording and return the end that was written.
 
-        A run whose journal refers to messages that were never received is not complete, whatever is said here. After a
-        failure to write, nothing more is written, and the end tells so.
+        A run whose journal refers to messages that were never received is not complete, whatever the caller passes.
+        After a failure to write, nothing more is written, and the end says so.
         """
         self._settle()
         unresolved = len(self._unresolved)
@@ -271,7 +276,7 @@ class RecordingWriter:
         return track
 
     def _described(self, name: str) -> RecordedSchema:
-        """Return the schema of a topic: that of its type, else the one that was handed on; raises UnknownTopicError."""
+        """Return the schema of a topic: that of its type, else that in ``schemas``; raises UnknownTopicError."""
         if name.startswith(JOURNAL_PREFIX):
             return RecordedSchema(JournalEntry.schema_name, _schema(JournalEntry))
         if name not in self._topics and name in self._schemas:
@@ -292,11 +297,11 @@ class RecordingWriter:
         track.expected = envelope.sequence + 1
         number = self._gaps
         self._gaps += 1
-        place = Envelope(_RECORDER, self._boot, number, envelope.tick, envelope.stamp_ns, envelope.publish_ns)
-        self.message(_GAP_TOPIC, place, encode(_GAP_TOPIC, gap))
+        gap_envelope = Envelope(_RECORDER, self._boot, number, envelope.tick, envelope.stamp_ns, envelope.publish_ns)
+        self.message(_GAP_TOPIC, gap_envelope, encode(_GAP_TOPIC, gap))
 
     def _refer(self, node: str, boot: str, entry: JournalEntry) -> None:
-        """Remember the entry's references to messages that have not come yet."""
+        """Remember the entry's references to messages that have not arrived yet."""
         references = [((made.topic, node, boot), made.sequence) for made in entry.produced]
         references += [((read.topic, read.node, read.boot), read.sequence) for read in entry.consumed]
         self._unresolved.update(reference for reference in references if not self._resolves(reference))

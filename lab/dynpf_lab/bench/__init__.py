@@ -1,1 +1,1 @@
-"""What an update costs: ours, plain NumPy's and other libraries', measured in turns."""
+"""Benchmarks of updates: ours, plain NumPy's and other libraries', measured in turns."""

@@ -1,4 +1,4 @@
-"""An office floor drawn at random, the same at every call: 50 m x 35 m in cells of 5 cm, all known, with furniture."""
+"""A random office floor, the same at every call: 50 m x 35 m in cells of 5 cm, all known, with furniture."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,10 @@ __all__ = ["floor_plan"]
 RESOLUTION_M = 0.05
 WIDTH, HEIGHT = 1000, 700  # cells
 OUTER_WALL, WALL, DOOR = 4, 3, 18
-# Corridors, the span of each across its direction: two from west to east, one from south to north.
+# The spans of the corridors across their directions: two from west to east, one from south to north.
 EAST_WEST = ((180, 228), (472, 520))
 NORTH_SOUTH = (476, 524)
-# Rows of rooms: their span from south to north, and the side on which the corridor is.
+# Rows of rooms: their span from south to north, and the side of the corridor.
 ROOMS = ((0, 180, "north"), (228, 350, "south"), (350, 472, "north"), (520, 700, "south"))
 
 Cells = NDArray[np.uint8]

@@ -1,6 +1,6 @@
-"""Measures works in turns: ours, plain NumPy's, the peers', and again, so that whatever slows the machine hits all.
+"""Measures works in turns: ours, plain NumPy's, the peers', and again, so that disturbances affect all alike.
 
-A row is one work at one number of particles; times are medians over the rounds, ratios are of medians.
+A row is a work with a number of particles; times are medians over the rounds, ratios are of medians.
 """
 
 import gc
@@ -19,17 +19,17 @@ __all__ = ["Plan", "Timing", "exponent", "interleaved", "measure"]
 
 Row = dict[str, Any]
 Timer = Callable[[int], float]
-"""Seconds for so many updates."""
+"""Returns the seconds for a number of updates."""
 
 BUDGET_S = 1.0  # all rounds of a row together
-TURN_S = 0.02  # one contender's turn, or one update if that takes longer
+TURN_S = 0.02  # a contender's turn, or an update if that takes longer
 ROUNDS = (3, 25)
-TOO_SLOW_S = 2.0  # an update of a comparison that would take longer is left out
+TOO_SLOW_S = 2.0  # comparisons with longer updates are left out
 STAGES = ("motion", "likelihood", "normalization", "estimate", "resampling")
 
 
 class Plan(NamedTuple):
-    """What is asked for."""
+    """The works, the numbers of particles, the beams and the threads to measure."""
 
     works: Sequence[str]
     counts: Sequence[int]
@@ -55,7 +55,7 @@ def measure(plan: Plan, grid: OccupancyGrid, peers: Sequence[Peer], show: Callab
 
 
 class _Contest:
-    """One work by all who can do it. ``seen`` tells what an update took each at the last number of particles."""
+    """A work by all contenders. ``seen`` has the time of an update of each at its last number of particles."""
 
     def __init__(self, name: str, work: Work, plan: Plan, peers: Sequence[Peer]) -> None:
         self.name = name
@@ -66,6 +66,7 @@ class _Contest:
         self.seen: dict[str, tuple[int, float]] = {}
 
     def rows(self, n: int) -> list[Row]:
+        """Return the rows of the work with ``n`` particles, one for each number of threads."""
         gc.collect()
         timings = interleaved(self._timers(n))
         for peer in self.peers:
@@ -106,7 +107,10 @@ def _row(factors: Row, timings: Mapping[str, Timing], extra: Row) -> Row:
 
 
 def timer(step: Step) -> Timer:
+    """Return a function that measures a number of updates."""
+
     def seconds(updates: int) -> float:
+        """Return the seconds that the updates took."""
         began = time.perf_counter()
         for _ in range(updates):
             step()
@@ -116,7 +120,7 @@ def timer(step: Step) -> Timer:
 
 
 def interleaved(timers: Mapping[str, Timer], budget_s: float = BUDGET_S) -> dict[str, Timing]:
-    """Return the time of an update by each, measured in turns after two updates each that do not count."""
+    """Return the time of an update of each contender, measured in turns after two warm-up updates."""
     once = {name: _warm(seconds) for name, seconds in timers.items()}
     turns = {name: max(1, round(TURN_S / max(took, 1e-7))) for name, took in once.items()}
     a_round = sum(turns[name] * took for name, took in once.items())
@@ -129,7 +133,7 @@ def interleaved(timers: Mapping[str, Timer], budget_s: float = BUDGET_S) -> dict
 
 
 def _warm(seconds: Timer) -> float:
-    """Return what an update takes about: the second one, for the first may compile, load and allocate."""
+    """Return the time of the second update, since the first may compile, load and allocate."""
     seconds(1)
     return seconds(1)
 
@@ -140,23 +144,23 @@ def _timing(values: Sequence[float]) -> Timing:
 
 
 def _stages(work: Work, n: int, whole: Timing) -> Row:
-    """Return the time of each part of our update, null where it has no parts or takes long."""
+    """Return the time of each part of our update, None where it has no parts or takes long."""
     steps = work.stages(n) if whole.ms < 200.0 else {}
     timings = interleaved({name: timer(step) for name, step in steps.items()}, 0.3 * BUDGET_S) if steps else {}
     return {f"{stage}_ms": timings[stage].ms if stage in timings else None for stage in STAGES}
 
 
 def _memory(work: Work, n: int, whole: Timing) -> Row:
-    """Return particles after an update, and bytes for each: kept between updates, and at most at once within one.
+    """Return the number of particles after an update, and the bytes per particle: kept between updates, and at peak.
 
-    The first are the arrays of a cloud; the second what NumPy allocates in an update, as tracemalloc sees it, beside
-    the cloud that it starts from. What a kernel allocates for itself, blocks of 256 particles, is not seen.
+    The first are the arrays of a cloud; the second are NumPy's allocations in an update, as traced by tracemalloc, in
+    addition to the cloud at its beginning. Allocations of kernels, in blocks of 256 particles, are not traced.
     """
     kept = peak = None
     used = n
     if whole.ms < 500.0:
         step = work.ours(n, 1)
-        for _ in range(5):  # until the number of particles has adapted itself
+        for _ in range(5):  # until the number of particles has adapted
             step()
         tracemalloc.start()
         done = step()

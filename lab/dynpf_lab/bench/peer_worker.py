@@ -1,7 +1,7 @@
-"""One other library at the landmark problem, in a process of its own: `python -I peer_worker.py NAME`.
+"""Another library on the landmark problem, in its own process: `python -I peer_worker.py NAME`.
 
 Runs in the peers' environment (`make peers`) and imports nothing of dynpf. Reads requests from stdin and answers each
-on stdout, one JSON document a line:
+on stdout, with a JSON document on each line:
 
     {"command": "prepare", "problem": {...}, "n": N, "seed": S}  ->  {"version": "..."}
     {"command": "run", "updates": K}  ->  {"seconds": for K updates, "estimate": [x, y, heading], "step": last}
@@ -9,9 +9,9 @@ on stdout, one JSON document a line:
 
 or with {"error": "..."}. The problem (lab/dynpf_lab/bench/problems.py) is a robot that drives a circle, one lap in T
 steps, and sees all landmarks at each: step k is row k modulo T of "ranges" and "bearings", both T by L. Every library
-does the same work a step, in the way its own documentation shows, with all that it lets be vectorized: samples the
-motion, weighs by range and bearing, normalizes, makes the weighted mean, and resamples systematically. Where one does
-more or less than that, its class says so.
+does the same work in each step, as its own documentation shows, vectorized as far as it allows: it samples the motion,
+weights by range and bearing, normalizes, computes the weighted mean, and resamples systematically. The docstring of a
+peer tells where it does more or less.
 """
 
 import json
@@ -31,15 +31,15 @@ Array = NDArray[np.float64]
 
 
 class Problem:
-    """The model that all share: N poses at a time, the coordinates as arrays (N,), in float64 as the libraries have."""
+    """The common model: N poses at a time, their coordinates as arrays (N,), in float64 as in the libraries."""
 
-    def __init__(self, told: dict[str, Any]) -> None:
-        self.start, self.start_sigma = np.array(told["start"]), np.array(told["start_sigma"])
-        self.turn_before, self.way, self.turn_after = told["control"]
-        self.control_sigma = np.array(told["control_sigma"])
-        self.landmarks = np.array(told["landmarks"])
-        self.ranges, self.bearings = np.array(told["ranges"]), np.array(told["bearings"])
-        self.sigma_range, self.sigma_bearing = told["sigma_range"], told["sigma_bearing"]
+    def __init__(self, request: dict[str, Any]) -> None:
+        self.start, self.start_sigma = np.array(request["start"]), np.array(request["start_sigma"])
+        self.turn_before, self.way, self.turn_after = request["control"]
+        self.control_sigma = np.array(request["control_sigma"])
+        self.landmarks = np.array(request["landmarks"])
+        self.ranges, self.bearings = np.array(request["ranges"]), np.array(request["bearings"])
+        self.sigma_range, self.sigma_bearing = request["sigma_range"], request["sigma_bearing"]
 
     def drawn_start(self, n: int) -> Array:
         """Return poses drawn from the prior, shape (n, 3)."""
@@ -63,6 +63,7 @@ class Problem:
         return self.compared(ranges, bearings, self.ranges[step], self.bearings[step])
 
     def compared(self, ranges: Array, bearings: Array, seen_ranges: Array, seen_bearings: Array) -> Array:
+        """Return the log-density of seen ranges and bearings given expected ones, shape (N,)."""
         across = (seen_ranges - ranges) / self.sigma_range
         turned = wrapped(seen_bearings - bearings) / self.sigma_bearing
         squares: Array = np.einsum("ij,ij->i", across, across) + np.einsum("ij,ij->i", turned, turned)
@@ -70,26 +71,32 @@ class Problem:
 
     @property
     def steps(self) -> int:
+        """The number of steps of a lap."""
         return len(self.ranges)
 
 
 def wrapped(angle: Array) -> Array:
+    """Return angles wrapped to [-pi, pi]."""
     return angle - 2.0 * np.pi * np.rint(angle / (2.0 * np.pi))
 
 
 class Peer(Protocol):
     """A filter that tracks the robot."""
 
-    def update(self, step: int) -> None: ...
+    def update(self, step: int) -> None:
+        """Update the filter by the control and the readings of a step."""
+        ...
 
-    def estimate(self) -> Array: ...
+    def estimate(self) -> Array:
+        """Return the weighted mean pose, (3,)."""
+        ...
 
 
 def particles_peer(problem: Problem, n: int) -> Peer:
     """`particles`: its SMC class on the bootstrap filter of a state-space model.
 
-    Its step begins with the resampling of the step before, so one call still does each part once. ``ESSrmin=1`` makes
-    it resample at every step; ``Moments`` is its own collector of weighted means (and variances: it makes both).
+    Its step begins with the resampling of the step before, so each call still does each part once. ``ESSrmin=1`` makes
+    it resample at every step; ``Moments`` is its own collector of weighted means and variances.
     """
     import particles
     from particles import distributions, state_space_models
@@ -101,7 +108,7 @@ def particles_peer(problem: Problem, n: int) -> Peer:
         def __init__(self, poses: Array) -> None:
             self.poses = poses
 
-        def rvs(self, size: int | None = None) -> Array:  # noqa: ARG002 - one draw a pose
+        def rvs(self, size: int | None = None) -> Array:  # noqa: ARG002 - one draw for each pose
             return np.stack(problem.moved(*self.poses.T), axis=1)
 
     class Seen(distributions.ProbDist):
@@ -126,7 +133,7 @@ def particles_peer(problem: Problem, n: int) -> Peer:
 
     class Particles:
         def __init__(self) -> None:
-            # A reading is told by the row it stands in, so that the data go round as long as they are asked for.
+            # A reading is given by its row, so that the data repeat for as many steps as needed.
             rows = [step % problem.steps for step in range(1_000_000)]
             model = state_space_models.Bootstrap(ssm=Robot(), data=rows)
             self.smc = particles.SMC(fk=model, N=n, resampling="systematic", ESSrmin=1.0, collect=[Moments()])
@@ -143,8 +150,8 @@ def particles_peer(problem: Problem, n: int) -> Peer:
 def pfilter_peer(problem: Problem, n: int) -> Peer:
     """pfilter: its ParticleFilter with functions of whole arrays and its own systematic resampling.
 
-    Its update also makes the covariance, the mean observation, the entropy and the best particle: there is no way not
-    to. Its resampling is a loop in Python.
+    Its update always computes the covariance, the mean observation, the entropy and the best particle, too. Its
+    resampling is a loop in Python.
     """
     from pfilter import ParticleFilter, systematic_resample
 
@@ -184,9 +191,10 @@ def pfilter_peer(problem: Problem, n: int) -> Peer:
 def stonesoup_peer(problem: Problem, n: int) -> Peer:
     """Stone Soup: its ParticlePredictor, ParticleUpdater and SystematicResampler, all landmarks as one detection.
 
-    Its own bearing-range models know no heading in the state, so the model here is the subclass that its documentation
-    asks for. The density is its own too, not the multivariate normal of its base class, which does not wrap angles and
-    multiplies by a matrix of 30 x 30. The mean is taken after resampling, as its updater returns it; no N_eff.
+    Its own bearing-range models have no heading in the state, so the model here is a subclass, as its documentation
+    recommends, with its own density instead of the multivariate normal of its base class, which does not wrap angles
+    and multiplies by a matrix of 30 x 30. The mean is computed after resampling, as its updater returns it; there is no
+    N_eff.
     """
     from stonesoup.predictor.particle import ParticlePredictor
     from stonesoup.resampler.particle import SystematicResampler
@@ -257,7 +265,7 @@ def _stonesoup_models(problem: Problem) -> tuple[Any, Any]:
 
 
 def filterpy_peer(problem: Problem, n: int) -> Peer:
-    """filterpy: it has no particle filter, only resampling; the rest is the NumPy that its book has its readers write.
+    """filterpy: it has no particle filter, only resampling; the rest is NumPy as in its book.
 
     Its resampling is a loop in Python.
     """
@@ -300,13 +308,15 @@ class Worker:
         self.steps = 1
 
     def prepare(self, problem: dict[str, Any], n: int, seed: int) -> dict[str, Any]:
-        np.random.seed(seed)  # noqa: NPY002 - the generator that all of the libraries draw from
+        """Make a filter of ``n`` particles for the problem."""
+        np.random.seed(seed)  # noqa: NPY002 - the generator that all libraries use
         self.release()
-        told = Problem(problem)
-        self.peer, self.step, self.steps = PEERS[self.name](told, n), 0, told.steps
+        model = Problem(problem)
+        self.peer, self.step, self.steps = PEERS[self.name](model, n), 0, model.steps
         return {"version": version(self.name)}
 
     def run(self, updates: int) -> dict[str, Any]:
+        """Execute updates; return their seconds and the estimate."""
         assert self.peer is not None
         began = time.perf_counter()
         for _ in range(updates):
@@ -317,12 +327,13 @@ class Worker:
         return {"seconds": seconds, "estimate": estimate, "step": (self.step - 1) % self.steps}
 
     def release(self) -> dict[str, Any]:
+        """Release the filter."""
         self.peer = None
         return {}
 
 
 def serve(name: str) -> None:
-    """Answer until stdin ends. What a library prints goes to stderr."""
+    """Answer requests until stdin ends. Output of a library goes to stderr."""
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     worker = Worker(name)

@@ -18,10 +18,10 @@ __all__ = ["PEERS", "PEERS_PYTHON", "Peer", "Peers"]
 
 PEERS = ("particles", "pfilter", "stonesoup", "filterpy")
 PEERS_PYTHON = Path(__file__).parents[3] / ".venv-peers" / "bin" / "python"
-"""Made by ``make peers``; there only in a checkout."""
+"""Made by ``make peers`` in a checkout."""
 
 LOST_M = 0.5
-"""Farther from the truth than this, a filter does not do the work that it is measured at."""
+"""Greatest error of a peer's estimate; a filter with a greater error does not do the measured work."""
 
 _WORKER = Path(__file__).with_name("peer_worker.py")
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -39,27 +39,28 @@ class Peer:
             stdout=subprocess.PIPE,
             text=True,
             env={**os.environ, **_ONE_THREAD},
-            start_new_session=True,  # Ctrl-C is for us: we end it
+            start_new_session=True,  # Ctrl-C reaches this process only, which then ends the peer
         )
 
     def prepare(self, problem: LandmarkProblem, n: int) -> None:
         """Make a filter of ``n`` particles and start it; raises RunError when the library cannot."""
-        self.version = self._ask("prepare", problem=problem.told(), n=n, seed=0)["version"]
+        self.version = self._ask("prepare", problem=problem.as_request(), n=n, seed=0)["version"]
         self._truth = problem.truth
 
     def seconds(self, updates: int) -> float:
-        """Return what that many updates took; raises RunError if the filter has lost the robot."""
+        """Return the seconds that the updates took; raises RunError if the filter has lost the robot."""
         answer = self._ask("run", updates=updates)
         off = float(np.hypot(*(np.array(answer["estimate"]) - self._truth[answer["step"]])[:2]))
         if not off < LOST_M:
-            raise RunError(f"{self.name} is {off:.2f} m off the truth: this is no tracking, and no comparison")
+            raise RunError(f"{self.name} is {off:.2f} m off the truth: it does not track, so its time is no comparison")
         return float(answer["seconds"])
 
     def release(self) -> None:
-        """Let go of the filter, so that its memory is there for others."""
+        """Release the filter and its memory."""
         self._ask("release")
 
     def close(self) -> None:
+        """End the process."""
         self._process.kill()
         self._process.communicate()
 
@@ -71,7 +72,7 @@ class Peer:
         except BrokenPipeError:
             line = ""
         if not line:
-            raise RunError(f"{self.name}: its process has ended; make peers makes the environment anew")
+            raise RunError(f"{self.name}: its process has ended; make peers creates its environment again")
         answer: dict[str, Any] = json.loads(line)
         if "error" in answer:
             raise RunError(f"{self.name}: {answer['error'].strip()}")
@@ -79,7 +80,7 @@ class Peer:
 
 
 class Peers(AbstractContextManager["Peers"]):
-    """All libraries that are there, their processes ended on leaving."""
+    """All installed libraries; their processes end on leaving the context."""
 
     def __init__(self, names: Sequence[str] = PEERS, python: Path = PEERS_PYTHON) -> None:
         self.all: list[Peer] = []

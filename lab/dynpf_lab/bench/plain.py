@@ -1,7 +1,7 @@
-"""The baseline: the same updates in plain NumPy, in float32, as one would write them without compiling.
+"""The baseline: the same updates in plain NumPy, in float32, without compiled code.
 
-A precomputed log-likelihood map, one sine and cosine a particle, all particles and beams in one expression, resampling
-in linear time.
+It uses a precomputed log-likelihood map, one sine and cosine for each particle, all particles and beams in a single
+expression, and resampling in linear time.
 """
 
 import math
@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynpf.maps.occupancy import OccupancyGrid
+from dynpf.types import Float32s
 
 __all__ = ["Beams", "Field", "Landmarks", "Rays", "Updated", "adapted", "distances", "moved", "update"]
 
 BLOCK = 65_536  # particles at once: more would not fit into memory
 
-Float32s = NDArray[np.float32]
 Weigh = Callable[[Float32s], Float32s]
 
 
@@ -37,7 +37,7 @@ def update(
     log_likelihood: Weigh,
     rng: np.random.Generator,
 ) -> Updated:
-    """Return particles (3, N) moved, weighed and resampled systematically, with what they say of the pose."""
+    """Return particles (3, N) moved, weighted and resampled systematically, with the estimate."""
     poses = moved(particles, made, sigma, rng)
     weights = normalized(log_likelihood(poses))
     return Updated(poses[:, systematic(weights, rng)], mean(poses, weights), 1.0 / float(np.sum(weights * weights)))
@@ -46,7 +46,7 @@ def update(
 def moved(
     particles: Float32s, made: tuple[float, float, float], sigma: tuple[float, float, float], rng: np.random.Generator
 ) -> Float32s:
-    """Return particles (3, N) after a noisy rotation, way and rotation."""
+    """Return particles (3, N) after a noisy rotation, translation and rotation."""
     noise = rng.standard_normal((3, particles.shape[1]), dtype=np.float32)
     first, way, second = (np.float32(m) + np.float32(s) * row for m, s, row in zip(made, sigma, noise, strict=True))
     direction = particles[2] + first
@@ -56,18 +56,20 @@ def moved(
 
 
 def wrapped(angle: Float32s) -> Float32s:
+    """Return angles wrapped to [-pi, pi]."""
     turns: Float32s = np.rint(angle * np.float32(0.5 / np.pi))
     return angle - np.float32(2.0 * np.pi) * turns
 
 
 def normalized(log_weights: Float32s) -> Float32s:
+    """Return weights that sum to one."""
     weights: Float32s = np.exp(log_weights - np.max(log_weights))
     weights /= np.sum(weights)
     return weights
 
 
 def mean(poses: Float32s, weights: Float32s) -> NDArray[np.float64]:
-    """Return the weighted mean pose, the heading by its direction."""
+    """Return the weighted mean pose, with the circular mean of the heading."""
     x, y, cosine, sine = (
         np.sum(weights * row, dtype=np.float64) for row in (poses[0], poses[1], np.cos(poses[2]), np.sin(poses[2]))
     )
@@ -75,7 +77,7 @@ def mean(poses: Float32s, weights: Float32s) -> NDArray[np.float64]:
 
 
 def systematic(weights: Float32s, rng: np.random.Generator) -> NDArray[np.intp]:
-    """Return which particles a comb of N equal spacings picks, by counting its teeth below each partial sum."""
+    """Return the indices of systematic resampling with N equal spacings, by counting them below each partial sum."""
     n = len(weights)
     below = np.ceil(np.cumsum(weights, dtype=np.float64) * n - rng.random())
     below[-1] = n
@@ -103,7 +105,7 @@ class Landmarks:
 
 
 class Field:
-    """Likelihood field: every beam scores by the distance from its end to the nearest wall.
+    """Likelihood field: each beam scores by the distance from its end to the nearest wall.
 
     log(z_hit N(distance; 0, sigma_hit) + z_rand / range_max), tabulated, as far outside the map as walls reach.
     """
@@ -117,16 +119,16 @@ class Field:
         gaps = np.minimum(distances(walls) * grid.resolution, farthest)
         peak = z_hit / (sigma_hit * np.sqrt(2.0 * np.pi))
         table = np.log(peak * np.exp(-0.5 * (gaps / sigma_hit) ** 2) + z_rand / range_max)
-        # One more cell all round is what lies farther outside.
+        # One more cell on each side stands for everything farther outside.
         outside = np.log(peak * np.exp(-0.5 * (farthest / sigma_hit) ** 2) + z_rand / range_max)
         self.table = np.pad(table, 1, constant_values=outside).astype(np.float32)
 
     def log_likelihood(self, poses: Float32s, angles: Float32s, ranges: Float32s) -> Float32s:
         """Return the sum over the beams that returned, shape (N,), of angles and ranges (B,)."""
-        told = ranges < self.range_max
+        returned = ranges < self.range_max
         cell = np.float32(1.0 / self.grid.resolution)
-        ahead = (ranges[told] * np.cos(angles[told]) * cell)[:, None]
-        aside = (ranges[told] * np.sin(angles[told]) * cell)[:, None]
+        ahead = (ranges[returned] * np.cos(angles[returned]) * cell)[:, None]
+        aside = (ranges[returned] * np.sin(angles[returned]) * cell)[:, None]
         height, width = self.table.shape
         flat, corner = self.table.ravel(), np.float32(self.margin + 1)
         score = np.empty(poses.shape[1], dtype=np.float32)
@@ -140,7 +142,7 @@ class Field:
 
 
 class Rays:
-    """Ranges by marching: each step as far as the nearest wall allows, half a cell at least."""
+    """Ranges by marching: each step is the distance to the nearest wall, at least half a cell."""
 
     def __init__(self, grid: OccupancyGrid) -> None:
         self.grid = grid
@@ -177,9 +179,9 @@ class Rays:
 
 
 class Beams:
-    """Beam model: a Gaussian about the map's range, an exponential before it, a share at the end and one anywhere.
+    """Beam model: a Gaussian around the map's range, an exponential before it, a share at the end and a uniform share.
 
-    The Gaussian is not truncated at the ends of the scale, which would cost more and matters there only.
+    The Gaussian is not truncated at the ends of the scale, which would cost more and matters only there.
     """
 
     def __init__(
@@ -218,7 +220,7 @@ class Beams:
 def adapted(
     poses: Float32s, weights: Float32s, n_max: int, rng: np.random.Generator, *, bins: tuple[float, float], error: float
 ) -> Float32s:
-    """Return poses drawn one after the other until KLD-sampling (Fox, 2003) has enough of them, at most ``n_max``.
+    """Return poses drawn one by one until KLD-sampling (Fox, 2003) has enough of them, at most ``n_max``.
 
     ``bins`` are their sides in metres and radians; the quantile is that of 99 %. Draws come in lots that double.
     """

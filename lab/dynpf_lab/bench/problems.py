@@ -1,14 +1,14 @@
-"""What is measured on: a robot among 15 landmarks, and one with a laser on a floor plan. The same at every call."""
+"""Problems of the benchmarks: a robot among 15 landmarks, and a robot with a laser on a floor plan. Both are fixed."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.motion.model import Displacement
 from dynpf.rng import generator
 from dynpf.se2 import compose, wrap_angle
+from dynpf.types import Float32s, FloatArray
 from dynpf_lab.bench import plain
 
 __all__ = ["ALPHA", "LandmarkProblem", "Movement", "ScanProblem", "movement"]
@@ -20,28 +20,25 @@ LANDMARKS = 15
 ROOM_M = (10.0, 8.0)
 RADIUS_M = 2.0
 SIGMA_RANGE_M, SIGMA_BEARING = 0.15, 0.05
-START_SIGMA = (0.2, 0.2, 0.1)  # m, m, rad: the cloud of a filter that tracks
+START_SIGMA = (0.2, 0.2, 0.1)  # m, m, rad: the cloud of a tracking filter
 
 RANGE_MIN_M, RANGE_MAX_M = 0.1, 12.0
 FIELD_OF_VIEW = 1.5 * np.pi
 SIGMA_HIT_M = 0.1
-PASSERS_BY = 0.05  # share of beams that meet what is not in the map
-# Forth and back, so that a filter may be kept going for ever.
+PASSERS_BY = 0.05  # share of beams that hit obstacles missing in the map
+# Back and forth, so that a filter can continue without end.
 SHUTTLE = (Displacement(0.2, 0.02, 0.1), Displacement(-0.2, 0.0, -0.1))
-
-Floats = NDArray[np.float64]
-Float32s = NDArray[np.float32]
 
 
 class Movement(NamedTuple):
-    """A displacement as rotation (rad), way (m), rotation (rad), and the standard deviations of the three."""
+    """A displacement as rotation (rad), translation (m), rotation (rad), and their standard deviations."""
 
     made: tuple[float, float, float]
     sigma: tuple[float, float, float]
 
 
 def movement(control: Displacement) -> Movement:
-    """Return what ``OdometryMotion`` with four times ALPHA makes of a displacement, for those who do without it."""
+    """Return the movement that ``OdometryMotion``, with ALPHA four times, draws from, for contenders without it."""
     ahead = -1.0 if control.dx < 0.0 else 1.0
     first = float(np.arctan2(ahead * control.dy, ahead * control.dx))
     way, second = ahead * float(np.hypot(control.dx, control.dy)), control.turn - first
@@ -58,13 +55,13 @@ def movement(control: Displacement) -> Movement:
 class LandmarkProblem:
     """A robot drives circles: ``landmarks`` (L, 2), one ``control`` for every step, and one lap of T steps.
 
-    ``truth`` (T, 3) is the pose after each step, ``ranges`` and ``bearings`` (T, L) what it then sees. A filter that
-    comes to the lap's end goes on with its beginning.
+    ``truth`` (T, 3) is the pose after each step, ``ranges`` and ``bearings`` (T, L) are the readings there. At the end
+    of the lap a filter continues with its beginning.
     """
 
     def __init__(self) -> None:
         rng = generator(0, "bench", 0, "landmarks")
-        self.landmarks: Floats = rng.uniform((0.0, 0.0), ROOM_M, (LANDMARKS, 2))
+        self.landmarks: FloatArray = rng.uniform((0.0, 0.0), ROOM_M, (LANDMARKS, 2))
         turn = 2.0 * np.pi / STEPS
         chord = 2.0 * RADIUS_M * np.sin(0.5 * turn)
         self.control = Displacement(chord * np.cos(0.5 * turn), chord * np.sin(0.5 * turn), turn)
@@ -72,19 +69,19 @@ class LandmarkProblem:
         poses = [self.start]
         for _ in range(STEPS):
             poses.append(compose(poses[-1], np.array(self.control)))
-        self.truth: Floats = np.array(poses[1:])
+        self.truth: FloatArray = np.array(poses[1:])
         east, north = self.landmarks.T[:, None] - self.truth.T[:2, :, None]
         noise = rng.standard_normal((2, STEPS, LANDMARKS))
-        self.ranges: Floats = np.hypot(east, north) + SIGMA_RANGE_M * noise[0]
+        self.ranges: FloatArray = np.hypot(east, north) + SIGMA_RANGE_M * noise[0]
         bearings = np.arctan2(north, east) - self.truth[:, 2:] + SIGMA_BEARING * noise[1]
-        self.bearings: Floats = np.asarray(wrap_angle(bearings))
+        self.bearings: FloatArray = np.asarray(wrap_angle(bearings))
 
     def cloud(self, n: int) -> Float32s:
         """Return poses (3, n) drawn from the prior."""
         return _around(self.start, n)
 
-    def told(self) -> dict[str, Any]:
-        """Return what a peer's process is told, as JSON has it."""
+    def as_request(self) -> dict[str, Any]:
+        """Return the problem as the JSON that a peer's process is sent."""
         made, sigma = movement(self.control)
         return {
             "start": self.start.tolist(),
@@ -100,7 +97,7 @@ class LandmarkProblem:
 
 
 class ScanProblem:
-    """A robot goes to and fro where the map leaves most room, and scans after each step.
+    """A robot moves back and forth where the map leaves most room, and scans after each step.
 
     ``truth`` (2, 3) is the pose after each of the two steps of ``SHUTTLE``, ``angles`` (B,) and ``ranges`` (2, B) the
     scans: the map's ranges with noise, some of them cut short. The first step starts from ``start``.
@@ -111,7 +108,7 @@ class ScanProblem:
         self.controls = SHUTTLE
         self.start = _roomiest(grid)
         there = compose(self.start, np.array(SHUTTLE[0]))
-        self.truth: Floats = np.array([there, compose(there, np.array(SHUTTLE[1]))])
+        self.truth: FloatArray = np.array([there, compose(there, np.array(SHUTTLE[1]))])
         self.angles = (FIELD_OF_VIEW * ((np.arange(beams) + 0.5) / beams - 0.5)).astype(np.float32)
         rng = generator(0, "bench", 0, "scan")
         seen = plain.Rays(grid).scans(self.truth.T.astype(np.float32), self.angles, RANGE_MAX_M)
@@ -122,7 +119,7 @@ class ScanProblem:
         self.ranges[seen >= RANGE_MAX_M] = RANGE_MAX_M
 
     def cloud(self, n: int) -> Float32s:
-        """Return poses (3, n) of a filter that tracks: 0.2 m and 0.1 rad about the start."""
+        """Return poses (3, n) of a tracking filter: 0.2 m and 0.1 rad around the start."""
         return _around(self.start, n)
 
     def anywhere(self, n: int) -> Float32s:
@@ -134,13 +131,13 @@ class ScanProblem:
         return np.stack((x, y, rng.uniform(-np.pi, np.pi, n))).astype(np.float32)
 
 
-def _around(pose: Floats, n: int) -> Float32s:
+def _around(pose: FloatArray, n: int) -> Float32s:
     noise = generator(0, "bench", 0, "cloud").standard_normal((n, 3)) * START_SIGMA
     return np.ascontiguousarray((pose + noise).T, dtype=np.float32)
 
 
-def _roomiest(grid: OccupancyGrid) -> Floats:
-    """Return a pose at the free cell farthest from every wall, heading along neither axis."""
+def _roomiest(grid: OccupancyGrid) -> FloatArray:
+    """Return a pose at the free cell farthest from all walls, with a heading along neither axis."""
     gaps = np.where(grid.free, plain.distances(grid.occupied), 0.0)
     row, column = np.unravel_index(np.argmax(gaps), gaps.shape)
     x, y = grid.to_map(int(column) + 0.5, int(row) + 0.5)

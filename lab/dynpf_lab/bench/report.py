@@ -12,7 +12,7 @@ Row = dict[str, Any]
 
 
 def text(rows: Sequence[Row]) -> str:
-    """Return times in milliseconds an update, and how many times longer the others take (x)."""
+    """Return a table of milliseconds per update, with the ratios of the others (x)."""
     others = [name for name in ("numpy", *PEERS) if any(row[f"{name}_ms"] is not None for row in rows)]
     header = ["work", "n", "threads", "ours ms", "+-%"]
     for name in others:

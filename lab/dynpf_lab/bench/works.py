@@ -1,8 +1,8 @@
-"""The works that are measured, by name: one update by ours and one by plain NumPy, of the same problem.
+"""The measured works, by name: an update by ours and an update by plain NumPy, of the same problem.
 
-A full update is motion sampling, likelihood, normalization, estimate and N_eff, systematic resampling. Those with a
-laser start each from the same cloud of a filter that tracks, 0.2 m and 0.1 rad wide; those with landmarks, and the one
-whose number of particles adapts itself, go on from the last update, as a filter does.
+A full update is motion sampling, likelihood, normalization, estimate and N_eff, systematic resampling. Works with a
+laser start every update from the same cloud of a tracking filter, 0.2 m and 0.1 rad wide; those with landmarks or an
+adaptive number of particles continue from the last update, as a filter does.
 """
 
 import itertools
@@ -45,7 +45,7 @@ Step = Callable[[], Any]
 Filter = ParticleFilter[NDArray[np.float64]]
 
 BEAMS = {"likelihood_field_60": 60, "likelihood_field_5": 5, "beam_60": 60, "kld": 60}
-"""Works with scans, and how many beams those have."""
+"""The numbers of beams of works with scans."""
 WORKS = ("likelihood_field_60", "likelihood_field_5", "beam_60", "rays_global", "rays_track", "landmarks_15", "kld")
 
 FIELD = LikelihoodFieldParams(max_beams=10_000)
@@ -54,20 +54,25 @@ BINS, KLD_ERROR = (0.5, math.radians(10.0)), 0.01
 
 
 class Work(Protocol):
-    """One kind of update; whatever is returned is called once an update."""
+    """A kind of update; the functions that it returns execute an update at each call."""
 
     threaded: bool
 
-    def ours(self, n: int, threads: int) -> Step: ...
+    def ours(self, n: int, threads: int) -> Step:
+        """Return our update with ``n`` particles."""
+        ...
 
-    def numpy(self, n: int) -> Step: ...
+    def numpy(self, n: int) -> Step:
+        """Return plain NumPy's update with ``n`` particles."""
+        ...
 
     def stages(self, n: int) -> Mapping[str, Step]:
-        """Return the parts of our update, by themselves."""
+        """Return the parts of our update, each alone."""
+        ...
 
 
 def build(name: str, grid: OccupancyGrid, beams: int | None) -> Work:
-    """Return a work by its name, its scans with ``beams`` beams if that is not None."""
+    """Return a work by its name; ``beams`` overrides the number of beams of its scans."""
     if name == "landmarks_15":
         return Landmarks(LandmarkProblem())
     problem = ScanProblem(grid, beams or BEAMS.get(name, 1))
@@ -92,14 +97,14 @@ def plain_field(grid: OccupancyGrid) -> plain.Field:
 
 
 class Tracked(NamedTuple):
-    """What an update by ours leaves behind."""
+    """The result of our update."""
 
     cloud: Cloud
     report: Report[Any]
 
 
 class ScanUpdate:
-    """A full update with a scan, from the cloud of a filter that tracks."""
+    """A full update with a scan, from the cloud of a tracking filter."""
 
     threaded = True
 
@@ -111,12 +116,14 @@ class ScanUpdate:
         self.baseline = baseline
 
     def ours(self, n: int, threads: int) -> Step:
+        """See Work."""
         pf, cloud = self._filter(threads), self._cloud(n)
         control, scan = self.problem.controls[0], self._scan(0)
         streams = _streams()
         return lambda: Tracked(*pf.update(cloud, control, [scan], next(streams)))
 
     def numpy(self, n: int) -> Step:
+        """See Work."""
         cloud, rng = self.problem.cloud(n), _generator()
         made, sigma = movement(self.problem.controls[0])
         angles, ranges = self.problem.angles, self.problem.ranges[0]
@@ -125,6 +132,7 @@ class ScanUpdate:
         )
 
     def stages(self, n: int) -> Mapping[str, Step]:
+        """See Work."""
         return _stages(self._filter(1), self._cloud(n), self.problem.controls[0], self._scan(0))
 
     def _filter(self, threads: int) -> Filter:
@@ -138,14 +146,15 @@ class ScanUpdate:
 
 
 class Adapted(ScanUpdate):
-    """Full updates, one after the other, forth and back, in which KLD-sampling says how many particles go on.
+    """Successive full updates, back and forth, in which KLD-sampling chooses the number of particles, at most ``n``.
 
-    There are at most ``n``. Each update resamples.
+    Each update resamples.
     """
 
     threaded = True
 
     def ours(self, n: int, threads: int) -> Step:
+        """See Work."""
         params = KldParams(
             epsilon=KLD_ERROR, cell_x=BINS[0], cell_y=BINS[0], cell_heading=BINS[1], n_min=min(n, 100), n_max=n
         )
@@ -165,6 +174,7 @@ class Adapted(ScanUpdate):
         return update
 
     def numpy(self, n: int) -> Step:
+        """See Work."""
         cloud, rng, steps = self.problem.cloud(min(n, 2000)), _generator(), itertools.count()
         moves = [movement(control) for control in self.problem.controls]
 
@@ -181,11 +191,12 @@ class Adapted(ScanUpdate):
         return update
 
     def stages(self, n: int) -> Mapping[str, Step]:  # noqa: ARG002
+        """Return no parts: the number of particles changes between them."""
         return {}
 
 
 class Rays:
-    """The ranges of n rays, each from a place of its own: anywhere on the map, or from one place to all sides."""
+    """The ranges of n rays: from random positions on the map, or from around a position in all directions."""
 
     threaded = False
 
@@ -200,25 +211,28 @@ class Rays:
         return poses
 
     def ours(self, n: int, threads: int) -> Step:  # noqa: ARG002
+        """See Work."""
         x, y, angles = self.origins(n)
         return lambda: self.caster.ranges(x, y, angles, RANGE_MAX_M)
 
     def numpy(self, n: int) -> Step:
+        """See Work."""
         x, y, angles = self.origins(n)
         return lambda: self.baseline.ranges(x, y, angles, RANGE_MAX_M)
 
     def stages(self, n: int) -> Mapping[str, Step]:  # noqa: ARG002
+        """Return no parts: a ray is not an update of a filter."""
         return {}
 
 
 class Landmarks:
-    """Full updates, one after the other, on the lap of a robot that sees 15 landmarks."""
+    """Successive full updates on the lap of a robot that sees 15 landmarks."""
 
     threaded = True
 
     def __init__(self, problem: LandmarkProblem) -> None:
         self.problem = problem
-        # The peers know no gate, outliers or tempering: Gaussian errors and no more.
+        # The peers have Gaussian errors only, without gate, outliers or tempering.
         params = RangeBearingParams(
             sigma_range=SIGMA_RANGE_M,
             sigma_range_per_m=0.0,
@@ -238,6 +252,7 @@ class Landmarks:
         ]
 
     def ours(self, n: int, threads: int) -> Step:
+        """See Work."""
         pf, cloud = self._filter(threads), self._cloud(n)
         streams, steps = _streams(), itertools.count()
 
@@ -251,6 +266,7 @@ class Landmarks:
         return update
 
     def numpy(self, n: int) -> Step:
+        """See Work."""
         baseline = plain.Landmarks(self.problem.landmarks, SIGMA_RANGE_M, SIGMA_BEARING)
         cloud, rng, steps = self.problem.cloud(n), _generator(), itertools.count()
         made, sigma = movement(self.problem.control)
@@ -266,6 +282,7 @@ class Landmarks:
         return update
 
     def stages(self, n: int) -> Mapping[str, Step]:
+        """See Work."""
         return _stages(self._filter(1), self._cloud(n), self.problem.control, self.readings[0])
 
     def _filter(self, threads: int) -> Filter:
@@ -285,7 +302,7 @@ def beam_update(problem: ScanProblem) -> ScanUpdate:
 
 
 def _stages(pf: Filter, cloud: Cloud, control: Displacement, reading: Any) -> Mapping[str, Step]:
-    """Return each part of an update, on the arrays that it would meet there."""
+    """Return each part of an update, on the arrays that it would have there."""
     models, streams = pf.models, _streams()
     moved = models.propagate(cloud.particles, control, next(streams))
     evidence, _ = models.believable(moved, cloud.weights, [reading])

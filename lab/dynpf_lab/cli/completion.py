@@ -1,4 +1,4 @@
-"""Tab completion: what may come next on the shell's line, by argcomplete."""
+"""Tab completion of the shell's line, by argcomplete."""
 
 import argparse
 from collections.abc import Iterable
@@ -13,12 +13,12 @@ __all__ = ["complete"]
 
 
 def complete(parser: argparse.ArgumentParser) -> None:
-    """Tell the shell that asks for it what the parser takes next, and exit."""
+    """Print the completions for the shell that requests them, and exit."""
     argcomplete.autocomplete(parser, default_completer=_Values())
 
 
 class _Values(BaseCompleter):
-    """Completes the arguments that have no list of choices."""
+    """Completes arguments without a list of choices."""
 
     def __call__(self, *, action: argparse.Action, parser: argparse.ArgumentParser, **asked: Any) -> Iterable[str]:
         metavar = str(action.metavar)

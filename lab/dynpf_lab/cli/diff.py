@@ -1,41 +1,45 @@
-"""dynpf diff: the first difference between two recordings, and what it comes to in their measures."""
+"""``dynpf diff``: the first difference between two recordings, and the differences of their measures."""
 
 import argparse
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from dynpf_lab.cli.arguments import add_json
 
 if TYPE_CHECKING:
     from dynpf_formats.recording.reader import Recording
 
-__all__ = ["add_parser", "print_difference"]
+__all__ = ["add_arguments", "print_difference"]
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    parser = subparsers.add_parser("diff", help="the first difference between two recordings (exit code 1 if any)")
-    parser.add_argument("a", metavar="A.mcap")
-    parser.add_argument("b", metavar="B.mcap")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``dynpf diff``."""
+    parser.add_argument("a", type=Path, metavar="A.mcap")
+    parser.add_argument("b", type=Path, metavar="B.mcap")
+    add_json(parser)
     parser.set_defaults(run=run)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
+    """Execute ``dynpf diff`` and return its exit code."""
     from dynpf_formats.recording.reader import read_recording
 
-    a, b = (read_recording(path, allow_truncated=True) for path in (args.a, args.b))
-    return print_difference(a, b, args.a, args.b, as_json=args.json)
+    a, b = (read_recording(path, allow_truncated=True) for path in (options.a, options.b))
+    return print_difference(a, b, str(options.a), str(options.b), as_json=options.json)
 
 
 def print_difference(a: "Recording", b: "Recording", a_name: str, b_name: str, *, as_json: bool) -> int:
-    """Print where two recordings first differ and which of their measures do; return the command's exit code."""
+    """Print the first difference of two recordings and their different measures; return the exit code."""
     import msgspec
     from dynpf_experiments.measures import differing
     from dynpf_formats.recording.diff import diff
-    from dynpf_formats.recording.provenance import told_where_bytes_differ
+    from dynpf_formats.recording.provenance import explain_different_bytes
 
     difference, metrics = diff(a, b), differing(a, b)
     apart = ""
     if not difference.same and a.header.scenario == b.header.scenario:
-        apart = told_where_bytes_differ(a.header.provenance, b.header.provenance, b_name)
+        apart = explain_different_bytes(a.header.provenance, b.header.provenance, b_name)
     if as_json:
         print(json.dumps({**msgspec.to_builtins(difference), "metrics": metrics, "platform": apart}))
         return 0 if difference.same else 1

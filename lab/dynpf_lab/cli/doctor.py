@@ -1,29 +1,32 @@
-"""dynpf doctor: what is wrong with a recording, and what code it names."""
+"""``dynpf doctor``: faults of a recording, and the code that it names."""
 
 import argparse
 
-__all__ = ["add_parser"]
+from dynpf_lab.cli.arguments import add_json, add_recording
+
+__all__ = ["add_arguments"]
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    parser = subparsers.add_parser("doctor", help="what is wrong with a recording (exit code 1 if anything is)")
-    parser.add_argument("recording", metavar="RUN.mcap")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``dynpf doctor``."""
+    add_recording(parser)
+    add_json(parser)
     parser.set_defaults(run=run)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
+    """Execute ``dynpf doctor`` and return its exit code."""
     import msgspec
     from dynpf_formats.recording.code import code_in_words, described_code
     from dynpf_formats.recording.doctor import Severity, diagnose
 
-    findings, named = diagnose(args.recording)
+    findings, named = diagnose(options.recording)
     code = described_code(named)
-    if args.json:
+    if options.json:
         print(msgspec.json.encode({"healthy": not findings, "findings": findings, "code": code}).decode())
     else:
         if not findings:
-            print(f"{args.recording}: whole and complete")
+            print(f"{options.recording}: whole and complete")
         for finding in findings:
             print(f"{finding.severity}: {finding.where}: {finding.what}")
         for line in code_in_words(code):

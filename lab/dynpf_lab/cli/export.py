@@ -9,18 +9,19 @@ from typing import TYPE_CHECKING, TextIO
 
 from dynpf_protocol.errors import UsageError
 
+from dynpf_lab.cli.arguments import add_recording
+
 if TYPE_CHECKING:
     from dynpf_formats.recording.reader import Recording
 
-__all__ = ["add_parser"]
+__all__ = ["add_arguments"]
 
 PREFERRED = ("estimator/state", "log/truth", "truth/robot")
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add ``export RUN.mcap --format F`` to the command line."""
-    parser = subparsers.add_parser("export", help="write a topic of a recording for other programs")
-    parser.add_argument("recording", metavar="RUN.mcap", type=Path)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``dynpf export``."""
+    add_recording(parser)
     parser.add_argument(
         "--format",
         choices=("tum", "csv", "parquet"),
@@ -32,13 +33,13 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.set_defaults(run=_export)
 
 
-def _export(args: argparse.Namespace) -> int:
+def _export(options: argparse.Namespace) -> int:
     from dynpf_formats.recording.reader import read_recording
 
-    recording = read_recording(args.recording)
-    topic = _topic(recording, args.topic)
-    count = {"tum": _tum, "csv": _csv, "parquet": _parquet}[args.format](recording, topic, args)
-    print(f"{count} of {topic} written to {args.output or 'standard output'}", file=sys.stderr)
+    recording = read_recording(options.recording)
+    topic = _topic(recording, options.topic)
+    count = {"tum": _tum, "csv": _csv, "parquet": _parquet}[options.format](recording, topic, options)
+    print(f"{count} of {topic} written to {options.output or 'standard output'}", file=sys.stderr)
     return 0
 
 
@@ -46,42 +47,42 @@ def _topic(recording: "Recording", wanted: str | None) -> str:
     from dynpf_protocol.journal import JOURNAL_PREFIX
 
     there = {topic for topic in recording.schemas if not topic.startswith(JOURNAL_PREFIX)}
-    found = next((one for one in ((wanted,) if wanted else PREFERRED) if one in there), None)
+    found = next((topic for topic in ((wanted,) if wanted else PREFERRED) if topic in there), None)
     if found is None:
         listed = ", ".join(sorted(there)) or "no messages"
         raise UsageError(f"{recording.path}: nothing on {wanted or ' or '.join(PREFERRED)}; it has {listed}")
     return found
 
 
-def _tum(recording: "Recording", topic: str, args: argparse.Namespace) -> int:
+def _tum(recording: "Recording", topic: str, options: argparse.Namespace) -> int:
     from dynpf_formats.exporters.trajectory import pose_topics, tum_lines
 
     if topic not in (known := pose_topics(recording)):
         raise UsageError(f"{topic} holds no poses; those of this recording with poses: {', '.join(known) or 'none'}")
     count = 0
-    with _text(args.output) as stream:
+    with _text(options.output) as stream:
         for line in tum_lines(recording, topic):
             stream.write(f"{line}\n")
             count += 1
     return count
 
 
-def _csv(recording: "Recording", topic: str, args: argparse.Namespace) -> int:
+def _csv(recording: "Recording", topic: str, options: argparse.Namespace) -> int:
     from dynpf_formats.exporters.table import write_csv
 
-    with _text(args.output) as stream:
+    with _text(options.output) as stream:
         return write_csv(recording, topic, stream)
 
 
-def _parquet(recording: "Recording", topic: str, args: argparse.Namespace) -> int:
+def _parquet(recording: "Recording", topic: str, options: argparse.Namespace) -> int:
     from dynpf_experiments.extras import needing
 
-    if args.output is None:
+    if options.output is None:
         raise UsageError("--format parquet needs -o FILE: it is not text")
     with needing("pyarrow", extra="parquet", what="writing Parquet"):
         from dynpf_formats.exporters.parquet import write_parquet
-    with _told(args.output):
-        return write_parquet(recording, topic, args.output)
+    with _writing(options.output):
+        return write_parquet(recording, topic, options.output)
 
 
 @contextmanager
@@ -89,12 +90,12 @@ def _text(path: Path | None) -> Iterator[TextIO]:
     if path is None:
         yield sys.stdout
         return
-    with _told(path), path.open("x", encoding="utf-8", newline="") as stream:
+    with _writing(path), path.open("x", encoding="utf-8", newline="") as stream:
         yield stream
 
 
 @contextmanager
-def _told(path: Path) -> Iterator[None]:
+def _writing(path: Path) -> Iterator[None]:
     try:
         yield
     except FileExistsError:

@@ -1,25 +1,23 @@
-"""``dynpf health``: whether a process of a run is alive and its main loop goes round."""
+"""``dynpf health``: whether a process of a run is alive and its main loop runs."""
 
 import argparse
 import time
-from typing import Any
 
-from dynpf_lab.cli.service import DEFAULT_ENDPOINT, endpoint
+from dynpf_lab.cli.arguments import add_connect
 
-__all__ = ["add_parser"]
+__all__ = ["add_arguments"]
 
 
-def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
-    parser = commands.add_parser("health", help="whether a process of a run is alive and its main loop goes round")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``dynpf health``."""
     parser.add_argument("name", metavar="NAME")
-    parser.add_argument(
-        "--connect", default=DEFAULT_ENDPOINT, type=endpoint, metavar="tcp/HOST:PORT", help="where the router listens"
-    )
+    add_connect(parser)
     parser.add_argument("--timeout", type=float, default=3.0, metavar="S", help="how long to wait for a heartbeat")
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
+    """Execute ``dynpf health`` and return its exit code."""
     from dynpf_protocol.errors import RunError
     from dynpf_protocol.keys import ALIVE, BEAT
     from dynpf_runtime.bus.session import Bus

@@ -1,71 +1,45 @@
-"""``dynpf import``: foreign logs become recordings."""
+"""``dynpf import``: make recordings from logs of other formats."""
 
 import argparse
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dynpf_protocol.errors import UsageError
 
+from dynpf_lab.cli.arguments import add_json
+
 if TYPE_CHECKING:
-    from dynpf_formats.importers.log import ImportSummary, Span
-    from dynpf_formats.importers.stream import LogStream, StreamSummary
+    from dynpf_formats.importers.log import ImportedLog, ImportSummary
     from dynpf_formats.recording.header import Attachment
 
-__all__ = ["add_parser"]
+__all__ = ["add_arguments"]
 
 ALL = "all"
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add ``import FORMAT SOURCE -o OUT`` to the command line."""
-    parser = subparsers.add_parser("import", help="turn a foreign log into a recording")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``dynpf import``."""
     formats = parser.add_subparsers(metavar="FORMAT", required=True)
 
     mrclam = formats.add_parser("mrclam", help="a folder of a UTIAS MRCLAM data set, plain or .xz")
     _add_common(mrclam, "folder with the tables of the data set")
     mrclam.add_argument("--robot", metavar="N", type=_robot, help="which robot, where there are several; or all")
     mrclam.add_argument(
-        "--robots", action="store_true", help="the other robots are landmarks that move, where their reference has them"
+        "--robots", action="store_true", help="take the other robots as moving landmarks at their reference positions"
     )
     mrclam.set_defaults(run=_import_mrclam)
 
     carmen = formats.add_parser("carmen", help="a CARMEN log, plain, .gz, .xz or .bz2")
     _add_common(carmen, "file with lines such as FLASER, ROBOTLASER1, ODOM")
-    carmen.add_argument("--range-max", metavar="M", type=_metres, help="ranges from here on are no return")
+    carmen.add_argument("--range-max", metavar="M", type=_metres, help="ranges from here on count as no return")
     _add_map(carmen)
     carmen.add_argument(
         "--map-from-poses", metavar="M", type=_metres, help="draw the map from scans and corrected poses, in cells of M"
     )
     carmen.set_defaults(run=_import_carmen)
 
-    rosbag = formats.add_parser("rosbag", help="a ROS 1 bag, or a ROS 2 bag in sqlite3 or MCAP")
-    _add_common(rosbag, ".bag, .mcap or .db3 file, or the folder of a ROS 2 bag")
-    rosbag.add_argument("--scan", metavar="TOPIC", help="LaserScan or PointCloud2; else the scanner that sees most")
-    rosbag.add_argument("--odometry", metavar="TOPIC", help="Odometry, or the word tf; else the first by name, or tf")
-    rosbag.add_argument("--truth", metavar="TOPIC", help="reference poses; else the first whose name tells of truth")
-    rosbag.add_argument("--base", metavar="FRAME", help="the robot's frame; else base_footprint, base_link, ...")
-    rosbag.add_argument("--odom-frame", metavar="FRAME", default="odom", help="odometry's frame in tf (odom)")
-    place = ("X", "Y", "THETA")
-    rosbag.add_argument(
-        "--truth-offset",
-        metavar=place,
-        nargs=3,
-        type=_number,
-        default=(0.0, 0.0, 0.0),
-        help="where the map lies in the truth's frame (m, m, rad)",
-    )
-    rosbag.add_argument("--truth-shift", metavar="S", type=_number, default=0.0, help="s, added to the truth's stamps")
-    band = ("LOW", "HIGH")
-    rosbag.add_argument(
-        "--heights",
-        metavar=band,
-        nargs=2,
-        type=_number,
-        help="of a cloud, the points between these heights make the scan (m)",
-    )
-    _add_map(rosbag)
-    rosbag.set_defaults(run=_import_rosbag)
+    _add_rosbag(formats.add_parser("rosbag", help="a ROS 1 bag, or a ROS 2 bag in sqlite3 or MCAP"))
 
     world = formats.add_parser("map", help="a map of map_server, as the attachment of a recording without messages")
     _add_common(world, "YAML file; its image beside it")
@@ -73,14 +47,49 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
     tum = formats.add_parser("tum", help="reference poses as lines of time, position and quaternion")
     _add_common(tum, "text file, plain, .gz, .xz or .bz2")
-    tum.add_argument("--log", metavar="LOG.mcap", type=Path, help="an imported log, whose reference the poses become")
+    tum.add_argument(
+        "--log", metavar="LOG.mcap", type=Path, help="an imported log, which takes the poses as its reference"
+    )
     tum.set_defaults(run=_import_tum)
+
+
+def _add_rosbag(parser: argparse.ArgumentParser) -> None:
+    _add_common(parser, ".bag, .mcap or .db3 file, or the folder of a ROS 2 bag")
+    parser.add_argument(
+        "--scan", metavar="TOPIC", help="LaserScan or PointCloud2; else the scanner with the widest view"
+    )
+    parser.add_argument("--odometry", metavar="TOPIC", help="Odometry, or the word tf; else the first by name, or tf")
+    parser.add_argument(
+        "--truth", metavar="TOPIC", help="reference poses; else the first whose name contains a word for truth"
+    )
+    parser.add_argument("--base", metavar="FRAME", help="the robot's frame; else base_footprint, base_link, ...")
+    parser.add_argument("--odom-frame", metavar="FRAME", default="odom", help="odometry's frame in tf (odom)")
+    pose = ("X", "Y", "THETA")
+    parser.add_argument(
+        "--truth-offset",
+        metavar=pose,
+        nargs=3,
+        type=_number,
+        default=(0.0, 0.0, 0.0),
+        help="pose of the map in the truth's frame (m, m, rad)",
+    )
+    parser.add_argument("--truth-shift", metavar="S", type=_number, default=0.0, help="s, added to the truth's stamps")
+    band = ("LOW", "HIGH")
+    parser.add_argument(
+        "--heights",
+        metavar=band,
+        nargs=2,
+        type=_number,
+        help="the points of a cloud between these heights make the scan (m)",
+    )
+    _add_map(parser)
+    parser.set_defaults(run=_import_rosbag)
 
 
 def _add_common(parser: argparse.ArgumentParser, source: str) -> None:
     parser.add_argument("source", metavar="SOURCE", type=Path, help=source)
     parser.add_argument("-o", "--output", metavar="OUT.mcap", type=Path, required=True, help="recording to be written")
-    parser.add_argument("--json", action="store_true", help="print the summary as one JSON document")
+    add_json(parser, "print the summary as one JSON document")
 
 
 def _add_map(parser: argparse.ArgumentParser) -> None:
@@ -104,7 +113,7 @@ def _number(text: str) -> float:
     return value
 
 
-# What reads and writes logs is loaded on use: dynpf --help shall not wait for it.
+# Importers are loaded at their use, so that dynpf --help starts quickly.
 
 
 def _robot(text: str) -> int | str:
@@ -113,121 +122,89 @@ def _robot(text: str) -> int | str:
     return text if text == ALL else int(text)
 
 
-def _import_mrclam(args: argparse.Namespace) -> int:
-    import msgspec
+def _import_mrclam(options: argparse.Namespace) -> int:
     from dynpf_formats.importers.mrclam import import_mrclam, import_mrclam_team
-    from dynpf_formats.importers.recording import write_recording, write_team
 
-    if args.robot == ALL:
-        if args.robots:
-            raise UsageError("--robots: goes with one robot's log, not with --robot all")
-        team = import_mrclam_team(args.source)
-        write_team(team, args.output)
-        told = [log.summary for log in team]
-        words = (_mrclam_in_words(summary, args.output) for summary in told)
-        print(msgspec.json.encode(told).decode() if args.json else "\n".join(words))
-        return 0
-    log = import_mrclam(args.source, args.robot, robots=args.robots)
-    write_recording(log, args.output)
-    print(msgspec.json.encode(log.summary).decode() if args.json else _mrclam_in_words(log.summary, args.output))
-    return 0
+    if options.robot != ALL:
+        return _write(import_mrclam(options.source, options.robot, robots=options.robots), options)
+    if options.robots:
+        raise UsageError("--robots: goes with one robot's log, not with --robot all")
+    return _write(import_mrclam_team(options.source), options)
 
 
-def _import_carmen(args: argparse.Namespace) -> int:
+def _import_carmen(options: argparse.Namespace) -> int:
     from dynpf_formats.importers.carmen import import_carmen
 
-    attachments = _map(args)
-    if args.map_from_poses is not None:
+    attachments = _map(options)
+    if options.map_from_poses is not None:
         from dynpf_formats.importers.mapping import drawn_map
 
-        if args.map is not None:
+        if options.map is not None:
             raise UsageError("--map and --map-from-poses: one map for a log")
         attachments = drawn_map(
-            lambda: import_carmen(args.source, range_max=args.range_max).records, args.map_from_poses, "map"
+            lambda: import_carmen(options.source, range_max=options.range_max).records, options.map_from_poses, "map"
         )
-    return _write(import_carmen(args.source, range_max=args.range_max, attachments=attachments), args)
+    return _write(import_carmen(options.source, range_max=options.range_max, attachments=attachments), options)
 
 
-def _import_rosbag(args: argparse.Namespace) -> int:
+def _import_rosbag(options: argparse.Namespace) -> int:
     from dynpf_experiments.extras import needing
     from dynpf_formats.importers.clouds import FlattenParams
 
     with needing("rosbags", extra="ros", what="reading ROS bags"):
         from dynpf_formats.importers.rosbag import BagChoice, import_rosbag
-    low, high = args.heights or (FlattenParams().low, FlattenParams().high)
+    low, high = options.heights or (FlattenParams().low, FlattenParams().high)
     choice = BagChoice(
-        scan=args.scan,
-        odometry=args.odometry,
-        truth=args.truth,
-        base=args.base,
-        odom_frame=args.odom_frame,
-        truth_offset=tuple(args.truth_offset),
-        truth_shift=args.truth_shift,
+        scan=options.scan,
+        odometry=options.odometry,
+        truth=options.truth,
+        base=options.base,
+        odom_frame=options.odom_frame,
+        truth_offset=tuple(options.truth_offset),
+        truth_shift=options.truth_shift,
         flatten=FlattenParams(low=low, high=high),
     )
-    return _write(import_rosbag(args.source, choice, attachments=_map(args)), args)
+    return _write(import_rosbag(options.source, choice, attachments=_map(options)), options)
 
 
-def _import_map(args: argparse.Namespace) -> int:
+def _import_map(options: argparse.Namespace) -> int:
     from dynpf_formats.importers.maps import import_map
 
-    return _write(import_map(args.source), args)
+    return _write(import_map(options.source), options)
 
 
-def _import_tum(args: argparse.Namespace) -> int:
+def _import_tum(options: argparse.Namespace) -> int:
     from dynpf_formats.importers.tum import import_tum
 
-    return _write(import_tum(args.source, args.log), args)
+    return _write(import_tum(options.source, options.log), options)
 
 
-def _map(args: argparse.Namespace) -> "tuple[Attachment, ...]":
+def _map(options: argparse.Namespace) -> "tuple[Attachment, ...]":
     from dynpf_formats.importers.maps import map_attachments
 
-    return () if args.map is None else map_attachments(args.map)
+    return () if options.map is None else map_attachments(options.map)
 
 
-def _write(log: "LogStream", args: argparse.Namespace) -> int:
+def _write(log: "ImportedLog", options: argparse.Namespace) -> int:
     import msgspec
-    from dynpf_formats.importers.recording import write_stream
+    from dynpf_formats.importers.recording import write_recording
 
-    summary = write_stream(log, args.output)
-    print(msgspec.json.encode(summary).decode() if args.json else _in_words(summary, args.output))
+    summary = write_recording(log, options.output)
+    print(msgspec.json.encode(summary).decode() if options.json else _in_words(summary, options.output))
     return 0
 
 
-def _in_words(summary: "StreamSummary", output: Path) -> str:
+def _in_words(summary: "ImportSummary", output: Path) -> str:
     lines = [f"{output}: {summary.source} ({summary.format}), {summary.duration_s:.1f} s"]
     lines += [f"  {topic:<18} {count}" for topic, count in summary.messages.items()]
     lines += [f"  attached           {name}" for name in summary.attachments]
-    lines += [f"  {name.replace('_', ' ')}: {value}" for name, value in summary.settings.items()]
+    lines += [f"  {name.replace('_', ' ')}: {_in_text(value)}" for name, value in summary.settings.items()]
     lines += [f"  left out: {lost.count} {why} (first: {lost.first})" for why, lost in summary.dropped.items()]
     return "\n".join(lines)
 
 
-def _mrclam_in_words(summary: "ImportSummary", output: Path) -> str:
-    robot = "" if summary.robot is None else f", robot {summary.robot}"
-    dropped = (
-        f"{summary.dropped_robots} of other robots, {summary.dropped_unknown_barcodes} of unknown barcodes,"
-        f" {summary.dropped_unmapped} of landmarks without a position"
-    )
-    lines = [
-        f"{output}: {summary.source}{robot}, {summary.duration_s:.1f} s",
-        f"  odometry          {summary.odometry}",
-        f"  landmark readings {summary.landmark_readings} in {summary.landmark_messages} messages",
-        *([f"  of other robots   {summary.robot_readings}"] if summary.robot_readings else []),
-        f"  reference poses   {summary.references}",
-        f"  landmarks         {summary.landmarks}",
-        f"  readings dropped  {dropped}",
-        *(
-            [f"  put in order      {summary.clock_backwards} rows whose clock went back"]
-            if summary.clock_backwards
-            else []
-        ),
-        f"  reference gaps    {_spans(summary.reference_gaps)}",
-        f"  heading at fault  {_spans(summary.heading_faults)}",
-    ]
-    return "\n".join(lines)
-
-
-def _spans(spans: "tuple[Span, ...]") -> str:
-    return ", ".join(f"{first:.1f}..{last:.1f} s" for first, last in spans) or "none"
+def _in_text(value: Any) -> str:
+    """Return a setting as text: of spans of time, each in seconds."""
+    if isinstance(value, list) and all(isinstance(item, tuple) for item in value):
+        return ", ".join(f"{first:.1f}..{last:.1f}" for first, last in value) or "none"
+    return "none" if value is None else str(value)

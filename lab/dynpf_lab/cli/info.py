@@ -1,22 +1,25 @@
-"""dynpf info: what is in a recording."""
+"""``dynpf info``: the contents of a recording."""
 
 import argparse
 
-__all__ = ["add_parser"]
+from dynpf_lab.cli.arguments import add_json, add_recording
+
+__all__ = ["add_arguments"]
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    parser = subparsers.add_parser("info", help="what is in a recording")
-    parser.add_argument("recording", metavar="RUN.mcap")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``dynpf info``."""
+    add_recording(parser)
+    add_json(parser)
     parser.set_defaults(run=run)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
+    """Execute ``dynpf info`` and return its exit code."""
     import msgspec
     from dynpf_formats.recording.info import describe, text
     from dynpf_formats.recording.reader import read_recording
 
-    summary = describe(read_recording(args.recording, allow_truncated=True))
-    print(msgspec.json.encode(summary).decode() if args.json else text(summary))
+    summary = describe(read_recording(options.recording, allow_truncated=True))
+    print(msgspec.json.encode(summary).decode() if options.json else text(summary))
     return 0

@@ -1,4 +1,4 @@
-"""Loading without looking for garbage: what is loaded stays until the process ends."""
+"""Loading without garbage collection: loaded objects stay until the process ends."""
 
 import gc
 from collections.abc import Iterator
@@ -9,9 +9,9 @@ __all__ = ["loading"]
 
 @contextmanager
 def loading() -> Iterator[None]:
-    """Hold the collector of cycles back while modules, kernels and nodes are loaded, and spare these from then on.
+    """Suspend the cyclic garbage collector while modules, kernels and nodes are loaded, and exempt them afterwards.
 
-    It would look through them again and again: a fifth of the time that a short run takes.
+    Scanning them repeatedly would take a fifth of the time of a short run.
     """
     gc.disable()
     try:

@@ -1,4 +1,4 @@
-"""``dynpf``: dispatches to one module a command, and loads only that one."""
+"""``dynpf``: dispatches each command to its module, and loads only that module."""
 
 import argparse
 import difflib
@@ -21,28 +21,28 @@ _COMMANDS = {
     "service": ("service", "one process of a run on its own"),
     "schema": ("schema", "the JSON schema of scenario files, for editors"),
     "compose": ("compose", "a Compose file of a scenario, one container a process"),
-    "health": ("health", "whether a process of a run is alive and its main loop goes round"),
+    "health": ("health", "whether a process of a run is alive and its main loop runs"),
     "replay": ("replay", "re-execute nodes from a recording and compare"),
     "play": ("play", "publish a recording onto the bus"),
     "diff": ("diff", "first difference of two recordings"),
     "info": ("info", "what is in a recording"),
     "doctor": ("doctor", "what is wrong with a recording"),
-    "recover": ("recover", "mend a recording into a new file"),
-    "metrics": ("metrics", "a recorded run against the truth in it"),
+    "recover": ("recover", "repair a recording into a new file"),
+    "metrics": ("metrics", "measures of a recorded run against its truth"),
     "fit": ("fit", "the beam model's parameters from a recorded run"),
-    "import": ("import_", "make a recording of somebody else's log"),
+    "import": ("import_", "make a recording from a log of another format"),
     "export": ("export", "write a topic of a recording for other programs"),
     "study": ("study", "an experiment of the source documents, with confidence intervals"),
-    "sweep": ("sweep", "a scenario with each of some settings, over many seeds"),
-    "bench": ("bench", "what updates cost, against plain NumPy and other libraries"),
-    "references": ("references", "check or make anew the reference recordings"),
+    "sweep": ("sweep", "a scenario with several settings, over many seeds"),
+    "bench": ("bench", "times of updates, against plain NumPy and other libraries"),
+    "references": ("references", "check the reference recordings, or record them again"),
 }
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code: 0 done or same, 1 differs or failed, 2 wrong usage."""
     for variable in ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
-        os.environ.setdefault(variable, "1")  # small matrices and images: threads cost more than they give
+        os.environ.setdefault(variable, "1")  # for small matrices and images threads cost more than they gain
     if "_ARGCOMPLETE" in os.environ:
         _complete()
     words = list(sys.argv[1:] if arguments is None else arguments)
@@ -81,7 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         sys.stderr.close()
         return 1
-    except SystemExit as stop:  # argparse has said what is wrong
+    except SystemExit as stop:  # argparse has printed the error
         return stop.code if isinstance(stop.code, int) else 2
 
 
@@ -91,11 +91,13 @@ def _parser() -> "tuple[argparse.ArgumentParser, argparse._SubParsersAction[Any]
 
 
 def _load(command: str, commands: "argparse._SubParsersAction[Any]") -> None:
-    import_module(f"dynpf_lab.cli.{_COMMANDS[command][0]}").add_parser(commands)
+    """Add the parser of a command, with the arguments from the command's module."""
+    module, text = _COMMANDS[command]
+    import_module(f"dynpf_lab.cli.{module}").add_arguments(commands.add_parser(command, help=text))
 
 
 def _complete() -> None:
-    """Tell the shell what may come next on its line, and exit."""
+    """Print the completions of the shell's line, and exit."""
     from dynpf_lab.cli.completion import complete
 
     parser, commands = _parser()

@@ -1,21 +1,22 @@
-"""``dynpf metrics``: a recorded run against the truth in it."""
+"""``dynpf metrics``: measures of a recorded run against its truth."""
 
 import argparse
 import json
-from pathlib import Path
-from typing import Any
 
-__all__ = ["add_parser"]
+from dynpf_lab.cli.arguments import add_json, add_recording
+
+__all__ = ["add_arguments"]
 
 
-def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
-    parser = commands.add_parser("metrics", help="a recorded run against the truth in it")
-    parser.add_argument("recording", type=Path, metavar="RUN.mcap")
-    parser.add_argument("--json", action="store_true")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``dynpf metrics``."""
+    add_recording(parser)
+    add_json(parser)
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
+    """Execute ``dynpf metrics`` and return its exit code."""
     from dynpf_experiments.measures import measure, summary
     from dynpf_formats.recording.reader import read_recording
 

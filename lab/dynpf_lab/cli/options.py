@@ -1,4 +1,4 @@
-"""Options that several commands share: the scenario, its overrides, the log that it plays, and what code may be run."""
+"""Options that several commands share: the scenario, its overrides, its log, and the code that may be run."""
 
 import argparse
 from pathlib import Path
@@ -8,6 +8,8 @@ from dynpf_formats.user_classes import MODULE_NAME
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.schema import Scenario
 from dynpf_services.scenario.user_code import add_folders, code_folders
+
+from dynpf_lab.cli.arguments import add_log, add_set
 
 if TYPE_CHECKING:
     from dynpf_services.scenario.played_log import PlayedLog
@@ -19,41 +21,34 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     """Add SCENARIO, --seed, --set and --log."""
     parser.add_argument("scenario", metavar="SCENARIO", help="name (dynpf list) or TOML file")
     parser.add_argument("--seed", type=int, metavar="N", help="seed of everything random in the run")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        dest="overrides",
-        metavar="KEY=VALUE",
-        help="override one key of the scenario, such as estimator.n=500; may be repeated",
-    )
-    parser.add_argument("--log", type=Path, metavar="IN.mcap", help="imported log that the sensors process plays")
+    add_set(parser, "override one key of the scenario, such as estimator.n=500")
+    add_log(parser)
     add_code(parser)
 
 
 def add_code(parser: argparse.ArgumentParser) -> None:
-    """Add --code, which a command needs that runs classes of the user's."""
+    """Add --code, for commands that run the user's classes."""
     parser.add_argument(
         "--code",
         action="append",
         default=[],
         type=Path,
         metavar="FOLDER",
-        help="look for modules of yours in this folder, behind what is installed; may be repeated (default: the folder "
+        help="look for modules of yours in this folder, after installed ones; may be repeated (default: the folder "
         "of the scenario's file)",
     )
 
 
 def add_allow_code(parser: argparse.ArgumentParser) -> None:
-    """Add --allow-code, which a command needs that runs what a recording names."""
+    """Add --allow-code, for commands that run code named by a recording."""
     parser.add_argument(
         "--allow-code",
         action="append",
         default=[],
         type=_module,
         metavar="MODULE",
-        help="import this module, such as mylab.models, where the recording names a class of it; the recording does "
-        "not hold its code: it is taken from your Python path; may be repeated (default: no code of yours is run)",
+        help="import this module, such as mylab.models, if the recording names a class of it; the recording does "
+        "not contain its code, which comes from your Python path; may be repeated (default: no code of yours is run)",
     )
 
 

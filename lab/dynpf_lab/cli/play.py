@@ -3,22 +3,24 @@
 import argparse
 import sys
 import time
-from pathlib import Path
-from typing import Any
 
-from dynpf_lab.cli.service import DEFAULT_ENDPOINT, endpoint
+from dynpf_lab.cli.arguments import add_connect, add_recording
 
-__all__ = ["add_parser"]
+__all__ = ["add_arguments"]
 
 
-def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
-    parser = commands.add_parser("play", help="publish a recording onto the bus")
-    parser.add_argument("recording", type=Path, metavar="RUN.mcap")
-    parser.add_argument("--rate", type=_rate, default=1.0, metavar="X", help="times as fast as it was (default 1)")
-    parser.add_argument("--topics", nargs="+", metavar="TOPIC", help="only these topics")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``dynpf play``."""
+    add_recording(parser)
     parser.add_argument(
-        "--connect", default=DEFAULT_ENDPOINT, type=endpoint, metavar="tcp/HOST:PORT", help="where a router listens"
+        "--rate",
+        type=_rate,
+        default=1.0,
+        metavar="X",
+        help="rate of playing, as a multiple of the recorded time (default 1)",
     )
+    parser.add_argument("--topics", nargs="+", metavar="TOPIC", help="only these topics")
+    add_connect(parser, text="where a router listens")
     parser.set_defaults(run=run)
 
 
@@ -30,6 +32,7 @@ def _rate(text: str) -> float:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Execute ``dynpf play`` and return its exit code."""
     from dynpf_formats.recording.reader import read_recording
     from dynpf_protocol.envelope import Envelope, encode_envelope
     from dynpf_protocol.errors import UsageError
@@ -45,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
             f"{options.recording}: has no {', '.join(lacking)}; its topics are {', '.join(sorted(present))}"
         )
     records = [record for record in recording.messages() if not wanted or record.topic in wanted]
-    records.sort(key=lambda record: record.stamp_ns)  # stable: messages of one stamp keep the order of the file
+    records.sort(key=lambda record: record.stamp_ns)  # stable: messages of the same stamp keep the order of the file
     with (
         StopSignal.installed() as stop,
         Bus.connect(options.connect, lambda text: say("play", text), lambda: stop.requested) as bus,
@@ -53,12 +56,12 @@ def run(options: argparse.Namespace) -> int:
         stop.wakes(bus.wake)
         began = time.monotonic()
         first_ns = records[0].stamp_ns if records else 0
-        for place, record in enumerate(records):
+        for count, record in enumerate(records):
             due = began + (record.stamp_ns - first_ns) * 1e-9 / options.rate
             while not stop.requested and (left := due - time.monotonic()) > 0:
                 bus.receive(left)
             if stop.requested:
-                print(f"played {place} of {len(records)} messages", file=sys.stderr)
+                print(f"played {count} of {len(records)} messages", file=sys.stderr)
                 return 1
             tick = recording.tick_of(record) or 0
             envelope = Envelope(record.node, record.boot, record.sequence, tick, record.stamp_ns, time.time_ns())

@@ -1,32 +1,34 @@
-"""dynpf recover: mend a recording into a new file."""
+"""``dynpf recover``: repair a recording into a new file."""
 
 import argparse
+from pathlib import Path
 
-__all__ = ["add_parser"]
+from dynpf_lab.cli.arguments import add_json, add_recording
+
+__all__ = ["add_arguments"]
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    parser = subparsers.add_parser("recover", help="write what can still be read of a recording into a new file")
-    parser.add_argument("recording", metavar="RUN.mcap")
-    parser.add_argument("-o", "--output", metavar="NEW.mcap", help="the new file (RUN.recovered.mcap)")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``dynpf recover``."""
+    add_recording(parser)
+    parser.add_argument("-o", "--output", type=Path, metavar="NEW.mcap", help="the new file (RUN.recovered.mcap)")
+    add_json(parser)
     parser.set_defaults(run=run)
 
 
-def run(args: argparse.Namespace) -> int:
-    from pathlib import Path
-
+def run(options: argparse.Namespace) -> int:
+    """Execute ``dynpf recover`` and return its exit code."""
     import msgspec
     from dynpf_formats.recording.recover import recover
 
-    output = args.output or Path(args.recording).with_suffix(".recovered.mcap")
-    recovery = recover(args.recording, output)
-    if args.json:
+    output = options.output or options.recording.with_suffix(".recovered.mcap")
+    recovery = recover(options.recording, output)
+    if options.json:
         print(msgspec.json.encode({"file": str(output), **msgspec.to_builtins(recovery)}).decode())
         return 0
     state = "complete" if recovery.complete else f"incomplete, {recovery.reason}"
     print(f"{output}: {recovery.kept} messages kept, the last at {recovery.last_stamp_ns / 1e9:.3f} s; {state}")
     print(f"  {recovery.missing} messages known to be missing, {recovery.refused} refused")
     for text in recovery.damage:
-        print(f"  {args.recording}: {text}")
+        print(f"  {options.recording}: {text}")
     return 0

@@ -1,23 +1,26 @@
-"""``dynpf references``: check the reference recordings of a checkout, or make them anew."""
+"""``dynpf references``: check the reference recordings of a checkout, or record them again."""
 
 import argparse
-import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from dynpf_runtime.progress import show_progress
+
+from dynpf_lab.cli.arguments import add_json
 
 if TYPE_CHECKING:
     from dynpf_lab.references.check import Finding
 
-__all__ = ["add_parser"]
+__all__ = ["add_arguments"]
 
 
-def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
-    parser = commands.add_parser("references", help="check or make anew the reference recordings of a checkout")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``dynpf references``."""
     actions = parser.add_subparsers(metavar="check|update", required=True)
-    check = actions.add_parser("check", help="replay every recording against every node, and make its run anew")
-    check.add_argument("--json", action="store_true", help="print one JSON object")
+    check = actions.add_parser("check", help="replay every node of every recording, and run each again")
+    add_json(check)
     check.set_defaults(run=_check)
-    update = actions.add_parser("update", help="make all recordings anew and report what changed")
-    update.add_argument("--reason", required=True, help="why what the recordings hold may change, for the report")
+    update = actions.add_parser("update", help="record all runs again and report the changes")
+    update.add_argument("--reason", required=True, help="why the recordings may change, for the report")
     update.set_defaults(run=_update)
 
 
@@ -30,9 +33,9 @@ def _check(options: argparse.Namespace) -> int:
     findings = []
     for entry in read_table():
         for part in parts(entry):
-            _show(f"{entry.name}: {part}")
+            show_progress(f"{entry.name}: {part}")
             findings.append(check_part(entry, part))
-    _show("")
+    show_progress("")
     same = all(finding.verdict != "differs" for finding in findings)
     if options.json:
         print(msgspec.json.encode({"same": same, "findings": findings}).decode())
@@ -47,26 +50,20 @@ def _in_words(finding: "Finding") -> str:
     first = finding.first
     if first is None:
         return text
-    place = f"node {first.node}, tick {first.tick}, {first.topic} {first.sequence}, {first.field}"
-    return f"{text}\n    first difference: {place}: recorded {first.recorded!r}, now {first.replayed!r}"
+    where = f"node {first.node}, tick {first.tick}, {first.topic} {first.sequence}, {first.field}"
+    return f"{text}\n    first difference: {where}: recorded {first.recorded!r}, now {first.replayed!r}"
 
 
 def _update(options: argparse.Namespace) -> int:
     from dynpf_lab.references.table import CHECKOUT
     from dynpf_lab.references.update import report_file, update
 
-    changes = update(options.reason, show=_show)
-    _show("")
+    changes = update(options.reason, show=show_progress)
+    show_progress("")
     if not changes:
         print("nothing changed: recordings, table and report are as they were")
         return 0
     for change in changes:
-        print(f"{change.new.name}: {'made anew' if change.old.made else 'made'}")
-    print(f"what changed is told in {report_file(CHECKOUT)}")
+        print(f"{change.new.name}: {'recorded again' if change.old.made else 'recorded'}")
+    print(f"the changes are in {report_file(CHECKOUT)}")
     return 0
-
-
-def _show(text: str) -> None:
-    """Tell a person who watches what is being done."""
-    if sys.stderr.isatty():
-        print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""``dynpf replay``: re-execute nodes from a recording and compare what they do with what they did."""
+"""``dynpf replay``: re-execute nodes from a recording and compare their output with the recorded one."""
 
 import argparse
 import json
@@ -6,10 +6,11 @@ import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dynpf_protocol.errors import UsageError
 
+from dynpf_lab.cli.arguments import add_json, add_recording, add_set
 from dynpf_lab.cli.options import add_allow_code, add_code
 
 if TYPE_CHECKING:
@@ -17,31 +18,31 @@ if TYPE_CHECKING:
     from dynpf_runtime.replay import Replayed
     from dynpf_services.scenario.schema import Scenario
 
-__all__ = ["add_parser"]
+__all__ = ["add_arguments"]
 
 
-def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
-    parser = commands.add_parser(
-        "replay",
-        help="re-execute nodes from a recording and compare",
-        description="Each node gets its recorded inputs and is compared with its recorded output. With --set, nodes "
-        "run with other settings: with --node, that node alone, and the differences are printed; without, the whole "
-        "run anew from its source. Code that the recording names is run only with --allow-code, and files come from "
-        "the recording, save those that --set names.",
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``dynpf replay``."""
+    parser.description = (
+        "Each node gets its recorded inputs and is compared with its recorded output. With --set, nodes "
+        "run with other settings: with --node, only that node, and the differences are printed; without, the whole "
+        "run is repeated from its source. Code that the recording names is run only with --allow-code, and files come "
+        "from the recording, except those that --set names."
     )
-    parser.add_argument("recording", type=Path, metavar="RUN.mcap")
+    add_recording(parser)
     parser.add_argument("--node", metavar="NAME", help="only this node (default: all of them)")
-    parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE")
+    add_set(parser, "override one key of the recorded scenario, such as estimator.n=500")
     add_allow_code(parser)
     add_code(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="NEW.mcap", help="write the replayed run")
-    parser.add_argument("--json", action="store_true")
+    add_json(parser)
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
+    """Execute ``dynpf replay`` and return its exit code."""
     from dynpf_formats.recording.reader import read_recording
-    from dynpf_services.scenario.replay import replay_nodes, run_anew, scenario_of_replay, write_nodes
+    from dynpf_services.scenario.replay import replay_nodes, rerun, scenario_of_replay, write_nodes
     from dynpf_services.scenario.user_code import add_folders, code_folders
 
     add_folders(code_folders(options.code))
@@ -51,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
     scenario = scenario_of_replay(recording, options.node, options.overrides, options.allow_code)
     _tell_changed_code(recording, scenario)
     if options.overrides and options.node is None:
-        return _compare(options, recording, lambda path: run_anew(recording, scenario, path))
+        return _compare(options, recording, lambda path: rerun(recording, scenario, path))
     keep = options.output is not None or bool(options.overrides)
     outcomes = replay_nodes(recording, scenario, options.node, keep=keep)
     if options.overrides:
@@ -63,35 +64,41 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _tell_changed_code(recording: "Recording", scenario: "Scenario") -> None:
-    """Say which modules of the user's are not those that the recorded run was made with: differences may be theirs."""
+    """Warn of modules of the user's that have changed since the recorded run, which may cause differences."""
     from dynpf_services.scenario.replay import changed_code
 
     for module, then, digest in changed_code(recording, scenario):
         print(
             f"dynpf replay: the module {module} has changed since the run was recorded: its source is "
-            f"{digest[:12]}, and was {then[:12]}; what differs may be its doing",
+            f"{digest[:12]}, and was {then[:12]}; differences may come from it",
             file=sys.stderr,
         )
 
 
 def _print_outcomes(recording: "Recording", outcomes: Sequence["Replayed"], *, as_json: bool) -> None:
-    from dynpf_formats.recording.provenance import collect, told_where_bytes_differ
+    from dynpf_formats.recording.provenance import collect, explain_different_bytes
 
-    # The first difference of the run is the one of the earliest tick, and in it of the first node in tick order.
+    # The first difference of the run is that of the earliest tick, and in it that of the first node in tick order.
     found = [outcome.mismatch for outcome in outcomes if outcome.mismatch is not None]
-    first = min(found, key=lambda one: one.tick) if found else None
-    apart = told_where_bytes_differ(recording.header.provenance, collect()) if found else ""
+    first = min(found, key=lambda outcome: outcome.tick) if found else None
+    apart = explain_different_bytes(recording.header.provenance, collect()) if found else ""
     if as_json:
-        counts = {one.node: {"steps": one.steps, "messages": one.messages, "digests": one.digests} for one in outcomes}
-        told = None
+        counts = {
+            outcome.node: {"steps": outcome.steps, "messages": outcome.messages, "digests": outcome.digests}
+            for outcome in outcomes
+        }
+        difference = None
         if first is not None:
-            told = {**first._asdict(), "a": first.recorded, "b": first.replayed}
-            del told["recorded"], told["replayed"]
-        print(json.dumps({"same": first is None, "first": told, "counts": counts, "platform": apart}))
+            difference = {**first._asdict(), "a": first.recorded, "b": first.replayed}
+            del difference["recorded"], difference["replayed"]
+        print(json.dumps({"same": first is None, "first": difference, "counts": counts, "platform": apart}))
         return
-    for one in outcomes:
-        verdict = "same" if one.mismatch is None else "DIFFERS"
-        print(f"{one.node:<11} {verdict:<8} {one.steps} steps, {one.messages} messages, {one.digests} state digests")
+    for outcome in outcomes:
+        verdict = "same" if outcome.mismatch is None else "DIFFERS"
+        print(
+            f"{outcome.node:<11} {verdict:<8} {outcome.steps} steps, {outcome.messages} messages, "
+            f"{outcome.digests} state digests"
+        )
     if first is not None:
         print(
             f"first difference: node {first.node}, tick {first.tick}, {first.topic} {first.sequence}, {first.field}: "
@@ -102,7 +109,7 @@ def _print_outcomes(recording: "Recording", outcomes: Sequence["Replayed"], *, a
 
 
 def _compare(options: argparse.Namespace, recording: "Recording", write: Callable[[Path], None]) -> int:
-    """Write the changed run, to where it is wanted or for the comparison alone, and print how it differs."""
+    """Write the changed run, to the output or a temporary file, and print how it differs."""
     from dynpf_formats.recording.reader import read_recording
 
     from dynpf_lab.cli.diff import print_difference

@@ -1,4 +1,4 @@
-"""``dynpf run``: a scenario from beginning to end, into one recording."""
+"""``dynpf run``: run a scenario from beginning to end, into a recording."""
 
 import argparse
 import json
@@ -6,11 +6,12 @@ import os
 import sys
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dynpf_protocol.errors import DynpfError, UsageError
 from dynpf_services.scenario.schema import Scenario
 
+from dynpf_lab.cli.arguments import add_clock, add_json
 from dynpf_lab.cli.loading import loading
 from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
 
@@ -20,32 +21,33 @@ if TYPE_CHECKING:
     from dynpf_runtime.plan import Plan
     from dynpf_services.scenario.played_log import PlayedLog
 
-__all__ = ["add_parser", "default_output"]
+__all__ = ["add_arguments", "default_output"]
 
 
-def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
-    parser = commands.add_parser("run", help="run a scenario, all processes, into one recording")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``dynpf run``."""
     add_scenario_options(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="RUN.mcap", help="the recording to write (default: runs/)")
     parser.add_argument("--runner", choices=["bus", "inline"], default="bus", help="processes on Zenoh, or one process")
-    parser.add_argument("--clock", choices=["lockstep", "realtime"])
-    parser.add_argument("--json", action="store_true", help="print the metrics of the run as JSON")
+    add_clock(parser)
+    add_json(parser, "print the metrics of the run as JSON")
     parser.set_defaults(run=run)
 
 
 def default_output(scenario: str, seed: int) -> Path:
-    """Return a name under ``runs/`` that nothing has yet; raises UsageError if that folder cannot be made."""
+    """Return an unused path in ``runs/``; raises UsageError if that folder cannot be made."""
     folder = Path("runs")
     try:
         folder.mkdir(exist_ok=True)
     except OSError as error:
         raise UsageError(
-            f"{folder.absolute()}: cannot be made: {error.strerror}; say with -o where to record"
+            f"{folder.absolute()}: cannot be made: {error.strerror}; choose the recording with -o"
         ) from error
     return folder / f"{scenario}-{seed}-{datetime.now():%Y%m%d-%H%M%S}.mcap"
 
 
 def run(options: argparse.Namespace) -> int:
+    """Execute ``dynpf run`` and return its exit code."""
     from dynpf_services.scenario.build import plan_of
     from dynpf_services.scenario.record import check_log
     from dynpf_services.scenario.user_code import code_folders
@@ -61,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
     with loading():
         plan = plan_of(scenario)
         for spec in plan.graph.specs.values():
-            spec.build()  # whatever does not fit is told here, before any process is started
+            spec.build()  # errors are reported here, before any process is started
     try:
         if options.runner == "inline":
             _run_inline(scenario, path, log)
@@ -69,13 +71,16 @@ def run(options: argparse.Namespace) -> int:
             _run_on_bus(scenario, plan, path, log, code_folders(options.code, options.scenario))
     except DynpfError:
         if path.exists():
-            print(f"dynpf run: what was recorded is in {path} (dynpf doctor tells what is missing)", file=sys.stderr)
+            print(
+                f"dynpf run: the messages recorded so far are in {path} (dynpf doctor tells what is missing)",
+                file=sys.stderr,
+            )
         raise
     return _summary(path, as_json=options.json)
 
 
 def _check_output(path: Path) -> None:
-    """Refuse early, before any process is started."""
+    """Raise UsageError for an unusable output, before any process is started."""
     if path.exists():
         raise UsageError(f"{path}: the file exists; choose another name")
     if not path.parent.is_dir():
@@ -100,7 +105,7 @@ def _run_on_bus(scenario: Scenario, plan: "Plan", path: Path, log: "PlayedLog | 
 
     from dynpf_lab.cli.main import main
 
-    # Once here, where nobody waits for it, instead of in every process at the same time.
+    # Kernels are compiled once here instead of in every process at the same time.
     rehearse_run(plan, log.records if log else [])
     with StopSignal.installed() as stop:
         run_on_bus(

@@ -1,48 +1,35 @@
-"""``dynpf service``: one process of a run on its own."""
+"""``dynpf service``: a single process of a run."""
 
 import argparse
-import re
 from pathlib import Path
-from typing import Any
 
 from dynpf_protocol.errors import BrokenOffError, RunError, UsageError
 
+from dynpf_lab.cli.arguments import add_clock, add_connect
 from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
 
-__all__ = ["DEFAULT_ENDPOINT", "add_parser", "endpoint"]
-
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+__all__ = ["add_arguments"]
 
 
-def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
-    parser = commands.add_parser("service", help="one process of a run on its own")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``dynpf service``."""
     parser.add_argument("name", metavar="NAME", help="router, recorder, or a node of the scenario")
     add_scenario_options(parser)
-    parser.add_argument("--clock", choices=["lockstep", "realtime"])
-    parser.add_argument(
-        "--connect", default=DEFAULT_ENDPOINT, type=endpoint, metavar="tcp/HOST:PORT", help="where the router listens"
-    )
-    parser.add_argument(
-        "--listen", default=DEFAULT_ENDPOINT, type=endpoint, metavar="tcp/HOST:PORT", help="router: where to listen"
-    )
+    add_clock(parser)
+    add_connect(parser)
+    add_connect(parser, "--listen", text="router: where to listen")
     parser.add_argument("-o", "--output", type=Path, metavar="RUN.mcap", help="recorder: the recording to write")
-    parser.add_argument("--quiet", action="store_true", help="say only what goes wrong in this very process")
+    parser.add_argument("--quiet", action="store_true", help="print only errors of this process itself")
     parser.add_argument("--parent", type=int, help=argparse.SUPPRESS)  # end when this process is gone
     parser.set_defaults(run=run)
 
 
-def endpoint(text: str) -> str:
-    """Check an endpoint of the form tcp/HOST:PORT; for argparse."""
-    if re.fullmatch(r"tcp/(\[[0-9a-fA-F:]+\]|[^/:\s]+):\d{1,5}", text) is None:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected tcp/HOST:PORT, such as {DEFAULT_ENDPOINT}")
-    return text
-
-
 def run(options: argparse.Namespace) -> int:
+    """Execute ``dynpf service`` and return its exit code."""
     try:
         return _run(options)
     except BrokenOffError as error:
-        if options.quiet:  # whoever started us knows what happened
+        if options.quiet:  # the starting process knows the reason
             return error.exit_code
         raise RunError(str(error)) from error
     except KeyboardInterrupt:

@@ -4,32 +4,27 @@ import argparse
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dynpf_experiments.catalogue import study_names
+
+from dynpf_lab.cli.arguments import add_json, add_set
 
 if TYPE_CHECKING:
     import msgspec
     from dynpf_experiments.study import Study
 
-__all__ = ["add_parser", "add_report_options", "report"]
+__all__ = ["add_arguments", "add_report_options", "report"]
 
 
-def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
-    parser = commands.add_parser("study", help="an experiment of the source documents: many trials, and what they show")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``dynpf study``."""
     parser.add_argument(
         "name", metavar="NAME", help=f"one of {', '.join(study_names())}; or a Python file with a STUDY"
     )
     parser.add_argument("--trials", type=int, metavar="N", help="trials of each setting (default: the study's own)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of everything random (default: 1)")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        dest="overrides",
-        metavar="KEY=VALUE",
-        help="one setting of the study, such as n=100 or n=[50,100]; may be repeated",
-    )
+    add_set(parser, "one setting of the study, such as n=100 or n=[50,100]")
     parser.add_argument(
         "--data", type=Path, metavar="DIR", help="folder of the logs that studies know by name (default: $DYNPF_DATA)"
     )
@@ -41,13 +36,14 @@ def add_report_options(parser: argparse.ArgumentParser) -> None:
     """Add --jobs, --json and --output."""
     parser.set_defaults(prog=parser.prog)
     parser.add_argument(
-        "--jobs", type=int, metavar="N", help="processes; the results are the same (default: all cores)"
+        "--jobs", type=int, metavar="N", help="number of processes, without effect on the results (default: all cores)"
     )
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    add_json(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for rows.json, rows.csv and figures")
 
 
 def run(options: argparse.Namespace) -> int:
+    """Execute ``dynpf study`` and return its exit code."""
     from dynpf_experiments.catalogue import study_named
     from dynpf_experiments.data import FOLDER_VARIABLE
     from dynpf_experiments.study import settings_from
@@ -66,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
 def report(
     name: str, study: "Study", settings: "msgspec.Struct", options: argparse.Namespace, *, trials: int, seed: int
 ) -> int:
-    """Carry a study out and print or write its rows, as the options say."""
+    """Execute a study and print or write its rows, depending on the options."""
     import msgspec
     from dynpf_experiments.rows import as_csv, as_table, columns_of
     from dynpf_experiments.study import run_study

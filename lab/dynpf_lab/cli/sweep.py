@@ -1,47 +1,39 @@
-"""``dynpf sweep``: a scenario with each combination of some settings, many seeds each, and what the runs measure."""
+"""``dynpf sweep``: measures of a scenario with each combination of settings, over many seeds."""
 
 import argparse
 import tomllib
-from pathlib import Path
 from typing import Any
 
 from dynpf_protocol.errors import UsageError
 
+from dynpf_lab.cli.arguments import add_log, add_set
 from dynpf_lab.cli.options import add_code
 from dynpf_lab.cli.study import add_report_options, report
 
-__all__ = ["add_parser"]
+__all__ = ["add_arguments"]
 
 
-def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
-    parser = commands.add_parser(
-        "sweep",
-        help="a scenario with each of some settings, over many seeds",
-        description="Runs the scenario inline with each combination of settings and each seed, and prints a row for "
-        "each combination: mean of each measure over the seeds, and its 95 % interval.",
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``dynpf sweep``."""
+    parser.description = (
+        "Runs the scenario inline with each combination of settings and each seed, and prints a row for "
+        "each combination: mean of each measure over the seeds, and its 95 % interval."
     )
     parser.add_argument("scenario", metavar="SCENARIO", help="name (dynpf list) or TOML file")
     parser.add_argument(
         "--seeds", type=_seeds, default=(1, 10), metavar="FIRST:LAST", help="seeds of the runs (default: 1:10)"
     )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        dest="overrides",
-        metavar="KEY=VALUE,...",
-        help="the values of one key, such as estimator.n=50,500; may be repeated",
-    )
+    add_set(parser, "the values of one key, such as estimator.n=50,500", "KEY=VALUE,...")
     parser.add_argument(
         "--measure",
         action="append",
         required=True,
         dest="measures",
         metavar="NAME",
-        help="one of those that dynpf metrics --json prints, such as position_rmse_m; of one of several estimators "
+        help="a measure that dynpf metrics --json prints, such as position_rmse_m; with several estimators "
         "ESTIMATOR.NAME; may be repeated",
     )
-    parser.add_argument("--log", type=Path, metavar="IN.mcap", help="imported log that the sensors process plays")
+    add_log(parser)
     add_code(parser)
     add_report_options(parser)
     parser.set_defaults(run=run)
@@ -59,7 +51,7 @@ def _seeds(text: str) -> tuple[int, int]:
 
 
 def values_of(override: str) -> tuple[str, list[Any]]:
-    """Return the key and the values of KEY=VALUE,...: as in TOML, or else texts; raises UsageError."""
+    """Return key and values of KEY=VALUE,..., in TOML or else strings; raises UsageError."""
     key, equals, text = override.partition("=")
     if not equals or not key or not text:
         raise UsageError(f"--set {override}: expected KEY=VALUE,..., such as estimator.n=50,500")
@@ -70,6 +62,7 @@ def values_of(override: str) -> tuple[str, list[Any]]:
 
 
 def run(options: argparse.Namespace) -> int:
+    """Execute ``dynpf sweep`` and return its exit code."""
     from dynpf_experiments.sweep import sweep
 
     first, last = options.seeds

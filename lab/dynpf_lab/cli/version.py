@@ -1,4 +1,4 @@
-"""``dynpf --version``: dynpf, Python, and the packages that dynpf stands on."""
+"""``dynpf --version``: the versions of dynpf, Python, and the packages that dynpf needs."""
 
 import platform
 import re
@@ -17,7 +17,7 @@ def versions() -> str:
 
 
 def _needed() -> list[str]:
-    """Return the distributions that dynpf-lab cannot do without, but the library."""
+    """Return the distributions that dynpf-lab requires, except the library."""
     try:
         lines = requires("dynpf-lab") or []
     except PackageNotFoundError:  # run from the sources, without being installed

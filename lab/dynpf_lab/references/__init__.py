@@ -1,5 +1,5 @@
-"""Reference recordings: small recorded runs in ``recordings/`` of a checkout, and what each of them must reproduce.
+"""Reference recordings: small recorded runs in ``recordings/`` of a checkout, which every change must reproduce.
 
-``check`` replays and reruns them, ``update`` makes them anew and reports what changed. Bytes are compared, on whatever
+``check`` replays and reruns them, ``update`` records them again and reports the changes. Bytes are compared, on any
 machine.
 """

@@ -1,4 +1,4 @@
-"""Checks reference recordings: the file, every node replayed from it, and the run made anew."""
+"""Checks reference recordings: the file, a replay of every node from it, and a new run."""
 
 import tempfile
 from pathlib import Path
@@ -7,14 +7,14 @@ from typing import Literal
 import msgspec
 from dynpf_formats.recording.diff import Difference, diff
 from dynpf_formats.recording.digest import content_digest
-from dynpf_formats.recording.provenance import collect, told_where_bytes_differ
+from dynpf_formats.recording.provenance import collect, explain_different_bytes
 from dynpf_formats.recording.reader import Recording, read_recording
 from dynpf_protocol.errors import DynpfError, ProtocolError, UsageError
 from dynpf_runtime.replay import Mismatch, replay_node
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.recorded import recorded_scenario
 
-from dynpf_lab.references.runs import has_data, resolve, run_anew
+from dynpf_lab.references.runs import has_data, rerun_entry, resolve
 from dynpf_lab.references.table import CHECKOUT, Entry, Made, recording_file
 
 __all__ = ["FILE", "RUN", "Finding", "check_part", "parts"]
@@ -24,7 +24,7 @@ RUN = "run"
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
-    """What came of checking one part of a recording: the file, the run made anew, or a node."""
+    """The result of checking a part of a recording: the file, a new run, or a node."""
 
     recording: str
     part: str
@@ -34,7 +34,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def parts(entry: Entry) -> tuple[str, ...]:
-    """Return what there is to check of a recording."""
+    """Return the parts of a recording to be checked."""
     if entry.log:
         return (RUN,)
     again = (RUN,) if resolve(entry).clock == "lockstep" else ()
@@ -42,10 +42,10 @@ def parts(entry: Entry) -> tuple[str, ...]:
 
 
 def check_part(entry: Entry, part: str, checkout: Path = CHECKOUT) -> Finding:
-    """Check one of ``parts(entry)``. Whatever cannot be read or run is a difference, not an error."""
+    """Check one of ``parts(entry)``. A part that cannot be read or run is a difference, not an error."""
     try:
         if entry.made is None:
-            raise UsageError("not recorded yet; dynpf references update makes it")
+            raise UsageError("not recorded yet; dynpf references update records it")
         if part == FILE:
             return _check_file(entry, entry.made, checkout)
         if part == RUN:
@@ -65,12 +65,14 @@ def _check_file(entry: Entry, made: Made, checkout: Path) -> Finding:
 
 def _check_node(entry: Entry, node: str, checkout: Path) -> Finding:
     recording = _read(entry, checkout)
-    # The table says which run this is, and so which code: a file that names other code does not get it run.
+    # The table determines the run and its code: other code that the file names is not executed.
     scenario = recorded_scenario(recording, allow_code=resolve(entry).user_code)
     replayed = replay_node(recording, plan_of(scenario), node)
     if not replayed.messages:
-        return Finding(recording=entry.name, part=node, verdict="differs", note="said nothing: nothing was compared")
-    note = told_where_bytes_differ(recording.header.provenance, collect()) if replayed.mismatch is not None else ""
+        return Finding(
+            recording=entry.name, part=node, verdict="differs", note="sent no messages, so nothing was compared"
+        )
+    note = explain_different_bytes(recording.header.provenance, collect()) if replayed.mismatch is not None else ""
     return _finding(entry, node, replayed.mismatch, note)
 
 
@@ -78,15 +80,15 @@ def _check_run(entry: Entry, made: Made, checkout: Path) -> Finding:
     if not has_data(checkout, entry):
         return Finding(recording=entry.name, part=RUN, verdict="skipped", note=f"{entry.log} is not there")
     with tempfile.TemporaryDirectory(prefix="dynpf-") as folder:
-        anew = run_anew(checkout, entry, Path(folder) / "anew.mcap")
-        digest = content_digest(anew)
+        rerun = rerun_entry(checkout, entry, Path(folder) / "rerun.mcap")
+        digest = content_digest(rerun)
         if digest == made.digest:
             return _finding(entry, RUN, None)
         notes, first = [f"content digest {digest}, the table says {made.digest}"], None
         if not entry.log:
             recorded = _read(entry, checkout)
-            first = _first(diff(recorded, anew))
-            notes.append(told_where_bytes_differ(recorded.header.provenance, anew.header.provenance))
+            first = _first(diff(recorded, rerun))
+            notes.append(explain_different_bytes(recorded.header.provenance, rerun.header.provenance))
         note = "; ".join(filter(None, notes))
         return Finding(recording=entry.name, part=RUN, verdict="differs", note=note, first=first)
 
@@ -102,7 +104,9 @@ def _finding(entry: Entry, part: str, first: Mismatch | None, note: str = "") ->
 
 
 def _first(difference: Difference) -> Mismatch | None:
-    one = difference.first
-    if one is None:
+    """Return the first difference as a mismatch of a replay."""
+    first = difference.first
+    if first is None:
         return None
-    return Mismatch(one.node, one.topic, -1 if one.tick is None else one.tick, one.sequence, one.field, one.a, one.b)
+    tick = -1 if first.tick is None else first.tick
+    return Mismatch(first.node, first.topic, tick, first.sequence, first.field, first.a, first.b)

@@ -1,4 +1,4 @@
-"""Runs of the table's rows: made anew, each into one recording."""
+"""Executes the runs of the table's rows again, each into a recording."""
 
 import tempfile
 from pathlib import Path
@@ -18,25 +18,25 @@ from dynpf_services.scenario.schema import Scenario, whole_json
 from dynpf_lab.cli.main import main
 from dynpf_lab.references.table import Entry
 
-__all__ = ["has_data", "resolve", "run_anew"]
+__all__ = ["has_data", "rerun_entry", "resolve"]
 
 
 def resolve(entry: Entry, log: PlayedLog | None = None) -> Scenario:
-    """Return the scenario of a row as it stands today."""
+    """Return the scenario of a row by the current code."""
     return load_scenario(
         entry.scenario, overrides=entry.overrides, seed=entry.seed, log=log.facts if log is not None else None
     )
 
 
 def has_data(checkout: Path, entry: Entry) -> bool:
-    """Return whether the log that the run plays is there; True for a run that plays none."""
+    """Return whether the log of the run is present; True for a run without a log."""
     return not entry.log or (checkout / entry.log).is_dir()
 
 
-def run_anew(checkout: Path, entry: Entry, path: Path) -> Recording:
-    """Make the run of a row into ``path``: inline, or over the bus where its clock is the wall's.
+def rerun_entry(checkout: Path, entry: Entry, path: Path) -> Recording:
+    """Record the run of a row into ``path``: inline, or over the bus if its clock is realtime.
 
-    Raises RunError if it does not come to its end.
+    Raises RunError if the run is incomplete.
     """
     log = _import(checkout / entry.log) if entry.log else None
     scenario = resolve(entry, log)

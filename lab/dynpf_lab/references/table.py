@@ -14,20 +14,20 @@ CHECKOUT = Path(__file__).parents[3]
 
 
 class Made(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What came of the run, and what made it."""
+    """The result of the run, and the version that made it."""
 
     digest: str  # content digest
     dynpf: str  # version
 
 
 class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One row: how the run is made, which nodes it covers, and why it is here."""
+    """A row: the run, the nodes that it covers, and its purpose."""
 
     name: str
     scenario: str
     overrides: tuple[str, ...] = ()
     seed: int
-    log: str = ""  # folder of the MRCLAM data set that the run plays, seen from the checkout: held by digest only
+    log: str = ""  # folder of the MRCLAM data set of the run, relative to the checkout: only the digest is kept
     nodes: tuple[str, ...]
     why: str
     made: Made | None = None
@@ -38,15 +38,17 @@ class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def table_file(checkout: Path) -> Path:
+    """Return the path of the table."""
     return checkout / "recordings" / "table.toml"
 
 
 def recording_file(checkout: Path, entry: Entry) -> Path:
+    """Return the path of the recording of a row."""
     return checkout / "recordings" / f"{entry.name}.mcap"
 
 
 def read_table(checkout: Path = CHECKOUT) -> tuple[Entry, ...]:
-    """Return the rows of the table; raises UsageError outside a checkout, and for a table that says something else."""
+    """Return the rows of the table; raises UsageError outside of a checkout, and for an invalid table."""
     path = table_file(checkout)
     if not path.is_file():
         raise UsageError(f"{path}: no such file; reference recordings are not installed: call dynpf from a checkout")
@@ -56,7 +58,7 @@ def read_table(checkout: Path = CHECKOUT) -> tuple[Entry, ...]:
         raise UsageError(f"{path}: {error}") from error
     names = [entry.name for entry in entries]
     if len(set(names)) != len(names):
-        raise UsageError(f"{path}: two recordings have one name")
+        raise UsageError(f"{path}: two recordings have the same name")
     return entries
 
 

@@ -1,4 +1,4 @@
-"""Makes the reference recordings anew, all of them or none, and reports what changed."""
+"""Records the reference recordings again, all of them or none, and reports the changes."""
 
 import shutil
 import subprocess
@@ -17,7 +17,7 @@ from dynpf_protocol.errors import DynpfError, UsageError
 from dynpf_services.scenario.schema import resolved_json
 
 from dynpf_lab.references.check import FILE, check_part, parts
-from dynpf_lab.references.runs import has_data, resolve, run_anew
+from dynpf_lab.references.runs import has_data, rerun_entry, resolve
 from dynpf_lab.references.table import CHECKOUT, Entry, Made, read_table, recording_file, render_table, table_file
 
 __all__ = ["MAX_BYTES", "Change", "first_differences", "git_status", "report_file", "update"]
@@ -26,7 +26,7 @@ MAX_BYTES = 1_000_000
 
 
 class Change(NamedTuple):
-    """What became of one recording; ``first`` has the first difference of each node and topic, a old and b new."""
+    """The change of a recording; ``first`` has the first difference of each node and topic, a old and b new."""
 
     old: Entry
     new: Entry
@@ -36,16 +36,17 @@ class Change(NamedTuple):
 
 
 def report_file(checkout: Path) -> Path:
+    """Return the path of the report."""
     return checkout / "recordings" / "REPORT.md"
 
 
 def git_status(checkout: Path) -> str:
-    """Return what git says is changed in the checkout, ``recordings/`` excepted; raises UsageError without git."""
+    """Return git's status of the checkout except for ``recordings/``; raises UsageError without git."""
     command = ["git", "-C", str(checkout), "status", "--porcelain", "--", ".", ":(exclude)recordings"]
     try:
         return subprocess.run(command, check=True, capture_output=True, text=True).stdout
     except FileNotFoundError:
-        raise UsageError("git is not installed: it tells whether the checkout is clean") from None
+        raise UsageError("git is not installed; it is needed to check that the checkout is clean") from None
     except subprocess.CalledProcessError as error:
         raise UsageError(f"{checkout}: git status failed: {error.stderr.strip()}") from error
 
@@ -57,11 +58,11 @@ def update(
     status: Callable[[Path], str] = git_status,
     show: Callable[[str], None] = lambda _: None,
 ) -> list[Change]:
-    """Make every recording of the table anew, put those that changed in place with table and report, and return them.
+    """Record every run of the table again, replace changed recordings, table and report, and return the changes.
 
-    A realtime run never comes out the same twice: its recording stays as long as it replays exactly. Raises UsageError
-    without a reason, in a checkout with uncommitted changes, and where the data of a run is absent; DynpfError if a
-    run fails. Nothing is written then.
+    A realtime run is never the same twice: its recording stays as long as it replays exactly. Raises UsageError without
+    a reason, in a checkout with uncommitted changes, and where the data of a run is absent; DynpfError if a run fails.
+    Nothing is written then.
     """
     if not reason.strip():
         raise UsageError("--reason: say in a sentence why what the recordings hold may change")
@@ -73,7 +74,7 @@ def update(
     entries = read_table(checkout)
     absent = [entry.log for entry in entries if not has_data(checkout, entry)]
     if absent:
-        raise UsageError(f"{checkout / absent[0]}: no such folder; all recordings are made anew, or none")
+        raise UsageError(f"{checkout / absent[0]}: no such folder; all recordings are made again, or none")
     changes, new_entries = [], []
     with tempfile.TemporaryDirectory(prefix="dynpf-") as temporary:
         folder = Path(temporary)
@@ -92,27 +93,27 @@ def update(
 
 
 def _make(entry: Entry, checkout: Path, path: Path) -> Change | None:
-    """Return what changed about a recording, or None if nothing did."""
+    """Return the change of a recording, or None."""
     old, note = _old(entry, checkout)
     realtime = not entry.log and resolve(entry).clock == "realtime"
     if realtime and old is not None and _still_replays(entry, old, checkout):
         return None
-    anew = run_anew(checkout, entry, path)
+    rerun = rerun_entry(checkout, entry, path)
     size = path.stat().st_size
     if size > MAX_BYTES and not entry.log:
         raise UsageError(f"{entry.name}: {size} bytes; a reference recording has at most {MAX_BYTES}: make it shorter")
-    digest = content_digest(anew)
+    digest = content_digest(rerun)
     if entry.made is not None and entry.made.digest == digest and (entry.log or not note):
         return None
     made = Made(digest=digest, dynpf=collect().dynpf_version)
     before = measure(old) if old is not None else {}
-    after = measure(anew)
+    after = measure(rerun)
     measures = tuple(
         (name, before.get(name), after.get(name))
         for name in {**before, **after}
         if before.get(name) != after.get(name) and name != "content_digest"
     )
-    first = tuple(first_differences(old, anew)) if old is not None and not realtime else ()
+    first = tuple(first_differences(old, rerun)) if old is not None and not realtime else ()
     if realtime and old is not None:
         first, note = (
             _replay_differences(entry, checkout),
@@ -122,7 +123,7 @@ def _make(entry: Entry, checkout: Path, path: Path) -> Change | None:
 
 
 def _old(entry: Entry, checkout: Path) -> tuple[Recording | None, str]:
-    """Return the recording as it stands, or None and why it cannot be compared."""
+    """Return the old recording, or None and the reason why it cannot be compared."""
     path = recording_file(checkout, entry)
     if entry.made is None:
         return None, "new"
@@ -131,9 +132,9 @@ def _old(entry: Entry, checkout: Path) -> tuple[Recording | None, str]:
     try:
         old = read_recording(path)
     except DynpfError as error:
-        told = str(error).removeprefix(f"{path}: ")  # the report is the same wherever the checkout lies
-        return None, f"the old one cannot be read: {told}"
-    return old, "" if content_digest(old) == entry.made.digest else "the old file is not the one the table tells of"
+        reason = str(error).removeprefix(f"{path}: ")  # the report does not depend on the checkout's path
+        return None, f"the old one cannot be read: {reason}"
+    return old, "" if content_digest(old) == entry.made.digest else "the old file is not that of the table"
 
 
 def _still_replays(entry: Entry, old: Recording, checkout: Path) -> bool:
@@ -145,16 +146,16 @@ def _replay_differences(entry: Entry, checkout: Path) -> tuple[FirstDifference, 
     findings = [check_part(entry, part, checkout).first for part in parts(entry) if part != FILE]
     return tuple(
         FirstDifference(
-            node=one.node,
-            topic=one.topic,
-            tick=one.tick,
-            sequence=one.sequence,
-            field=one.field,
-            a=one.recorded,
-            b=one.replayed,
+            node=mismatch.node,
+            topic=mismatch.topic,
+            tick=mismatch.tick,
+            sequence=mismatch.sequence,
+            field=mismatch.field,
+            a=mismatch.recorded,
+            b=mismatch.replayed,
         )
-        for one in findings
-        if one is not None
+        for mismatch in findings
+        if mismatch is not None
     )
 
 
@@ -207,18 +208,18 @@ def _report(reason: str, changes: Sequence[Change], entries: Iterable[Entry]) ->
         f"Unchanged: {unchanged}.",
     ]
     for change in changes:
-        lines += ["", f"## {change.new.name}", "", *_told(change)]
+        lines += ["", f"## {change.new.name}", "", *_change_lines(change)]
     return "\n".join(lines) + "\n"
 
 
-def _told(change: Change) -> list[str]:
+def _change_lines(change: Change) -> list[str]:
     lines = [f"{change.note[:1].upper()}{change.note[1:]}.", ""] if change.note else []
     assert change.new.made is not None
     old = msgspec.structs.asdict(change.old.made) if change.old.made is not None else {}
     new = msgspec.structs.asdict(change.new.made)
     lines += _rows(("", "old", "new"), [(name, old.get(name, "none"), value) for name, value in new.items()])
     if change.first:
-        rows = [(one.node, one.topic, one.tick, one.sequence, one.field, one.a, one.b) for one in change.first]
+        rows = [(f.node, f.topic, f.tick, f.sequence, f.field, f.a, f.b) for f in change.first]
         lines += ["", *_rows(("node", "topic", "tick", "sequence", "first field", "old", "new"), rows)]
     if change.measures:
         metrics = [(name, a, b, _delta(a, b)) for name, a, b in change.measures]

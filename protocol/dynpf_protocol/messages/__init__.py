@@ -1,8 +1,8 @@
-"""Message types: one frozen struct a topic, in SI units and radians.
+"""Message types: frozen structs in SI units and radians.
 
 Types named ``foxglove.*`` have the exact shape of Foxglove's well-known schemas, so that Foxglove and Lichtblick draw
-them; types named ``dynpf.*`` are ours. Lengths, ranges and signs are part of the types: decoding checks them. These are
-the messages that any robot may send; each system has those of its own beside its nodes.
+them; types named ``dynpf.*`` are dynpf's own. Lengths, ranges and signs are part of the types: decoding checks them.
+These are the messages that any robot may have; each system has its own.
 """
 
 from dynpf_protocol.messages.base import Message, Piece

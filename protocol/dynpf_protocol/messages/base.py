@@ -1,9 +1,10 @@
-"""What messages are made of: frozen structs whose types say ranges, lengths and signs."""
+"""The base classes of messages and their parts: frozen structs whose types give ranges, lengths and signs."""
 
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import msgspec
-from msgspec import Meta
+
+from dynpf_protocol.numbers import Angle, Count, NonNegative, Positive
 
 __all__ = [
     "Angle",
@@ -14,17 +15,12 @@ __all__ = [
     "Positive",
 ]
 
-NonNegative = Annotated[float, Meta(ge=0.0)]
-Positive = Annotated[float, Meta(gt=0.0)]
-Angle = Annotated[float, Meta(ge=-7.0, le=7.0)]
-Count = Annotated[int, Meta(ge=0)]
-
 
 class Piece(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A piece of a message; has no topic of its own."""
+    """A part of a message, without a topic of its own."""
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a topic carries. ``schema_name`` is the name under which a recording files its schema."""
+    """The content of a topic. ``schema_name`` is the name of its schema in recordings."""
 
     schema_name: ClassVar[str]

@@ -31,28 +31,38 @@ __all__ = [
 
 
 class Timestamp(Piece, frozen=True, kw_only=True):
+    """A point in time."""
+
     sec: Annotated[int, Meta(ge=0, lt=2**32)]  # s
     nsec: Annotated[int, Meta(ge=0, lt=10**9)]  # ns
 
 
 class Duration(Piece, frozen=True, kw_only=True):
+    """A length of time."""
+
     sec: Annotated[int, Meta(ge=-(2**31), lt=2**31)] = 0  # s
     nsec: Annotated[int, Meta(ge=0, lt=10**9)] = 0  # ns
 
 
 class Vector3(Piece, frozen=True, kw_only=True):
+    """A vector."""
+
     x: float = 0.0  # m
     y: float = 0.0
     z: float = 0.0
 
 
 class Point3(Piece, frozen=True, kw_only=True):
+    """A point."""
+
     x: float = 0.0  # m
     y: float = 0.0
     z: float = 0.0
 
 
 class Quaternion(Piece, frozen=True, kw_only=True):
+    """A rotation as a unit quaternion."""
+
     x: float = 0.0
     y: float = 0.0
     z: float = 0.0
@@ -60,11 +70,15 @@ class Quaternion(Piece, frozen=True, kw_only=True):
 
 
 class Pose(Piece, frozen=True, kw_only=True):
+    """Position and orientation."""
+
     position: Vector3
     orientation: Quaternion
 
 
 class Color(Piece, frozen=True, kw_only=True):
+    """Red, green, blue and opacity."""
+
     r: float  # 0 to 1, as are the others
     g: float
     b: float
@@ -72,7 +86,7 @@ class Color(Piece, frozen=True, kw_only=True):
 
 
 class CompressedImage(Message, frozen=True, kw_only=True):
-    """A camera frame; ``data`` is base64 text on the wire, as JSON schemas of Foxglove have it."""
+    """A camera frame; ``data`` is base64 text on the wire, as in Foxglove's JSON schemas."""
 
     schema_name = "foxglove.CompressedImage"
     timestamp: Timestamp
@@ -82,6 +96,8 @@ class CompressedImage(Message, frozen=True, kw_only=True):
 
 
 class PoseInFrame(Message, frozen=True, kw_only=True):
+    """A pose at a time in a frame."""
+
     schema_name = "foxglove.PoseInFrame"
     timestamp: Timestamp
     frame_id: str
@@ -89,7 +105,7 @@ class PoseInFrame(Message, frozen=True, kw_only=True):
 
 
 class PosesInFrame(Message, frozen=True, kw_only=True):
-    """Poses for looking at, such as a decimated particle cloud: at most 200."""
+    """At most 200 poses for viewers, such as a decimated particle cloud."""
 
     schema_name = "foxglove.PosesInFrame"
     timestamp: Timestamp
@@ -98,7 +114,7 @@ class PosesInFrame(Message, frozen=True, kw_only=True):
 
 
 class FrameTransform(Piece, frozen=True, kw_only=True):
-    """Where the child frame lies in the parent frame."""
+    """The pose of the child frame in the parent frame."""
 
     timestamp: Timestamp
     parent_frame_id: str
@@ -108,12 +124,14 @@ class FrameTransform(Piece, frozen=True, kw_only=True):
 
 
 class FrameTransforms(Message, frozen=True, kw_only=True):
+    """Transforms between frames."""
+
     schema_name = "foxglove.FrameTransforms"
     transforms: Annotated[tuple[FrameTransform, ...], Meta(max_length=16)]
 
 
 class LaserScan(Message, frozen=True, kw_only=True):
-    """Ranges in metres over [start_angle, end_angle]; a beam without return carries the sensor's maximum range."""
+    """Ranges in metres over [start_angle, end_angle]; a beam without return reads the sensor's maximum range."""
 
     schema_name = "foxglove.LaserScan"
     timestamp: Timestamp
@@ -126,6 +144,8 @@ class LaserScan(Message, frozen=True, kw_only=True):
 
 
 class LogLevel(IntEnum):
+    """Severity of a log message."""
+
     UNKNOWN = 0
     DEBUG = 1
     INFO = 2
@@ -135,6 +155,8 @@ class LogLevel(IntEnum):
 
 
 class Log(Message, frozen=True, kw_only=True):
+    """A text for people from a process."""
+
     schema_name = "foxglove.Log"
     timestamp: Timestamp
     level: LogLevel
@@ -150,11 +172,11 @@ def timestamp(stamp_ns: int) -> Timestamp:
 
 
 def planar_pose(x: float, y: float, theta: float) -> Pose:
-    """Return a pose in the plane, heading ``theta`` in radians, as position and quaternion."""
+    """Return a pose in the plane (m, m, rad) as position and quaternion."""
     sine, cosine = sincos(theta / 2)
     return Pose(position=Vector3(x=x, y=y), orientation=Quaternion(z=sine, w=cosine))
 
 
 def heading(orientation: Quaternion) -> float:
-    """Return the yaw in radians of a quaternion that turns about z alone."""
+    """Return the yaw in radians of a rotation about z."""
     return 2.0 * atan2(float(orientation.z), float(orientation.w))

@@ -1,4 +1,4 @@
-"""What hosts and the recorder say."""
+"""Messages of hosts and the recorder."""
 
 from typing import Literal
 
@@ -12,7 +12,7 @@ __all__ = [
 
 
 class HostEvent(Message, frozen=True, kw_only=True):
-    """Something that happened to a node's inputs, told to the node as an input: a gap in a topic's sequence."""
+    """An event of a node's inputs, given to the node as an input itself: a gap in a topic's sequence numbers."""
 
     schema_name = "dynpf.HostEvent"
     kind: Literal["gap"]
@@ -34,7 +34,7 @@ class Gap(Message, frozen=True, kw_only=True):
 
 
 class Diagnostics(Message, frozen=True, kw_only=True):
-    """Timings and counters of one process; wall-clock figures live here and nowhere else."""
+    """Timings and counters of one process; no other message has wall-clock times."""
 
     schema_name = "dynpf.Diagnostics"
     node: str

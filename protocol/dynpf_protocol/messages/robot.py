@@ -1,4 +1,4 @@
-"""A robot as it is, and what it shall do."""
+"""A robot's true state, and its commands."""
 
 from dynpf_protocol.messages.base import Message
 
@@ -9,7 +9,7 @@ __all__ = [
 
 
 class RobotState(Message, frozen=True, kw_only=True):
-    """The robot's true or reference pose; ``heading_valid`` is false where the reference's heading is known to lie."""
+    """The robot's true or reference pose; ``heading_valid`` is false if the reference's heading is known to be bad."""
 
     schema_name = "dynpf.RobotState"
     x: float  # m
@@ -21,9 +21,9 @@ class RobotState(Message, frozen=True, kw_only=True):
 
 
 class Command(Message, frozen=True, kw_only=True):
-    """How the robot shall move until the next command.
+    """The commanded velocity until the next command.
 
-    A robot that drives goes ahead by ``vx``; one that can move any way moves along the axes of the map.
+    A robot that drives moves forward by ``vx``; one that moves in any direction moves along the axes of the map.
     """
 
     schema_name = "dynpf.Command"

@@ -1,4 +1,4 @@
-"""Foxglove's scenes: shapes for looking at."""
+"""Foxglove's scenes: shapes for viewers."""
 
 from typing import Annotated
 
@@ -24,17 +24,23 @@ __all__ = [
 
 
 class KeyValuePair(Piece, frozen=True, kw_only=True):
+    """Metadata of an entity."""
+
     key: str
     value: str
 
 
 class SceneEntityDeletion(Piece, frozen=True, kw_only=True):
+    """The deletion of one entity (type 0) or of all (type 1)."""
+
     timestamp: Timestamp
     type: Annotated[int, Meta(ge=0, le=1)]
     id: str
 
 
 class ArrowPrimitive(Piece, frozen=True, kw_only=True):
+    """An arrow along the x axis of its pose; metres."""
+
     pose: Pose
     shaft_length: float
     shaft_diameter: float
@@ -44,18 +50,24 @@ class ArrowPrimitive(Piece, frozen=True, kw_only=True):
 
 
 class CubePrimitive(Piece, frozen=True, kw_only=True):
+    """A cuboid; metres."""
+
     pose: Pose
     size: Vector3
     color: Color
 
 
 class SpherePrimitive(Piece, frozen=True, kw_only=True):
+    """An ellipsoid; metres."""
+
     pose: Pose
     size: Vector3
     color: Color
 
 
 class CylinderPrimitive(Piece, frozen=True, kw_only=True):
+    """An elliptic cylinder or cone; metres."""
+
     pose: Pose
     size: Vector3
     bottom_scale: float
@@ -64,6 +76,8 @@ class CylinderPrimitive(Piece, frozen=True, kw_only=True):
 
 
 class LinePrimitive(Piece, frozen=True, kw_only=True):
+    """Points joined to a line strip (type 0), a closed loop (1) or separate lines (2); metres."""
+
     type: Annotated[int, Meta(ge=0, le=2)]
     pose: Pose
     thickness: float
@@ -75,6 +89,8 @@ class LinePrimitive(Piece, frozen=True, kw_only=True):
 
 
 class TriangleListPrimitive(Piece, frozen=True, kw_only=True):
+    """Triangles, three points each; metres."""
+
     pose: Pose
     points: tuple[Point3, ...]
     color: Color
@@ -83,6 +99,8 @@ class TriangleListPrimitive(Piece, frozen=True, kw_only=True):
 
 
 class TextPrimitive(Piece, frozen=True, kw_only=True):
+    """A text."""
+
     pose: Pose
     billboard: bool
     font_size: float
@@ -92,6 +110,8 @@ class TextPrimitive(Piece, frozen=True, kw_only=True):
 
 
 class ModelPrimitive(Piece, frozen=True, kw_only=True):
+    """A 3D model, by URL or as data."""
+
     pose: Pose
     scale: Vector3
     color: Color
@@ -102,6 +122,8 @@ class ModelPrimitive(Piece, frozen=True, kw_only=True):
 
 
 class SceneEntity(Piece, frozen=True, kw_only=True):
+    """Shapes that are shown and replaced together."""
+
     timestamp: Timestamp
     frame_id: str
     id: str
@@ -119,7 +141,7 @@ class SceneEntity(Piece, frozen=True, kw_only=True):
 
 
 class SceneUpdate(Message, frozen=True, kw_only=True):
-    """Shapes for looking at: discs, goals, landmarks."""
+    """Shapes for viewers: discs, goals, landmarks."""
 
     schema_name = "foxglove.SceneUpdate"
     deletions: tuple[SceneEntityDeletion, ...] = ()

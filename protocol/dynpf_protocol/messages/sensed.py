@@ -1,10 +1,10 @@
-"""What a robot senses."""
+"""Readings of a robot's sensors."""
 
 from typing import Annotated
 
 from msgspec import UNSET, Meta, UnsetType
 
-from dynpf_protocol.messages.base import Angle, Message, NonNegative, Piece, Positive
+from dynpf_protocol.messages.base import Angle, Count, Message, NonNegative, Piece, Positive
 
 __all__ = [
     "LandmarkReading",
@@ -27,7 +27,7 @@ class Odometry(Message, frozen=True, kw_only=True):
 
 
 class OdometryPose(Message, frozen=True, kw_only=True):
-    """Where odometry alone puts the robot, in a frame of its own: what tells is the motion from one to the next."""
+    """The pose by odometry alone, in a frame of its own: only the motion from message to message has a meaning."""
 
     schema_name = "dynpf.OdometryPose"
     x: float  # m
@@ -36,10 +36,12 @@ class OdometryPose(Message, frozen=True, kw_only=True):
 
 
 class LandmarkReading(Piece, frozen=True, kw_only=True):
-    landmark: Annotated[int, Meta(ge=0)]  # its number
+    """Range and bearing to one landmark."""
+
+    landmark: Count  # its number
     range: NonNegative  # m
     bearing: Angle  # rad, from the robot's heading, left is positive
-    x: float | UnsetType = UNSET  # m, where a landmark that moves was then; without, it stands where the map says
+    x: float | UnsetType = UNSET  # m, position of a moving landmark at that time; left out for those on the map
     y: float | UnsetType = UNSET  # m
 
 
@@ -51,23 +53,23 @@ class LandmarkReadings(Message, frozen=True, kw_only=True):
 
 
 class Scanner(Message, frozen=True, kw_only=True):
-    """What the scanner measures between whose scans follow; sent before the first of them, and where it changes."""
+    """The least and greatest range of a scanner; sent before its first scan, and whenever they change."""
 
     schema_name = "dynpf.Scanner"
-    range_min: NonNegative = 0.0  # m; a range below it tells nothing
-    range_max: Positive  # m, which a beam without return reads
+    range_min: NonNegative = 0.0  # m; smaller ranges are invalid
+    range_max: Positive  # m; also the reading of a beam without return
 
 
 class LineReading(Piece, frozen=True, kw_only=True):
-    """A straight piece of wall, in polar form: the line's distance, and the direction in which it is nearest."""
+    """A straight piece of wall in polar form: the distance of the line, and the direction of its normal."""
 
     rho: NonNegative  # m, from the robot to the line
     alpha: Angle  # rad, of the line's normal from the robot's heading, left is positive
-    length: NonNegative  # m, of the piece that was seen
+    length: NonNegative  # m, of the observed piece
 
 
 class LineReadings(Message, frozen=True, kw_only=True):
-    """Lines extracted from one scan, all taken at the message's stamp."""
+    """Lines extracted from one scan, at the message's stamp."""
 
     schema_name = "dynpf.LineReadings"
     readings: Annotated[tuple[LineReading, ...], Meta(max_length=256)]

@@ -1,1 +1,1 @@
-"""A run on the bus: one process a node, over Zenoh."""
+"""A run on the bus: one process per node, over Zenoh."""

@@ -34,7 +34,7 @@ from dynpf_runtime.machines.events import (
 __all__ = ["Perform", "drive", "new_boot"]
 
 Perform = Callable[[Effect], Event | None]
-"""Carries out what is not of the bus, and returns what is to be told of it."""
+"""Carries out an effect that does not concern the bus, and returns the event that follows, if any."""
 
 
 def new_boot() -> str:
@@ -43,20 +43,20 @@ def new_boot() -> str:
 
 
 def refuse(effect: Effect) -> None:
-    """Carry out nothing: for machines that ask for nothing but what is of the bus."""
-    raise TypeError(f"nobody here carries out {effect!r}")
+    """Raise TypeError: for machines all of whose effects concern the bus."""
+    raise TypeError(f"no one carries out {effect!r} here")
 
 
 def drive(name: str, machine: Machine, bus: Bus, stop: StopSignal, perform: Perform = refuse) -> None:
-    """Let ``machine`` run on ``bus`` until it has ended; raises what it ended with, and what ``perform`` raises."""
+    """Run ``machine`` on ``bus`` until it ends; raises the error it ends with, and whatever ``perform`` raises."""
     edge = _Edge(name, machine, bus, perform)
     stop.wakes(bus.wake)
     edge.handle(Started())
-    asked = 0
+    stop_requests = 0
     while edge.ended is None:
         event: Event | None = bus.receive((machine.wake_ns - time.monotonic_ns()) * 1e-9)
-        if stop.requested and asked < 1 + stop.at_once:
-            asked = 1 + stop.at_once
+        if stop.requested and stop_requests < 1 + stop.at_once:
+            stop_requests = 1 + stop.at_once
             edge.handle(StopAsked(stop.reason, stop.at_once))
         if event is not None:
             edge.handle(event)
@@ -69,7 +69,7 @@ def drive(name: str, machine: Machine, bus: Bus, stop: StopSignal, perform: Perf
 
 
 class _Edge:
-    """Hands events to the machine, and carries out what it asks for."""
+    """Passes events to the machine, and carries out its effects."""
 
     def __init__(self, name: str, machine: Machine, bus: Bus, perform: Perform) -> None:
         self.ended: Ended | None = None
@@ -80,7 +80,7 @@ class _Edge:
         self._answers: deque[Event] = deque()
 
     def handle(self, event: Event) -> None:
-        """Let the machine handle ``event``, and all that comes of it at once; nothing after the end."""
+        """Let the machine handle ``event`` and the events that follow from its effects; do nothing after the end."""
         self._answers.append(event)
         while self._answers and self.ended is None:
             for effect in self._machine.handle(self._answers.popleft(), Now(time.monotonic_ns(), time.time_ns())):

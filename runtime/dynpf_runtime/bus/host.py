@@ -19,17 +19,17 @@ __all__ = ["run_node"]
 
 
 def run_node(name: str, plan: Plan, endpoint: str, log: Sequence[LogRecord], stop: StopSignal) -> None:
-    """Run the node ``name`` of ``plan`` on the bus, from joining to the recorder's word that the run is kept.
+    """Run the node ``name`` of ``plan`` on the bus, from joining to the recorder's confirmation of the run.
 
-    Raises RunError if the run cannot go on, UsageError if this process does not fit into it.
+    Raises RunError if the run cannot continue, UsageError if this process does not fit into it.
     """
-    cv2.setNumThreads(1)  # one order of evaluation, and no threads that wait for each other on few cores
+    cv2.setNumThreads(1)  # one order of evaluation, and no contention on few cores
     rehearse_run(plan, log)
     node = plan.graph.specs[name].build()
     if plan.clock == "realtime":
-        rehearse()  # in lockstep nobody minds a first step that loads what it calls
+        rehearse()  # in lockstep a slow first step does no harm
     if isinstance(node, Rehearsing):
-        node.rehearse()  # as long as it takes: who has not joined yet is waited for
+        node.rehearse()  # takes as long as it needs: the run waits for processes that have not joined
     with Bus.connect(endpoint, lambda text: say(name, text), lambda: stop.requested) as bus:
         host = NodeHost(name, node, plan, new_boot(), endpoint=endpoint, log=log, gauges=_Gauges(bus))
         drive(name, host, bus, stop)
@@ -40,7 +40,9 @@ class _Gauges:
         self._bus = bus
 
     def stopwatch_s(self) -> float:
+        """Return the seconds of a monotonic clock."""
         return time.perf_counter()
 
     def waiting(self) -> int:
+        """Return the number of arrivals in the queue."""
         return self._bus.waiting

@@ -1,4 +1,4 @@
-"""The bus runner: one process a node, over Zenoh; starts them, watches them, and leaves none behind."""
+"""The bus runner: starts one process per node, watches them, and ends all of them."""
 
 import contextlib
 import multiprocessing
@@ -20,21 +20,21 @@ from dynpf_runtime.bus.terminal import StopSignal, say
 __all__ = ["Command", "free_port", "run_on_bus"]
 
 Command = Callable[[Sequence[str]], int]
-"""The command line: called with the words after ``dynpf``, returns the exit code."""
+"""The command line: called with the arguments after ``dynpf``, returns the exit code."""
 
 STOPS = (signal.SIGINT, signal.SIGTERM)
 
 GRACE_S = 2.5
-"""How long the others may take to stop by themselves after one process has failed."""
+"""How long the other processes may take to stop by themselves after one has failed."""
 
 HANG_S = 5.0
-"""How long nobody may have ended, while all that ended did so for another's sake, before those left are said to hang.
+"""How long no process may end, after some have ended because of another, before the remaining ones count as hanging.
 
 On a busy machine processes notice at very different times that their run has broken off.
 """
 
 CLOSE_S = 1.0
-"""How long the recorder may take to close its file when everybody else has been killed."""
+"""How long the recorder may take to close its file when all others have been killed."""
 
 POLL_S = 0.02
 
@@ -51,9 +51,8 @@ def run_on_bus(
 ) -> None:
     """Run the nodes ``names`` of a scenario, given as the text that its processes read, and record it into ``path``.
 
-    Each process is ``command`` with the words of ``dynpf service``. ``code`` are the folders in which the processes
-    look for modules of the user's.
-    Raises RunError that names the process which failed first; by then every process has ended.
+    Each process calls ``command`` with the arguments of ``dynpf service``. The processes look for user modules in the
+    folders ``code``. Raises RunError that names the process that failed first; by then every process has ended.
     """
     with tempfile.TemporaryDirectory(prefix="dynpf-") as folder:
         resolved = Path(folder) / "scenario.json"
@@ -90,8 +89,9 @@ def _processes(command: Command, services: dict[str, list[str]]) -> Iterator[dic
 
 
 def _may_fork() -> bool:
-    """Return whether a copy of this process works: on Linux, unless something, a module of the user's say, has begun
-    threads, which the copy would lack. A copy has loaded all that this process has; another would take a second.
+    """Return whether this process can be forked: on Linux, unless something, say a user module, has started threads.
+
+    A fork has all modules loaded, which takes a new process about a second.
     """
     tasks = Path("/proc/self/task")
     return sys.platform == "linux" and len(list(tasks.iterdir())) == 1
@@ -99,7 +99,7 @@ def _may_fork() -> bool:
 
 @contextlib.contextmanager
 def _signals_held() -> Iterator[None]:
-    """Hold back Ctrl-C, which a new process would else lose that has still our way of taking it."""
+    """Block the stop signals, so that a new process does not lose one before it sets its own handlers."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPS)
     try:
         yield
@@ -108,8 +108,8 @@ def _signals_held() -> Iterator[None]:
 
 
 def _serve(command: Command, words: Sequence[str]) -> None:
-    """Be a process of the run."""
-    os.setsid()  # a session of its own: Ctrl-C reaches only our parent, which asks the run to end in good order
+    """Run a process of the run; does not return."""
+    os.setsid()  # its own session: Ctrl-C reaches only the parent, which asks the run to end cleanly
     setproctitle(" ".join(["dynpf", *words]))
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -118,7 +118,7 @@ def _serve(command: Command, words: Sequence[str]) -> None:
 
 
 def _end(processes: dict[str, BaseProcess]) -> None:
-    """Kill what still runs, the recorder and its router last: it is asked to close its file."""
+    """Kill all processes that still run. The recorder, which first may close its file, and the router come last."""
     for name, process in processes.items():
         if name not in {"router", "recorder"}:
             process.kill()
@@ -133,7 +133,7 @@ def _end(processes: dict[str, BaseProcess]) -> None:
 def _watch(processes: dict[str, BaseProcess], stop: StopSignal) -> None:
     failed = ""
     deadline: float | None = None
-    asked = False
+    stopping = False
     left = len(processes)
     while running := [name for name, process in processes.items() if process.exitcode is None]:
         if not stop.requested:
@@ -143,14 +143,14 @@ def _watch(processes: dict[str, BaseProcess], stop: StopSignal) -> None:
             elif not failed and len(running) < left and any(process.exitcode for process in processes.values()):
                 deadline = time.monotonic() + HANG_S
             left = len(running)
-        if stop.requested and not asked:
-            asked = True
+        if stop.requested and not stopping:
+            stopping = True
             say("run", f"{stop.reason}: ending the run (again to end it at once)")
             for name in running:
                 processes[name].terminate()
             deadline = deadline or time.monotonic() + 10.0
         if (deadline is not None or stop.requested) and running == ["router"]:
-            processes["router"].terminate()  # it waits for a run that will not come
+            processes["router"].terminate()  # it waits for a run that will not begin
         if stop.at_once or (deadline is not None and time.monotonic() > deadline):
             names = ", ".join(running)
             raise RunError(f"{failed or stop.reason or f'{names} hangs'}; killed what was left: {names}")
@@ -167,9 +167,9 @@ def _watch(processes: dict[str, BaseProcess], stop: StopSignal) -> None:
 
 
 def _failure(processes: dict[str, BaseProcess]) -> str:
-    """Return what is to be said of the process that failed, or nothing while there are only others that followed it.
+    """Return a sentence on the process that failed first, empty while processes have ended only because of others.
 
-    A killed process is the cause, whatever the others say of themselves.
+    A killed process is the cause, whatever the exit codes of the others.
     """
     codes = {name: process.exitcode or 0 for name, process in processes.items()}
     for name, code in codes.items():
@@ -182,7 +182,7 @@ def _failure(processes: dict[str, BaseProcess]) -> str:
 
 
 def free_port() -> int:
-    """Return a TCP port on loopback that nobody listens at."""
+    """Return a free TCP port on loopback."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

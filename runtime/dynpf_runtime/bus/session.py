@@ -1,4 +1,4 @@
-"""The bus: one Zenoh session as our processes use it.
+"""The bus: one Zenoh session of a process.
 
 Every process is a client of the router, which is the only hub: no scouting, no gossip, no shared memory. Callbacks only
 enqueue; the owner's main loop does everything else.
@@ -18,7 +18,7 @@ from dynpf_runtime.machines.events import Arrived, Token
 __all__ = ["Bus", "open_router"]
 
 LEASE_MS = 1500
-"""After this long without a sign, Zenoh takes a hung peer for dead."""
+"""Zenoh drops a peer that has been silent for this long, ms."""
 
 
 def _config(mode: str, *, connect: tuple[str, ...] = (), listen: tuple[str, ...] = ()) -> zenoh.Config:
@@ -52,7 +52,7 @@ def open_router(endpoint: str) -> Iterator["Bus"]:
 
 
 class Bus:
-    """A session with one queue for everything that it receives."""
+    """A Zenoh session with one queue for everything that it receives."""
 
     def __init__(self, session: zenoh.Session, *, hub: bool = False) -> None:
         self._session = session
@@ -64,9 +64,13 @@ class Bus:
     @classmethod
     @contextmanager
     def connect(cls, endpoint: str, tell: Callable[[str], None], stopped: Callable[[], bool]) -> Iterator["Bus"]:
-        """Open a client of the router at ``endpoint``, trying until it is there or ``stopped`` says so."""
+        """Open a client of the router at ``endpoint``, retrying until the router is there.
+
+        Raises KeyboardInterrupt once ``stopped`` returns true, UsageError for an endpoint that cannot work. ``tell``
+        prints a notice for the user.
+        """
         session = None
-        told = False
+        notified = False
         started = time.monotonic()
         while session is None:
             if stopped():
@@ -76,15 +80,15 @@ class Bus:
             except zenoh.ZError as error:
                 if "Unable to connect" not in str(error):
                     raise UsageError(f"cannot connect to {endpoint!r}: {str(error).partition(' at /')[0]}") from error
-                if not told and time.monotonic() - started > 1.0:
-                    told = True
+                if not notified and time.monotonic() - started > 1.0:
+                    notified = True
                     tell(f"waiting for the router at {endpoint} (dynpf service router SCENARIO)")
                 time.sleep(0.05)
         with session:
             yield cls(session)
 
     def put(self, key: str, payload: bytes, attachment: bytes = b"") -> None:
-        """Publish, waiting for room."""
+        """Publish, waiting while the send queue is full."""
         publisher = self._publishers.get(key)
         if publisher is None:
             publisher = self._session.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
@@ -92,17 +96,18 @@ class Bus:
         publisher.put(payload, attachment=attachment)
 
     def subscribe(self, key: str) -> None:
+        """Enqueue whatever is published under ``key``."""
         queue = self._queue
 
         def enqueue(sample: zenoh.Sample) -> None:
             attachment = sample.attachment
-            told = b"" if attachment is None else attachment.to_bytes()
-            queue.put(Arrived(str(sample.key_expr), sample.payload.to_bytes(), told))
+            attached = b"" if attachment is None else attachment.to_bytes()
+            queue.put(Arrived(str(sample.key_expr), sample.payload.to_bytes(), attached))
 
         self._declared.append(self._session.declare_subscriber(key, enqueue))
 
     def watch(self, key: str) -> None:
-        """Subscribe to liveliness tokens, those already present included."""
+        """Subscribe to liveliness tokens, including those already present."""
         queue = self._queue
 
         def enqueue(sample: zenoh.Sample) -> None:
@@ -111,7 +116,7 @@ class Bus:
         self._declared.append(self._session.liveliness().declare_subscriber(key, enqueue, history=True))
 
     def declare(self, key: str) -> None:
-        """Declare a liveliness token, gone when this process is."""
+        """Declare a liveliness token, which disappears with this process."""
         self._declared.append(self._session.liveliness().declare_token(key))
 
     def tokens(self, key: str) -> list[str]:
@@ -124,14 +129,14 @@ class Bus:
         self._declared.append(self._session.declare_queryable(key, lambda query: query.reply(key, payload)))
 
     def ask(self, key: str, patience_s: float = 5.0) -> bytes | None:
-        """Return the answer to ``key``; None if it does not come within ``patience_s``, or nobody is to give one."""
+        """Return the answer to the query ``key``; None if there is none within ``patience_s``, or no one to answer."""
         for reply in self._session.get(key, timeout=patience_s):
             if reply.ok is not None:
                 return reply.ok.payload.to_bytes()
         return None
 
     def receive(self, timeout_s: float) -> Arrived | Token | None:
-        """Return what has come in next, or None after ``timeout_s`` or when woken."""
+        """Return the next item of the queue, or None after ``timeout_s`` or when woken."""
         try:
             return self._queue.get(timeout=timeout_s) if timeout_s > 0 else self._queue.get_nowait()
         except Empty:
@@ -143,10 +148,10 @@ class Bus:
 
     @property
     def waiting(self) -> int:
-        """How many arrivals wait to be received."""
+        """The number of items in the queue."""
         return self._queue.qsize()
 
     @property
     def connected(self) -> bool:
-        """Whether the router is there; the hub is that itself."""
+        """Whether the router is connected; always true for the router itself."""
         return self._hub or bool(self._session.info.routers_zid())

@@ -1,4 +1,4 @@
-"""The terminal: what a process tells the person there, and the signals by which that person ends it."""
+"""The terminal: notices for the user, and the signals by which the user ends a process."""
 
 import os
 import signal
@@ -11,14 +11,14 @@ __all__ = ["StopSignal", "say"]
 
 
 def say(name: str, text: str) -> None:
-    """Tell the person at the terminal."""
+    """Print a notice for the user."""
     print(f"dynpf {name}: {text}", file=sys.stderr, flush=True)
 
 
 class StopSignal:
     """Ctrl-C or a termination signal: the first asks the run to end cleanly, the second ends this process at once.
 
-    So does the end of ``parent``, the process that started this one and would otherwise have stopped it.
+    The end of ``parent``, the process that started this one and would have stopped it, counts as such a signal.
     """
 
     def __init__(self, parent: int | None = None) -> None:
@@ -30,11 +30,13 @@ class StopSignal:
 
     @property
     def requested(self) -> bool:
+        """Whether the process is to end."""
         if self._parent is not None and not self._requested and os.getppid() != self._parent:
             self.request("the process that started this one is gone")
         return self._requested
 
     def request(self, reason: str) -> None:
+        """Ask the process to end, when called again, at once."""
         self.at_once = self._requested
         self._requested = True
         self.reason = self.reason or reason
@@ -42,7 +44,7 @@ class StopSignal:
             self._wake()
 
     def wakes(self, wake: Callable[[], None]) -> None:
-        """Let ``wake`` be called when somebody wants this process to end; it may be called from a signal handler."""
+        """Call ``wake`` at every request, possibly from a signal handler."""
         self._wake = wake
 
     @classmethod

@@ -1,4 +1,4 @@
-"""Whether processes that meet mean the same run: the first key in which their resolved scenarios differ."""
+"""Checks that processes belong to the same run: finds the first key in which their resolved scenarios differ."""
 
 import json
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Effects: all that the machine of a process can ask of the world around it."""
+"""Effects: everything that the machine of a process can ask its surroundings to do."""
 
 from collections.abc import Iterable
 from typing import NamedTuple, Protocol
@@ -29,11 +29,11 @@ __all__ = [
 ]
 
 NEVER_NS = 2**63 - 1
-"""Later than anything."""
+"""Later than any time."""
 
 
 class Put(NamedTuple):
-    """Publish."""
+    """Publish a payload."""
 
     key: str
     payload: bytes
@@ -41,44 +41,44 @@ class Put(NamedTuple):
 
 
 class Subscribe(NamedTuple):
-    """Let what is published under ``key`` arrive; ``*`` stands for one part of a key, ``**`` for any number."""
+    """Subscribe to ``key``, in which ``*`` is one part and ``**`` any number of parts; Arrived follows."""
 
     key: str
 
 
 class Watch(NamedTuple):
-    """Tell of the liveliness tokens that match ``key``, those already there included."""
+    """Watch the liveliness tokens that match ``key``, including those already present; Token follows."""
 
     key: str
 
 
 class Declare(NamedTuple):
-    """Put up a liveliness token that is gone when this process is."""
+    """Declare a liveliness token, which disappears with this process."""
 
     key: str
 
 
 class Answer(NamedTuple):
-    """Answer from now on with ``payload`` whoever asks for ``key``."""
+    """Answer queries of ``key`` with ``payload`` from now on."""
 
     key: str
     payload: bytes
 
 
 class Ask(NamedTuple):
-    """Ask whoever answers for ``key``; Answered follows."""
+    """Query ``key``; Answered follows."""
 
     key: str
 
 
 class Count(NamedTuple):
-    """Ask the router which liveliness tokens match ``key``; Counted follows."""
+    """Query the liveliness tokens that match ``key``; Counted follows."""
 
     key: str
 
 
 class Tell(NamedTuple):
-    """Tell the person at the terminal."""
+    """Print a notice for the user."""
 
     text: str
 
@@ -88,7 +88,7 @@ class Open(NamedTuple):
 
 
 class Record(NamedTuple):
-    """Write a message, or the ``entry`` of a journal that its payload holds, into the recording."""
+    """Write a message into the recording; ``entry`` is the decoded payload if it is a journal entry."""
 
     topic: str
     envelope: Envelope
@@ -97,7 +97,7 @@ class Record(NamedTuple):
 
 
 class Flush(NamedTuple):
-    """Hand to the operating system what has waited long enough by now."""
+    """Hand the open chunk to the operating system if it is old enough."""
 
     now_ns: int
 
@@ -110,14 +110,14 @@ class Close(NamedTuple):
 
 
 class Show(NamedTuple):
-    """Show how far the run has come to whoever watches."""
+    """Show the progress of the run."""
 
     ticks: int
     messages: int
 
 
 class Ended(NamedTuple):
-    """The process is done; ``error`` is what it could not be done for. No event follows."""
+    """End the process, with ``error`` if it failed. No event follows."""
 
     error: BaseException | None = None
 
@@ -126,13 +126,14 @@ Effect = Put | Subscribe | Watch | Declare | Answer | Ask | Count | Tell | Open 
 
 
 class Machine(Protocol):
-    """A process of a run without the world around it.
+    """The logic of a process of a run.
 
-    Between two events all effects of the first are to be carried out, in their order.
+    The caller carries out all effects of an event, in their order, before it passes the next event.
     """
 
     @property
     def wake_ns(self) -> int:
-        """When on the monotonic clock Woke is due, unless something happens before."""
+        """The time on the monotonic clock at which Woke is due, unless another event comes before."""
 
-    def handle(self, event: Event, now: Now) -> Iterable[Effect]: ...
+    def handle(self, event: Event, now: Now) -> Iterable[Effect]:
+        """Return the effects of an event."""

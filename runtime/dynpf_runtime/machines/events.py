@@ -1,4 +1,4 @@
-"""Events: all that can happen to a process of a run, as its machine is told of it."""
+"""Events: everything that can happen to a process of a run."""
 
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ __all__ = [
 
 
 class Now(NamedTuple):
-    """When an event is handled."""
+    """The time at which an event is handled."""
 
     monotonic_ns: int  # for intervals
     wall_ns: int  # for envelopes
@@ -31,7 +31,7 @@ class Started(NamedTuple):
 
 
 class Arrived(NamedTuple):
-    """Something published under a key that the process has subscribed."""
+    """A message was published under a key that the process has subscribed to."""
 
     key: str
     payload: bytes
@@ -39,26 +39,26 @@ class Arrived(NamedTuple):
 
 
 class Token(NamedTuple):
-    """A liveliness token that the process watches has appeared, or is gone."""
+    """A watched liveliness token has appeared or disappeared."""
 
     key: str
     present: bool
 
 
 class Answered(NamedTuple):
-    """What came of Ask; None if nobody answered."""
+    """The answer to Ask; None if there was none."""
 
     payload: bytes | None
 
 
 class Counted(NamedTuple):
-    """What came of Count: the liveliness tokens that were there."""
+    """The answer to Count: the liveliness tokens present."""
 
     keys: tuple[str, ...]
 
 
 class StopAsked(NamedTuple):
-    """Somebody wants this process to end: with the run in good order, or, when asked again, at once."""
+    """The user asks this process to end: cleanly with the run, or, when asked again, at once."""
 
     reason: str
     at_once: bool
@@ -69,11 +69,11 @@ class RouterGone(NamedTuple):
 
 
 class Woke(NamedTuple):
-    """The moment of the machine's ``wake_ns`` has come, and nothing that arrived waits to be handled."""
+    """The machine's ``wake_ns`` has come, and no arrival waits to be handled."""
 
 
 class Closed(NamedTuple):
-    """What came of Close: how the recording ended."""
+    """The answer to Close: how the recording ended."""
 
     end: RunEnd
 

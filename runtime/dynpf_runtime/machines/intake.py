@@ -1,6 +1,6 @@
-"""Intake: what reaches a host from the bus is checked before a node may see it.
+"""Intake: checks messages from the bus before a node gets them.
 
-A bad message is refused, counted and told once for each topic and reason; the process goes on.
+A bad message is refused and counted, and reported once per topic and reason; the process continues.
 """
 
 from collections import Counter, defaultdict
@@ -22,7 +22,7 @@ __all__ = ["Intake", "Refusal", "check_sender"]
 
 
 class Refusal(NamedTuple):
-    """Why a message was not accepted. ``envelope`` is set where the sender itself is known and genuine."""
+    """Why a message was not accepted. ``envelope`` is set if the sender is known and genuine."""
 
     topic: str
     reason: str
@@ -31,9 +31,9 @@ class Refusal(NamedTuple):
 
 
 def check_sender(arrival: Arrived, boots: Mapping[str, str], graph: Graph) -> tuple[str, Envelope]:
-    """Return topic and envelope of a message from a known sender; raises ProtocolError.
+    """Return topic and envelope of a message; raises ProtocolError if its sender is unknown.
 
-    Records of an imported log carry the boot of the graph's source, which feeds them in.
+    Records of an imported log carry the boot of the graph's source, which publishes them.
     """
     name = arrival.key[len(DATA) :]
     row = topic(name, graph.topics)
@@ -49,7 +49,7 @@ def check_sender(arrival: Arrived, boots: Mapping[str, str], graph: Graph) -> tu
 
 
 class Intake:
-    """Turns arrivals into inputs, or refuses them. ``boots`` maps each peer to its boot in this run."""
+    """Turns arrivals into a node's inputs, or refuses them. ``boots`` maps each peer to its boot in this run."""
 
     def __init__(self, boots: Mapping[str, str], graph: Graph) -> None:
         self._boots = boots
@@ -59,22 +59,23 @@ class Intake:
         self.refused: Counter[str] = Counter()
 
     def accept(self, arrival: Arrived) -> tuple[Received, Envelope] | Refusal:
+        """Return a message as an input with its envelope, or refuse it."""
         name = arrival.key[len(DATA) :]
         envelope = None
         try:
-            name, known = check_sender(arrival, self._boots, self._graph)
-            key = (known.node, name)
-            if known.sequence < self._next[key]:
-                raise ProtocolError(f"sequence {known.sequence} again; expected {self._next[key]} or later")
-            self._next[key] = known.sequence + 1
-            envelope = known
+            name, accepted = check_sender(arrival, self._boots, self._graph)
+            key = (accepted.node, name)
+            if accepted.sequence < self._next[key]:
+                raise ProtocolError(f"sequence {accepted.sequence} again; expected {self._next[key]} or later")
+            self._next[key] = accepted.sequence + 1
+            envelope = accepted
             message = decode(name, arrival.payload, self._graph.topics)
         except ProtocolError as error:
             return self._refuse(name, str(error), envelope)
-        return Received(name, known.node, known.boot, known.sequence, known.stamp_ns, message), known
+        return Received(name, accepted.node, accepted.boot, accepted.sequence, accepted.stamp_ns, message), accepted
 
     def accept_tick(self, arrival: Arrived) -> TickDone | Refusal:
-        """Return a peer's word that it has ended a tick, or refuse it."""
+        """Return a peer's notice that it has ended a tick, or refuse it."""
         node = arrival.key[len(TICK) :]
         try:
             done = decode_control(arrival.payload, TickDone)

@@ -1,7 +1,7 @@
-"""Membership: how a process joins a run, knows its peers, beats, and learns that somebody is gone.
+"""Membership: how a process joins a run, knows its peers, sends heartbeats, and notices that a peer is gone.
 
-A process joins in two steps: *alive* when its subscriptions stand, *ready* when it has seen every peer alive. The
-source begins when all are ready, so no message can precede its subscribers, and every sender is known by its boot.
+A process joins in two steps: *alive* when its subscriptions are in place, *ready* when it has seen every peer alive.
+The source begins when all are ready, so no message can precede its subscribers, and every sender is known by its boot.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,29 +22,29 @@ __all__ = ["BEAT_NS", "SURE_NS", "WEDGED_NS", "Membership"]
 BEAT_NS = 500_000_000
 WEDGED_NS = 15_000_000_000
 SURE_NS = 50_000_000
-"""When the router goes, the peers' tokens go first: a moment later it is clear who it was."""
+"""How long to wait after a peer's token disappears: if the router is gone, the peers' tokens disappear first."""
 
 _ANSWER_NS = 5_000_000_000
-_ASK_AGAIN_NS = 20_000_000  # Zenoh says at once that nobody answers yet
-_PATIENCE_NS = 1_000_000_000  # then the person at the terminal is told who is waited for
+_ASK_AGAIN_NS = 20_000_000  # Zenoh reports at once that no one answers yet
+_PATIENCE_NS = 1_000_000_000  # after that a notice lists the missing peers
 
 _ROUTER_GONE = "the router is gone; the run cannot go on"
 
 
 class _Stage(IntEnum):
-    ASKING = 0  # whether its scenario is the router's, and its name free
-    JOINING = 1  # alive, but another of its name may have come at the same moment
+    ASKING = 0  # whether its scenario is the router's, and its name is free
+    JOINING = 1  # alive, but a rival of the same name may have joined at the same moment
     ALIVE = 2
     READY = 3  # it leads the run, and waits until all are ready
     RUNNING = 4
 
 
 class Membership:
-    """The place of the process ``name`` in a run of ``plan``, by one ``boot``.
+    """The membership of the process ``name`` with its ``boot`` in a run of ``plan``.
 
-    ``prepare`` is done once it is known that the process fits, before it is alive. Who ``leads`` the run is running
-    when all are ready; the others as soon as they are ready themselves, for then the first messages may come.
-    ``endpoint`` is for texts alone.
+    ``prepare`` are the effects once it is known that the process fits, before it is alive. The process that ``leads``
+    is running when all are ready; the others as soon as they are ready themselves, because then the first messages may
+    come. ``endpoint`` only appears in texts.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Membership:
         self.name = name
         self.boot = boot
         self.peers = frozenset({*plan.graph.nodes, RECORDER} - {name})
-        self.ticks = 0  # how many this process has behind it
+        self.ticks = 0  # how many this process has ended
         self.recorded: Recorded | None = None
         self.stop_reason = ""
         self.leaving = False  # the run is over: peers may go
@@ -71,8 +71,8 @@ class Membership:
         self._peer_ticks: dict[str, int] = {}
         self._next_beat_ns = 0
         self._ask_at_ns = self._ask_until_ns = NEVER_NS
-        self._tell_at_ns = 0
-        self._told: set[str] = set()
+        self._notify_at_ns = 0
+        self._notified: set[str] = set()
         self._suspect: tuple[str, int] | None = None
 
     @property
@@ -82,12 +82,12 @@ class Membership:
 
     @property
     def running(self) -> bool:
-        """Whether the run may begin as far as this process is concerned."""
+        """Whether the run may begin for this process."""
         return self._stage is _Stage.RUNNING
 
     @property
     def boots(self) -> dict[str, str]:
-        """The boot of each peer that is there, changed in place."""
+        """The boot of each present peer; changes in place."""
         return self._roster.boots
 
     @property
@@ -96,14 +96,14 @@ class Membership:
         return self._roster.present
 
     def behind(self, peer: str) -> int:
-        """Return how many ticks ``peer`` had behind it at its last beat."""
+        """Return how many ticks ``peer`` had ended at its last heartbeat."""
         return self._peer_ticks.get(peer, 0)
 
     def handle(self, event: Event, now_ns: int) -> Iterator[Effect]:
-        """Yield what follows from an event; of what arrives, only beats and control concern it.
+        """Yield the effects of an event; of arrivals, only heartbeats and control messages matter here.
 
-        Raises UsageError where the process does not fit into the run, RunError when a peer or the router is gone, and
-        KeyboardInterrupt when this process shall end at once.
+        Raises UsageError if the process does not fit into the run, RunError when a peer or the router is gone, and
+        KeyboardInterrupt when this process is to end at once.
         """
         match event:
             case Started():
@@ -137,8 +137,8 @@ class Membership:
         if self._stage is _Stage.ASKING:
             return self._ask_at_ns
         due_ns = self._next_beat_ns
-        if self._stage < _Stage.RUNNING and self._tell_at_ns > now_ns:
-            due_ns = min(due_ns, self._tell_at_ns)
+        if self._stage < _Stage.RUNNING and self._notify_at_ns > now_ns:
+            due_ns = min(due_ns, self._notify_at_ns)
         return due_ns if self._suspect is None else min(due_ns, self._suspect[1])
 
     def _answered(self, theirs: bytes | None, now_ns: int) -> Iterator[Effect]:
@@ -150,8 +150,8 @@ class Membership:
             return
         try:
             difference = first_difference(self._text, theirs.decode())
-        except (ValueError, RecursionError) as error:  # the text is compared, and nothing that it names is looked for
-            raise RunError(f"{router} tells a scenario that cannot be read: {error}") from error
+        except (ValueError, RecursionError) as error:  # the text is only compared: user code in it is never imported
+            raise RunError(f"{router} sent a scenario that cannot be read: {error}") from error
         if difference is not None:
             key, here, there = difference
             raise UsageError(
@@ -161,9 +161,9 @@ class Membership:
         yield Count(f"{ALIVE}{self.name}/*")
 
     def _counted(self, keys: Sequence[str], now_ns: int) -> Iterator[Effect]:
-        """Become alive if nobody has the name; then look again, for another may have come at the same moment.
+        """Become alive if the name is free; then look again, because a rival may have joined at the same moment.
 
-        Of two such each has declared itself before it looks again, so that one of them sees the other.
+        Each of two rivals declares itself before it looks again, so at least one sees the other.
         """
         others = [key.rpartition("/")[2] for key in keys if key != f"{ALIVE}{self.name}/{self.boot}"]
         if self._stage is _Stage.ASKING:
@@ -178,12 +178,12 @@ class Membership:
         for boot in others:
             self._rival(boot, ready=False, present=True)
         self._stage = _Stage.ALIVE
-        self._tell_at_ns = now_ns + _PATIENCE_NS
+        self._notify_at_ns = now_ns + _PATIENCE_NS
 
     def _rival(self, boot: str, *, ready: bool, present: bool) -> None:
-        """Give way to another of this name that is ready, or has the smaller boot; of two, one stays."""
+        """Give way to a rival of the same name that is ready or has the smaller boot, so that exactly one stays."""
         if self._stage >= _Stage.READY:
-            return  # it is the other that gives way
+            return  # the rival gives way
         if not present:
             if not ready:
                 self._rivals.discard(boot)
@@ -196,24 +196,24 @@ class Membership:
         return UsageError(f"{self.name} already runs at {self._endpoint} (boot {boot}); stop it first")
 
     def _assemble(self, now_ns: int) -> Iterator[Effect]:
-        """Be ready when every peer is alive, and begin; tell who is waited for if it takes long."""
+        """Become ready when every peer is alive, and begin; report missing peers if it takes long."""
         if self._stage is _Stage.ALIVE:
             missing = self.peers - self.boots.keys()
             if missing or self._rivals:
-                yield from self._tell_missing("waiting for", missing, now_ns)
+                yield from self._notify_missing("waiting for", missing, now_ns)
                 return
             yield Declare(f"{READY}{self.name}/{self.boot}")
             self._stage = _Stage.READY
-            self._told, self._tell_at_ns = set(), now_ns + _PATIENCE_NS
+            self._notified, self._notify_at_ns = set(), now_ns + _PATIENCE_NS
         missing = self.peers - self._roster.ready
         if self._leads and missing:
-            yield from self._tell_missing("waiting until ready:", missing, now_ns)
+            yield from self._notify_missing("waiting until ready:", missing, now_ns)
         else:
             self._stage = _Stage.RUNNING
 
-    def _tell_missing(self, what: str, names: set[str] | frozenset[str], now_ns: int) -> Iterator[Effect]:
-        if names and now_ns >= self._tell_at_ns and names != self._told:
-            self._told = set(names)
+    def _notify_missing(self, what: str, names: set[str] | frozenset[str], now_ns: int) -> Iterator[Effect]:
+        if names and now_ns >= self._notify_at_ns and names != self._notified:
+            self._notified = set(names)
             yield Tell(f"{what} {', '.join(sorted(names))}")
 
     def _beat(self, now_ns: int) -> Iterator[Effect]:
@@ -242,7 +242,7 @@ class Membership:
         return self.leaving or (node == RECORDER and self.recorded is not None)
 
     def _judge(self, now_ns: int) -> None:
-        """Name the peer whose token is gone, now that the router would be known to be gone."""
+        """Raise BrokenOffError for a peer whose token is gone, once it is clear that the router is not."""
         if self._suspect is None or now_ns < self._suspect[1]:
             return
         node, _ = self._suspect
@@ -256,7 +256,7 @@ class Membership:
         try:
             if arrived.key.startswith(BEAT):
                 beat = decode_control(arrived.payload, Beat)
-                if self.boots.get(beat.node) == beat.boot:  # a stranger's says nothing of the peer whose name it takes
+                if self.boots.get(beat.node) == beat.boot:  # not from a stranger under a peer's name
                     self._beats[beat.node, beat.boot] = now_ns
                     self._peer_ticks[beat.node] = beat.ticks
             elif arrived.key == f"{CONTROL}recorded":
@@ -268,7 +268,7 @@ class Membership:
 
     def _take_recorded(self, recorded: Recorded) -> None:
         if recorded.boot == self.boot:
-            return  # its own word
+            return  # its own message
         if self.boots.get(RECORDER) != recorded.boot:
             raise ProtocolError(f"unknown sender {RECORDER!r} with boot {recorded.boot!r}")
         self.recorded = recorded
@@ -281,10 +281,10 @@ class Membership:
             raise ProtocolError(f"unknown sender {stop.node!r} with boot {stop.boot!r}")
         self.stop_reason = stop.reason
 
-    def _stop(self, asked: StopAsked) -> Iterator[Effect]:
-        if asked.at_once or not self.running:
+    def _stop(self, event: StopAsked) -> Iterator[Effect]:
+        if event.at_once or not self.running:
             raise KeyboardInterrupt
         if not self._stop_sent:
             self._stop_sent = True
-            self.stop_reason = self.stop_reason or asked.reason
-            yield Put(f"{CONTROL}stop", encode_control(Stop(self.name, self.boot, asked.reason)))
+            self.stop_reason = self.stop_reason or event.reason
+            yield Put(f"{CONTROL}stop", encode_control(Stop(self.name, self.boot, event.reason)))

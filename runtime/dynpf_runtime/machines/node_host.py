@@ -1,4 +1,4 @@
-"""The host of one node: takes what arrives, decides when the node steps, numbers, encodes, journals, publishes."""
+"""The host of one node: receives messages, decides when the node steps, numbers, encodes, journals and publishes."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -33,23 +33,23 @@ AHEAD = 1000
 
 REPORT_NS = 1_000_000_000
 RECORDED_NS = 30_000_000_000
-"""How long the recorder may take, after the last step, to say that it has the run."""
+"""How long the recorder may take, after the last step, to confirm the run."""
 
 
 class Gauges(Protocol):
-    """What a host reports of its process without making anything depend on it."""
+    """Measurements of the process for diagnostics; nothing in the run depends on them."""
 
     def stopwatch_s(self) -> float:
         """Return the seconds of a clock."""
 
     def waiting(self) -> int:
-        """Return how many arrivals wait to be handled."""
+        """Return the number of arrivals that wait to be handled."""
 
 
 class NodeHost:
-    """The process of ``node``, by one ``boot``, from joining to the recorder's word that the run is kept.
+    """The process of ``node`` with its ``boot``, from joining to the recorder's confirmation of the run.
 
-    ``log`` is what the source plays, if it plays one; ``endpoint`` is for texts alone.
+    ``log`` has the records that the source plays, if it plays a log; ``endpoint`` only appears in texts.
     """
 
     def __init__(
@@ -78,8 +78,8 @@ class NodeHost:
         self._gaps = GapWatch()
         link = FaultyLink(plan.faults, name, plan.seed)
         self._inbox = (LockstepInbox if plan.clock == "lockstep" else RealtimeInbox)(graph, name, link)
-        self._turns: Turns | None = None  # while others are still to come
-        self._early: list[Arrived] = []  # from strangers: to be refused as any other
+        self._turns: Turns | None = None  # None until the run begins
+        self._early: list[Arrived] = []  # arrivals before the run begins, which come from strangers
         self._running = False
         self._recorded_by_ns = NEVER_NS
         self._step_time_s = 0.0
@@ -88,18 +88,19 @@ class NodeHost:
 
     @property
     def wake_ns(self) -> int:
+        """The time on the monotonic clock at which Woke is due."""
         wake_ns = self._member.wake_ns
         other_ns = self._turns.wake_ns if self._turns is not None and self._running else self._recorded_by_ns
         return wake_ns if wake_ns < other_ns else other_ns
 
     def handle(self, event: Event, now: Now) -> Iterable[Effect]:
-        """Return what follows from an event: what other nodes wait for first, before the step is accounted for."""
+        """Return the effects of an event; messages that other nodes wait for come first, the journal last."""
         if (
             self._running
             and type(event) is Arrived
             and event.key.startswith(_RUN)
             and now.monotonic_ns < self._member.wake_ns
-        ):  # what comes most often takes the shortest way
+        ):  # the most frequent case takes the shortest path
             refusal = self._receive(event, now)
             if refusal is None:
                 turn = self._turn(now, idle=False)
@@ -161,7 +162,7 @@ class NodeHost:
         return turns.take(now.monotonic_ns, idle=idle, stopping=bool(member.stop_reason), held=held)
 
     def _advance(self, now: Now, turn: Turn | None) -> Iterator[Effect]:
-        """Step as often as it is due; the source once, for the world may want to be heard between two ticks."""
+        """Make all steps that are due; the source only one, so that other events are handled between two ticks."""
         while turn is not None:
             yield from self._step(turn, now)
             if not self._running or self._leads:
@@ -169,7 +170,7 @@ class NodeHost:
             turn = self._turn(now, idle=False)
 
     def _step(self, turn: Turn, now: Now) -> Iterator[Effect]:
-        """Run one step and publish what came of it."""
+        """Run one step and publish its results."""
         (tick, _, inputs, _), stamp_ns = turn.ready, turn.stamp_ns
         name, executor = self._spec.name, self._executor
         self._stamp_ns = stamp_ns
@@ -179,18 +180,18 @@ class NodeHost:
         self._step_time_s += self._gauges.stopwatch_s() - began_s
         last = turn.last or executed.finished
         sent = (*turn.fed, *events, *executed.sent)
-        # What other nodes wait for goes first; what is only recorded or looked at, and the journal, follow.
-        for one in sent:
-            if one.topic in self._awaited:
-                yield _put(one)
-        counts = dict(Counter(one.topic for one in sent))
-        if last or now.monotonic_ns >= self._report_at_ns:  # the last before the recorder hears that this was all
+        # Messages that other nodes wait for go first; those for the recorder and observers, and the journal, follow.
+        for message in sent:
+            if message.topic in self._awaited:
+                yield _put(message)
+        counts = dict(Counter(message.topic for message in sent))
+        if last or now.monotonic_ns >= self._report_at_ns:  # the last report precedes the end of the last tick
             yield self._report(now)
         done = TickDone(name, executor.boot, executor.steps, tick, stamp_ns, counts, last)
         yield Put(TICK + name, encode_control(done))
-        for one in sent:
-            if one.topic not in self._awaited:
-                yield _put(one)
+        for message in sent:
+            if message.topic not in self._awaited:
+                yield _put(message)
         entry = executor.journal(tick, stamp_ns, inputs, executed.sent, last=last)
         envelope = Envelope(name, executor.boot, entry.step, tick, stamp_ns, now.wall_ns)
         yield Put(JOURNAL + name, encode_entry(entry), encode_envelope(envelope))
@@ -201,7 +202,7 @@ class NodeHost:
             self._recorded_by_ns = now.monotonic_ns + RECORDED_NS
 
     def _receive(self, arrived: Arrived, now: Now) -> Refusal | None:
-        """Put what has arrived into the inbox, or return why not."""
+        """Put an arrival into the inbox, or return why it was refused."""
         if arrived.key.startswith(TICK):
             done = self._intake.accept_tick(arrived)
             if isinstance(done, Refusal):
@@ -219,7 +220,7 @@ class NodeHost:
 
     def _refused(self, refusal: Refusal, now: Now) -> Iterator[Effect]:
         yield from self._refuse(refusal, now)
-        yield from self._advance(now, self._turn(now, idle=False))  # nobody waits for it any more
+        yield from self._advance(now, self._turn(now, idle=False))  # the inbox no longer waits for it
 
     def _refuse(self, refusal: Refusal, now: Now) -> Iterator[Effect]:
         if not refusal.first_of_its_kind:
@@ -227,7 +228,7 @@ class NodeHost:
         text = f"{refusal.topic}: message refused: {refusal.reason}"
         yield Tell(text)
         message = Log(timestamp=timestamp(self._stamp_ns), level=LogLevel.WARNING, message=text, name=self._spec.name)
-        yield self._said("log", message, now)
+        yield self._stamped("log", message, now)
 
     def _report(self, now: Now) -> Put:
         self._report_at_ns = now.monotonic_ns + REPORT_NS
@@ -238,13 +239,13 @@ class NodeHost:
             refused=dict(self._intake.refused),
             queue=self._gauges.waiting(),
         )
-        return self._said("diagnostics", message, now)
+        return self._stamped("diagnostics", message, now)
 
-    def _said(self, topic: str, message: Diagnostics | Log, now: Now) -> Put:
+    def _stamped(self, topic: str, message: Diagnostics | Log, now: Now) -> Put:
         return _put(self._executor.stamp(topic, message, self._member.ticks, self._stamp_ns, now.wall_ns))
 
     def _await_recorded(self, now: Now) -> Iterator[Effect]:
-        """End when the recorder has said that it has the whole run; raises RunError if it does not."""
+        """End when the recorder has confirmed the run; raises RunError if it does not in time."""
         if self._member.recorded is not None:
             yield Ended()
         elif now.monotonic_ns >= self._recorded_by_ns:

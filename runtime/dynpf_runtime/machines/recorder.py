@@ -1,4 +1,4 @@
-"""The recorder: a member of the run that takes everything and has it written down, outside the lockstep loop."""
+"""The recorder: a member of the run that receives everything and has it written, outside the lockstep loop."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -39,23 +39,23 @@ SETTLE_NS = 3_000_000_000
 """How long the recorder waits, after the last step of every node, for messages that are still missing."""
 
 SEE_OFF_NS = 2_000_000_000
-"""How long the others may take to hear that all is recorded, and to leave."""
+"""How long the others may take to leave after the recorder has confirmed the run."""
 
 _RUN = (DATA, JOURNAL, TICK)
 
 
 class _Stage(Enum):
     ASSEMBLING = "until the run begins"
-    RECORDING = "until every node has made its last step and all that it sent is here"
-    BROKEN = "until what had arrived when the run broke off is written"
+    RECORDING = "until every node has made its last step and all its messages have arrived"
+    BROKEN = "until everything that had arrived when the run broke off is written"
     CLOSING = "until the file is closed"
     SEEING_OFF = "until the others have left"
 
 
 class RecorderMachine:
-    """Records one run of ``plan`` by one ``boot``. ``path`` and ``endpoint`` are for texts alone.
+    """Records one run of ``plan`` under one ``boot``. ``path`` and ``endpoint`` only appear in texts.
 
-    If the run breaks off it has what has arrived written and the recording marked as incomplete, and says so.
+    If the run breaks off, it has everything that has arrived written, marks the recording as incomplete, and says so.
     """
 
     def __init__(self, plan: Plan, boot: str, endpoint: str, path: str) -> None:
@@ -74,27 +74,28 @@ class RecorderMachine:
         self._ticks: dict[str, int] = {}
         self._last: set[str] = set()
         self._refused: Counter[str] = Counter()
-        self._early: list[Arrived] = []
+        self._early: list[Arrived] = []  # arrivals before the run begins, which come from strangers
         self._stamp_ns = 0
-        self._due_ns = NEVER_NS  # of the stage: settled, or everybody seen off
+        self._due_ns = NEVER_NS  # deadline of the stage: for missing messages, or for the others to leave
         self._flush_at_ns = 0
 
     @property
     def wake_ns(self) -> int:
+        """The time on the monotonic clock at which Woke is due."""
         if self._stage is _Stage.BROKEN:
-            return 0  # as soon as nothing waits to be received
+            return 0  # as soon as no arrival waits
         wake_ns = min(self._member.wake_ns, self._due_ns)
         return min(wake_ns, self._flush_at_ns) if self._stage is _Stage.RECORDING else wake_ns
 
     def handle(self, event: Event, now: Now) -> Iterable[Effect]:
-        """Return what follows from an event."""
+        """Return the effects of an event."""
         if (
             self._stage is _Stage.RECORDING
             and len(self._last) < len(self._nodes)
             and type(event) is Arrived
             and event.key.startswith((DATA, JOURNAL))
             and now.monotonic_ns < self.wake_ns
-        ):  # what comes most often takes the shortest way
+        ):  # the most frequent case takes the shortest path
             return self._take(event, now)
         return self._caught(self._handle(event, now))
 
@@ -135,12 +136,12 @@ class RecorderMachine:
 
     def _begin(self, now: Now) -> Iterator[Effect]:
         self._stage = _Stage.RECORDING
-        for early in self._early:  # from strangers: to be refused as any other
+        for early in self._early:
             yield from self._take(early, now)
         self._early.clear()
 
     def _record(self, now: Now) -> Iterator[Effect]:
-        """Close the recording when the run is whole, or when what it lacks will not come any more."""
+        """Close the recording when the run is complete, or when missing messages have not come in time."""
         if now.monotonic_ns >= self._flush_at_ns:
             self._flush_at_ns = now.monotonic_ns + FLUSH_NS
             yield Flush(now.monotonic_ns)
@@ -158,7 +159,7 @@ class RecorderMachine:
             yield Close(False, self._lacking())
 
     def _confirm(self, end: RunEnd, now: Now) -> Iterator[Effect]:
-        """Tell everybody that the file is closed; after a whole run, wait until they have heard it and left."""
+        """Announce that the file is closed; after a complete run, wait until the others have left."""
         self._member.leaving = True
         recorded = Recorded(self._boot, end.complete, end.reason, self._path)
         yield Put(f"{CONTROL}recorded", encode_control(recorded))
@@ -201,9 +202,9 @@ class RecorderMachine:
         text = f"{key}: message refused: {reason}"
         yield Tell(text)
         number, ticks = len(self._refused) - 1, self._member.ticks
-        place = Envelope(RECORDER, self._boot, number, ticks, self._stamp_ns, now.wall_ns)
+        envelope = Envelope(RECORDER, self._boot, number, ticks, self._stamp_ns, now.wall_ns)
         message = Log(timestamp=timestamp(self._stamp_ns), level=LogLevel.WARNING, message=text, name=RECORDER)
-        yield Record("log", place, encode("log", message))
+        yield Record("log", envelope, encode("log", message))
 
     def _tick(self, done: TickDone) -> None:
         if self._member.boots.get(done.node) != done.boot:

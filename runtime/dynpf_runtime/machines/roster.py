@@ -1,4 +1,4 @@
-"""Roster: who is there, by the liveliness tokens that come and go, and which start of a process counts."""
+"""Roster: which processes are present, by their liveliness tokens, and which start of each counts."""
 
 from collections.abc import Iterable
 from enum import Enum
@@ -11,7 +11,7 @@ __all__ = ["Change", "Roster", "holder"]
 
 
 class Change(Enum):
-    """What a token means to those who keep the roster."""
+    """What a token changes."""
 
     NONE = "none"
     SECOND = "a second start of a process whose first one is ready"
@@ -19,16 +19,17 @@ class Change(Enum):
 
 
 def holder(token: Token) -> tuple[str, str, bool]:
-    """Return whose token it is, of which boot, and whether it says that the process is ready, not only alive."""
+    """Return process and boot of a token, and whether it is a token of readiness rather than of life."""
     prefix = READY if token.key.startswith(READY) else ALIVE
     name, _, boot = token.key[len(prefix) :].rpartition("/")
     return name, boot, prefix == READY
 
 
 class Roster:
-    """The processes ``names`` of a run. Of several starts of one the first counts, until it goes before it was ready.
+    """The presence of the processes ``names`` of a run.
 
-    ``boots`` has the boot that counts of each process that is there; it is changed in place.
+    Of several starts of a process the first counts, unless it leaves before it is ready. ``boots`` has the counting
+    boot of each present process; it changes in place.
     """
 
     def __init__(self, names: Iterable[str]) -> None:
@@ -39,19 +40,19 @@ class Roster:
 
     @property
     def ready(self) -> set[str]:
-        """Those whose counting start has said that it is ready, though it may be gone by now."""
+        """The processes whose counting start has been ready, even if it is gone by now."""
         return {name for name, boot in self.boots.items() if (name, boot) in self._ready}
 
     @property
     def present(self) -> set[str]:
-        """Those of whom a start is alive."""
+        """The processes of which any start is alive."""
         return {name for name, boots in self._alive.items() if boots}
 
     def take(self, token: Token) -> Change:
-        """Note a token of one of ``names``."""
+        """Note the token of one of ``names``, and return what it changes."""
         name, boot, ready = holder(token)
         if ready:
-            if token.present:  # that one is ready no more says nothing: the token of its life goes with it
+            if token.present:  # the end of readiness needs no handling: the token of life disappears with it
                 self._ready.add((name, boot))
             return Change.NONE
         alive = self._alive[name]
@@ -66,7 +67,7 @@ class Roster:
             return Change.NONE
         if (name, boot) in self._ready:
             return Change.GONE
-        del self.boots[name]  # it left before the run began; another may come, or has come
+        del self.boots[name]  # it left before the run began; another start may replace it
         if alive:
             self.boots[name] = alive[0]
         return Change.NONE

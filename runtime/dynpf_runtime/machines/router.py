@@ -1,4 +1,4 @@
-"""The router: the hub of a run, which knows its scenario, and when it is over."""
+"""The router: the hub of a run, which knows its scenario and when the run is over."""
 
 from collections.abc import Iterator
 
@@ -18,7 +18,7 @@ LAST_WORD_NS = 500_000_000
 
 
 class RouterMachine:
-    """Answers for the ``scenario`` of a run, a resolved one, until the run has ended and everybody has left."""
+    """Answers queries for the resolved ``scenario`` of a run, until the run has ended and all processes have left."""
 
     def __init__(self, scenario: str, boot: str) -> None:
         self.wake_ns = 0
@@ -32,7 +32,7 @@ class RouterMachine:
         self._stopping = False
 
     def handle(self, event: Event, now: Now) -> Iterator[Effect]:
-        """Yield what follows from an event. The end is a BrokenOffError if the run was not recorded whole."""
+        """Yield the effects of an event. It ends with BrokenOffError if the run was not recorded completely."""
         match event:
             case Started():
                 yield Answer(SCENARIO, self._scenario.encode())
@@ -85,7 +85,7 @@ class RouterMachine:
 
     def _outcome(self) -> BrokenOffError | None:
         if self._recorded is None:
-            return BrokenOffError("everybody has left before the run was recorded")
+            return BrokenOffError("all processes left before the run was recorded")
         if not self._recorded.complete:
             return BrokenOffError(f"the run ended incomplete: {self._recorded.reason}")
         return None

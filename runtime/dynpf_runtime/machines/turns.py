@@ -1,4 +1,4 @@
-"""Turns: when a node's next step is due, in either clock, for the source of a run and for those that follow it."""
+"""Turns: when a node's next step is due, in lockstep and realtime, for the source of a run and for the other nodes."""
 
 from collections.abc import Iterator
 from typing import NamedTuple, Protocol
@@ -14,7 +14,7 @@ __all__ = ["FollowLockstep", "FollowRealtime", "LeadLockstep", "LeadRealtime", "
 
 
 class Turn(NamedTuple):
-    """The inputs and the logical time of a step that is due, and the records of a log that it feeds in."""
+    """The inputs and the logical time of a step that is due, and the log's records that the source publishes in it."""
 
     ready: Ready
     stamp_ns: int
@@ -23,22 +23,22 @@ class Turn(NamedTuple):
 
 
 class Turns(Protocol):
-    """Says when a node steps next."""
+    """Decides when a node steps next."""
 
     @property
     def wake_ns(self) -> int:
-        """When on the monotonic clock to ask again though nothing has arrived."""
+        """The time on the monotonic clock to ask again even if nothing has arrived."""
 
     def take(self, now_ns: int, *, idle: bool, stopping: bool, held: bool) -> Turn | None:
-        """Return the next step's turn if it is due.
+        """Return the next step's turn if it is due, else None.
 
-        ``idle`` says that nothing waits to be received; ``stopping`` that the source's next tick shall be the last;
-        ``held`` that the source shall not begin another tick yet.
+        ``idle``: no arrival waits to be handled; ``stopping``: the source's next tick is to be the last; ``held``: the
+        source must not begin another tick yet.
         """
 
 
 class FollowLockstep:
-    """Steps when all that a tick promises has come."""
+    """Steps when all messages of a tick have arrived."""
 
     wake_ns = NEVER_NS
 
@@ -46,29 +46,32 @@ class FollowLockstep:
         self._inbox = inbox
 
     def take(self, _now_ns: int, *, idle: bool, stopping: bool, held: bool) -> Turn | None:  # noqa: ARG002
+        """Return the turn if the inputs are complete."""
         ready = self._inbox.take()
         return None if ready is None else Turn(ready, ready.stamp_ns, ready.last)
 
 
 class FollowRealtime:
-    """Steps when a message triggers it, on whatever is there."""
+    """Steps when a message triggers it, on all messages that have arrived."""
 
     def __init__(self, inbox: RealtimeInbox) -> None:
         self._inbox = inbox
 
     @property
     def wake_ns(self) -> int:
+        """The time of the next delayed message's arrival."""
         due_ns = self._inbox.due_ns()
         return NEVER_NS if due_ns is None else due_ns
 
     def take(self, now_ns: int, *, idle: bool, stopping: bool, held: bool) -> Turn | None:  # noqa: ARG002
+        """Return the turn if a message triggers it, or at the end of the run."""
         inbox = self._inbox
         ready = inbox.take_all(now_ns) if inbox.upstream_ended else inbox.take(now_ns)
         return None if ready is None else Turn(ready, ready.stamp_ns, ready.last)
 
 
 class _Paced:
-    """The feeds of a source, and when on the monotonic clock each tick shall begin; without a rate, at once."""
+    """The feeds of a source, and the time on the monotonic clock at which each tick begins; without a rate, at once."""
 
     def __init__(self, feeds: Iterator[Feed], rate: float | None) -> None:
         self._feeds = feeds
@@ -79,7 +82,7 @@ class _Paced:
         self._due_ns = 0
 
     def next(self, now_ns: int) -> tuple[Feed, int]:
-        """Return the feed that is to come, and when it is due; raises RunError if nothing begins a tick."""
+        """Return the next feed and when it is due; raises RunError if no record begins a tick."""
         if self._feed is None:
             feed = next(self._feeds, None)
             if feed is None:
@@ -91,7 +94,7 @@ class _Paced:
         return self._feed, self._due_ns
 
     def begin(self, ready: Ready, *, stopping: bool) -> Turn:
-        """Return the turn of the feed that has come; the one after it is next."""
+        """Return the turn of the current feed, and advance to the next one."""
         feed, self._feed = self._feed, None
         assert feed is not None
         ready.inputs[:0] = feed.inputs
@@ -99,9 +102,9 @@ class _Paced:
 
 
 class LeadLockstep:
-    """Begins a tick when all have ended the one before, at its own time if the run has a rate.
+    """Begins a tick when all nodes have ended the previous one, and not before its time if the run has a rate.
 
-    ``alone`` says that there are no others, by whose messages it would be woken.
+    ``alone`` says that there are no other nodes whose messages would wake it.
     """
 
     def __init__(self, inbox: LockstepInbox, feeds: Iterator[Feed], rate: float | None, *, alone: bool) -> None:
@@ -112,6 +115,7 @@ class LeadLockstep:
         self.wake_ns = 0
 
     def take(self, now_ns: int, *, idle: bool, stopping: bool, held: bool) -> Turn | None:  # noqa: ARG002
+        """Return the turn of the next tick if it is due and all nodes have ended the previous one."""
         feed, due_ns = self._paced.next(now_ns)
         if due_ns > now_ns and not stopping:
             self.wake_ns = due_ns
@@ -127,7 +131,7 @@ class LeadLockstep:
 
 
 class LeadRealtime:
-    """Begins a tick by the wall clock, on whatever has arrived."""
+    """Begins a tick by the wall clock, on all messages that have arrived."""
 
     def __init__(self, inbox: RealtimeInbox, feeds: Iterator[Feed], rate: float) -> None:
         self._inbox = inbox
@@ -135,6 +139,7 @@ class LeadRealtime:
         self.wake_ns = 0
 
     def take(self, now_ns: int, *, idle: bool, stopping: bool, held: bool) -> Turn | None:  # noqa: ARG002
+        """Return the turn of the next tick if its time has come and no arrival waits."""
         _, self.wake_ns = self._paced.next(now_ns)
         if now_ns < self.wake_ns or not idle:
             return None

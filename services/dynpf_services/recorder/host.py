@@ -1,4 +1,4 @@
-"""The recorder process: the recorder's machine on the bus, and the file that it has written."""
+"""The recorder process: the recorder's machine on the bus, and its file."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -39,9 +39,9 @@ def run_recorder(
 
 
 class RecorderFile:
-    """Carries out what a recorder's machine asks for besides the bus: opens, writes and closes the recording.
+    """Carries out the effects of a recorder's machine on the file: opens, writes and closes the recording.
 
-    Left by an error while it is open, the recording says by which.
+    If an error leaves the context while the file is open, the recording's end names the error.
     """
 
     def __init__(self, plan: Plan, boot: str, path: Path, attachments: Sequence[Attachment] = ()) -> None:

@@ -1,1 +1,1 @@
-"""The router: the hub that every other process of a run is a client of."""
+"""The router: the hub of a run; every other process is its client."""

@@ -1,4 +1,4 @@
-"""The router process: a Zenoh session in router mode that knows which scenario is run through it."""
+"""The router process: a Zenoh session in router mode that knows the scenario of the run."""
 
 from dynpf_protocol.keys import ROUTER
 from dynpf_runtime.bus.edge import drive, new_boot
@@ -10,9 +10,9 @@ __all__ = ["run_router"]
 
 
 def run_router(scenario: str, endpoint: str, stop: StopSignal, *, quiet: bool) -> None:
-    """Be the hub at ``endpoint`` until the run of ``scenario``, a resolved one, has ended and everybody has left.
+    """Route at ``endpoint`` until the run of the resolved ``scenario`` has ended and all processes have left.
 
-    Raises UsageError if it cannot listen there, BrokenOffError if everybody left before the run was recorded.
+    Raises UsageError if it cannot listen there, BrokenOffError if all left before the run was recorded.
     """
     with open_router(endpoint) as bus:
         if not quiet:

@@ -1,1 +1,1 @@
-"""Scenarios: what a file says, its files and code, and the plan and nodes that are made of it."""
+"""Scenarios: reading and checking them, their files and user code, and building plan and nodes from them."""

@@ -1,4 +1,4 @@
-"""From a scenario to the plan of its run, and to its nodes."""
+"""Builds the plan of a run, and its nodes, from a scenario."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -24,19 +24,19 @@ __all__ = ["build_node", "build_nodes", "plan_of"]
 
 
 def plan_of(scenario: Scenario) -> Plan:
-    """Return the plan of a run, as the runtime takes it; no node is built.
+    """Return the plan of a run; no node is built.
 
-    Raises ScenarioError where nodes do not fit each other, or a fault lies on a way that nothing takes.
+    Raises ScenarioError if nodes do not fit each other, or a fault concerns a topic that its node does not read.
     """
     graph = Graph(in_tick_order(_specs(scenario), _stages(scenario)))
     _check_writers(graph)
     for name, remap in scenario.remaps.items():
         _check_remap(graph, name, remap)
-    for place, fault in enumerate(scenario.faults):
+    for index, fault in enumerate(scenario.faults):
         reads = graph.specs[fault.to].reads
         if fault.topic not in reads:
-            known = ", ".join(sorted(reads))
-            raise ScenarioError(f"faults.{place}.topic: {fault.to} does not read {fault.topic}; it reads {known}")
+            listed = ", ".join(sorted(reads))
+            raise ScenarioError(f"faults.{index}.topic: {fault.to} does not read {fault.topic}; it reads {listed}")
     return Plan(
         graph=graph,
         seed=scenario.seed,
@@ -54,13 +54,13 @@ def plan_of(scenario: Scenario) -> Plan:
 def build_nodes(scenario: Scenario) -> dict[str, Node]:
     """Return the nodes of a run by name, in tick order, each in its first state.
 
-    Raises ScenarioError where a section does not fit the rest.
+    Raises ScenarioError if a section does not fit the rest.
     """
     return {name: spec.build() for name, spec in plan_of(scenario).graph.specs.items()}
 
 
 def build_node(scenario: Scenario, name: str) -> Node:
-    """Return one node of a run in its first state; raises ScenarioError where its section does not fit the rest."""
+    """Return one node of a run in its first state; raises ScenarioError if its section does not fit the rest."""
     for spec in _specs(scenario):
         if spec.name == name:
             return spec.build()
@@ -85,7 +85,7 @@ def _specs(scenario: Scenario) -> list[NodeSpec]:
 
 
 def _identity(context: Context) -> str:
-    """Return what tells a node's kind from others: of the user's, the class."""
+    """Return a name of the node's kind: the import string, or the class for a user node."""
     config = context.scenario.nodes[context.name]
     return config.name if isinstance(config, UserComponent) else context.scenario.kinds[context.name]
 
@@ -96,7 +96,7 @@ def _names(context: Context) -> "_Names":
 
 
 def _writes(context: Context) -> dict[str, Topic]:
-    """Return the topics that a node writes, by its own names for them."""
+    """Return the topics that a node writes, by the node's own names for them."""
     scenario, names = context.scenario, _names(context)
     try:
         declared = node_kind(scenario.kinds[context.name]).writes(scenario.nodes[context.name], context)
@@ -109,11 +109,11 @@ def _writes(context: Context) -> dict[str, Topic]:
 
 
 def _reads(context: Context, written: Sequence[Topic]) -> dict[str, str]:
-    """Return the node's own name for each topic that it reads; of a type, all that its robot's nodes write."""
+    """Return the node's own name for each topic that it reads; a type stands for all topics of its robot with it."""
     scenario, names = context.scenario, _names(context)
     found: dict[str, str] = {}
     declared = node_kind(scenario.kinds[context.name]).reads(scenario.nodes[context.name], context)
-    for own in sorted(declared, key=str):  # whatever the order of a set, in every process the same
+    for own in sorted(declared, key=str):  # sets have another order in every process
         if isinstance(own, str):
             topic = names.topic(own)
             if topic in found:
@@ -126,10 +126,10 @@ def _reads(context: Context, written: Sequence[Topic]) -> dict[str, str]:
 
 
 class _Names:
-    """The topics that a node's own names for them stand for.
+    """Translates a node's own names for topics to topics.
 
-    A node names its topics as if it were the only one of its kind and of the run: ``estimator/state``. That of a node
-    ``other`` is ``other/state``, and within the namespace of a robot it begins with the robot's name.
+    A node names its topics as if it were the only one of its kind in the run: ``estimator/state``. For a node ``other``
+    that is the topic ``other/state``, and in the namespace of a robot the topic begins with the robot's name.
     """
 
     def __init__(self, node: str, usual: str, remap: Mapping[str, str]) -> None:
@@ -138,6 +138,7 @@ class _Names:
         self.namespace = namespace + slash
 
     def topic(self, own: str) -> str:
+        """Return the topic of the node's own name."""
         if own in self._remap:
             return self._remap[own]
         first, slash, rest = own.partition("/")
@@ -153,7 +154,7 @@ class _Names:
 
 
 _SHARED = frozenset({"log"})
-"""Topics that all nodes of a run send on."""
+"""Topics that all nodes of a run write."""
 
 
 def _built(context: Context, written: Sequence[Topic]) -> Node:
@@ -170,13 +171,13 @@ def _built(context: Context, written: Sequence[Topic]) -> Node:
 
 
 def _stages(scenario: Scenario) -> dict[str, int | None]:
-    """Return where in a tick each node takes its turn by its kind; None for a user's own."""
+    """Return the stage of each node in a tick by its kind; None for user nodes."""
     sections = {name: section_of(text) for name, text in scenario.kinds.items()}
     return {name: NODES.index(section) if section in NODES else None for name, section in sections.items()}
 
 
 def _check_writers(graph: Graph) -> None:
-    """Raise ScenarioError where two nodes write one topic, or one that is the log's or a host's."""
+    """Raise ScenarioError if two nodes write one topic, or one writes a topic of the log or of hosts."""
     writers: dict[str, str] = {}
     for spec in graph.specs.values():
         for row in spec.writes.values():
@@ -189,11 +190,11 @@ def _check_writers(graph: Graph) -> None:
                 raise ScenarioError(f"{key_of(spec.name)}: writes {row.name}, {which}")
             writers[row.name] = spec.name
             if first in {LOG_NODE, "event", "journal", "recorder", "diagnostics"}:
-                raise ScenarioError(f"{key_of(spec.name)}: writes {row.name}, which is not for nodes to write")
+                raise ScenarioError(f"{key_of(spec.name)}: writes {row.name}, which nodes must not write")
 
 
 def _check_remap(graph: Graph, name: str, remap: Mapping[str, str]) -> None:
-    """Raise ScenarioError for a topic of another name where the node has none of its own, or one of another type."""
+    """Raise ScenarioError for a remap of a name that the node does not have, or to a topic of another type."""
     spec, key = graph.specs[name], f"{key_of(name)}.remap"
     own_names = [*spec.writes, *spec.reads.values()]
     for own, topic in remap.items():
@@ -212,11 +213,11 @@ TOPIC_NAME = re.compile(r"[a-z][a-z0-9_]*(/[a-z0-9_]+)*")
 
 
 def _check_read(context: Context, written: Sequence[Topic]) -> None:
-    """Raise ScenarioError where nothing writes what a node cannot do without."""
+    """Raise ScenarioError if no node writes a topic that the node needs."""
     scenario, names = context.scenario, _names(context)
     needs = node_kind(scenario.kinds[context.name]).needs(scenario.nodes[context.name], context)
     for own, key in needs.items():
         what = names.topic(own) if isinstance(own, str) else own.__name__
-        known = (row.name if isinstance(own, str) else row.type for row in written)
-        if (what if isinstance(own, str) else own) not in known:
+        offered = (row.name if isinstance(own, str) else row.type for row in written)
+        if (what if isinstance(own, str) else own) not in offered:
             raise ScenarioError(f"{key_of(context.name)}.{key}: reads {what}, which no node of this run writes")

@@ -1,4 +1,4 @@
-"""What a node is built of: its name, the run's seed and tick, and what nodes share."""
+"""The context in which a node is built: its name, the run's seed and tick, and the tables that nodes share."""
 
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -21,7 +21,7 @@ T = TypeVar("T")
 class Context:
     """One node's view of its scenario.
 
-    ``once`` keeps what several nodes of a process share, such as a map, from being made more than once.
+    ``once`` makes objects that several nodes of a process share, such as a map, only once.
     """
 
     def __init__(self, scenario: "Scenario", name: str, shared: dict[str, Any] | None = None) -> None:
@@ -31,18 +31,20 @@ class Context:
 
     @property
     def seed(self) -> int:
+        """The run's seed."""
         return self.scenario.seed
 
     @property
     def tick_s(self) -> float:
+        """The source's period, s."""
         return self.scenario.tick_s
 
     def fact(self, key: str) -> Any:
-        """Return the table ``key`` that nodes share, None where the scenario has none."""
+        """Return the shared table ``key``, None if the scenario has none."""
         return self.scenario.facts.get(key)
 
     def opened(self, key: str) -> Any:
-        """Return what the table ``key`` stands for, such as the maps of [map]; None where the scenario has none."""
+        """Return what the shared table ``key`` describes, such as the maps of [map]; None if the scenario has none."""
         if key not in fact_names():
             raise ScenarioError(f"{self.name}: there is no table {key!r}; there are {', '.join(fact_names())}")
         if key not in self.scenario.facts:
@@ -51,28 +53,28 @@ class Context:
         return self.fact(key) if opened is None else opened(self)
 
     def surroundings(self) -> "list[tuple[Surroundings, Any]]":
-        """Return what tables of the run say of the world about a robot, each with its table."""
+        """Return the surroundings that shared tables describe, each with its table."""
         tables = ((fact_kind(key).surroundings, value) for key, value in self.scenario.facts.items())
         return [(world, value) for world, value in tables if world is not None and value is not None]
 
     def beside(self, node: str) -> Any:
-        """Return the configuration of another node of the same robot, None where there is none of that name."""
+        """Return the configuration of another node of the same robot by its name, or None."""
         namespace, slash, _ = self.name.rpartition("/")
         return self.scenario.nodes.get(namespace + slash + node)
 
     def user_class(self, name: str) -> type | None:
-        """Import a class of the user's; None for one that must not be imported.
+        """Import a user class and return it; None if it must not be imported.
 
-        Raises ScenarioError for one that is not there.
+        Raises ScenarioError if it does not exist.
         """
         user = next(user for user in self.scenario.user_classes if user.text == name)
         return find_class(user) if user.module in self.scenario.user_code else None
 
     def user_classes(self) -> dict[str, type]:
-        """Import the user's classes that the scenario names.
+        """Import the user classes that the scenario names, and return them by name.
 
-        Raises ScenarioError for one that is not there, and imports none whose module ``user_code`` lacks: those are of
-        a scenario out of a recording, and its reader has not allowed them.
+        Raises ScenarioError for a class that does not exist, and for one whose module is not in ``user_code``: it is
+        from the scenario of a recording, and its reader has not allowed it.
         """
         return self.once("classes", self._imported)
 
@@ -82,11 +84,11 @@ class Context:
         return {user.text: find_class(user) for user in named}
 
     def file(self, path: str, key: str) -> bytes:
-        """Return what is in a file that the scenario names; raises ScenarioError naming ``key`` if it is not there."""
+        """Return the content of a file that the scenario names; raises ScenarioError naming ``key`` if it is absent."""
         return self.scenario.file(path, key)
 
     def once(self, what: str, make: "Callable[[], T]") -> T:
-        """Return what ``make`` returns, made once for all nodes that are built together."""
+        """Return the result of ``make``, which is called once for all nodes that are built together."""
         if what not in self._shared:
             self._shared[what] = make()
         found: T = self._shared[what]

@@ -1,4 +1,4 @@
-"""The files that a scenario names: read once, known by their bare names and digests, and carried by recordings."""
+"""The files that a scenario names: read once, identified by bare name and digest, and attached to recordings."""
 
 import hashlib
 from collections.abc import Callable
@@ -12,15 +12,15 @@ from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.kinds import fact_kind, fact_names
 from dynpf_services.scenario.schema import File, Scenario
 
-__all__ = ["seen_from_here", "with_files"]
+__all__ = ["make_paths_absolute", "with_files"]
 
 
 def with_files(scenario: Scenario, where: str, read: Callable[[str, str], bytes]) -> Scenario:
-    """Return the scenario with the files that it names in it.
+    """Return the scenario with the content of the files that it names.
 
-    ``read`` gives a file by its path; it is told, too, which of ``scenario.paths`` led to it, for a map names its
-    image. In the result files go by their bare names, so that the same files in another folder make the same scenario;
-    by its bare name, a file is taken from the scenario if that holds it.
+    ``read`` returns a file by its path; its second argument is the entry of ``scenario.paths`` that led to it, because
+    a map names its image. The result has files by their bare names, so that the same files in another folder make the
+    same scenario. A bare name refers to a file that the scenario already holds, if there is one.
     Raises ScenarioError for a file that cannot be read or is no map.
     """
     held = {name: file.data for name, file in scenario.files.items() if file.data}
@@ -45,7 +45,7 @@ def with_files(scenario: Scenario, where: str, read: Callable[[str, str], bytes]
 
 
 def _taken(key: str, value: Any, where: str, take: Callable[[str, str], bytes]) -> Any:
-    """Return a shared table whose files have been taken, with their bare names."""
+    """Take the files of a shared table, and return it with their bare names."""
     kind = fact_kind(key)
     for path in kind.files(value):
         named = f"{where}: {key}{kind.key}"
@@ -58,13 +58,13 @@ def _taken(key: str, value: Any, where: str, take: Callable[[str, str], bytes]) 
     return kind.bare(value)
 
 
-def seen_from_here(raw: dict[str, Any], override: str) -> None:
-    """Make the paths in a list of files that an override gives absolute: they are seen from the current folder."""
+def make_paths_absolute(raw: dict[str, Any], override: str) -> None:
+    """Make the paths that an override sets in a list of files absolute: they are relative to the current folder."""
     key = override.partition("=")[0]
     name = key.partition(".")[0]
     paths = raw.get(name)
     if name in fact_names() and fact_kind(name).listed and isinstance(paths, list):
         which = range(len(paths)) if key == name else [int(key.removeprefix(f"{name}."))]
-        for place in which:
-            if isinstance(paths[place], str):
-                paths[place] = str(Path(paths[place]).absolute())
+        for index in which:
+            if isinstance(paths[index], str):
+                paths[index] = str(Path(paths[index]).absolute())

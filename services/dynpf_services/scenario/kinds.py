@@ -1,7 +1,7 @@
-"""Kinds of nodes, and tables that nodes share: what a scenario may hold, by the names that it uses for them.
+"""The registry of node kinds and shared tables, by the names that scenarios use.
 
-Each system of nodes lists its own in a module of its own, by import strings: nothing of a system is loaded before a
-scenario names it, and nothing here knows one.
+Each system lists its own by import strings: no part of a system is loaded before a scenario names it, and this module
+knows none of them.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -12,7 +12,7 @@ from dynpf_formats.shipped import listed, load
 from dynpf_protocol.messages import Message
 from dynpf_protocol.topics import Topic
 
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 
 if TYPE_CHECKING:
     from dynpf_services.scenario.context import Context
@@ -37,19 +37,19 @@ KINDS = {
     ("sensors", "simulated"): "dynpf_services.sensors.simulated:KIND",
     ("sensors", "log"): "dynpf_services.sensors.log:KIND",
 }
-"""The kinds of nodes that belong to no system: they have the sensors of all."""
+"""The kinds of nodes that belong to no system: nodes with the sensors of all systems."""
 
 Take = Callable[[str, str], bytes]
-"""Gives a file: called with the path that the scenario names, and with the file's name seen from that path's folder."""
+"""Returns a file; arguments are the path in the scenario, and the file's name relative to that path's folder."""
 
 
 class NodeKind(NamedTuple):
     """A kind of node: how it is configured, which topics it reads and writes by its own names, and how it is built.
 
-    Of a type of messages, it reads all topics of the same robot that carry it. ``build`` is the import string of a
-    function of the configuration and the Context, loaded when a node is built.
-    ``needs`` are those topics of which one without a writer is an error, each with the key below the node's that asks
-    for it. ``problems`` yields what contradicts the rest of the scenario, each with its key.
+    A message type in ``reads`` stands for all topics of the same robot that carry it. ``build`` is the import string of
+    a function of the configuration and the Context, loaded when a node is built. ``needs`` has the topics that must
+    have a writer, each with the key in the node's table that requires it. ``problems`` yields contradictions to the
+    rest of the scenario, each with its key.
     """
 
     config: type
@@ -57,15 +57,15 @@ class NodeKind(NamedTuple):
     reads: Callable[[Any, "Context"], Iterable[str | type[Message]]]
     writes: Callable[[Any, "Context"], Iterable[str] | Mapping[str, Topic]]
     needs: Callable[[Any, "Context"], Mapping[str | type[Message], str]] = lambda _config, _context: {}
-    plays_log: bool = False  # it is the source of a run that plays an imported log
+    plays_log: bool = False  # whether it is the source of a run that plays an imported log
     problems: Callable[[Any, "Context"], Iterator[str]] = lambda _config, _context: iter(())
 
 
 class Surroundings(NamedTuple):
-    """What a table says of the world that a robot is in, as far as a sensor's beams meet it.
+    """The obstacles around a robot that a table describes, for simulated beams.
 
-    ``walls`` returns those of the table, (S, 4), x1, y1, x2 and y2; ``discs`` what stands about by a message of the
-    true state, (D, 3), x, y and radius; metres.
+    ``walls`` returns the walls of the table, (S, 4): x1, y1, x2 and y2; ``discs`` the discs in a message of the true
+    state, (D, 3): x, y and radius; metres.
     """
 
     walls: Callable[[Any], FloatArray]
@@ -75,11 +75,11 @@ class Surroundings(NamedTuple):
 
 
 class FactKind(NamedTuple):
-    """A table that nodes share, such as a map: its type, and the files that it names.
+    """A kind of shared table, such as a map: its type, and the files that it names.
 
-    ``take`` takes one of ``files`` and whatever it names; it raises OSError for one that cannot be read, ValueError for
-    one that is not what it should be. ``bare`` returns the table with the bare names of its files. ``check`` raises
-    ScenarioError once all files are there, ``problems`` yields what contradicts the rest of the scenario.
+    ``take`` reads one of ``files`` and the files that it names; it raises OSError for one that cannot be read,
+    ValueError for an invalid one. ``bare`` returns the table with the bare names of its files. ``check`` runs once all
+    files are read, and raises ScenarioError. ``problems`` yields contradictions to the rest of the scenario.
     """
 
     type: Any
@@ -89,29 +89,28 @@ class FactKind(NamedTuple):
     bare: Callable[[Any], Any] = lambda value: value
     check: Callable[["Context"], None] = lambda _context: None
     problems: Callable[[Any, "Scenario"], Iterator[str]] = lambda _value, _scenario: iter(())
-    opened: Callable[["Context"], Any] | None = None  # what it stands for; absent: itself
-    surroundings: Surroundings | None = None  # absent: it tells of none
+    opened: Callable[["Context"], Any] | None = None  # makes what the table describes; None: the table itself
+    surroundings: Surroundings | None = None  # None: it describes none
     key: str = ""  # below the table's own, at which a file is named
     listed: bool = False  # the table is a list of files
 
 
 def fact_names() -> Sequence[str]:
-    """Return the keys of the tables that nodes share."""
+    """Return the keys of shared tables."""
     return [name for facts in listed("FACTS") for name in facts]
 
 
 @cache
 def fact_kind(name: str) -> FactKind:
-    """Return what a shared table is, by its key; raises KeyError."""
+    """Return the kind of the shared table with this key, which is one of ``fact_names``."""
     found: FactKind = load(next(facts[name] for facts in listed("FACTS") if name in facts))
     return found
 
 
 def node_kinds(section: str | None) -> Mapping[str, str]:
-    """Return the import strings of the kinds of nodes by name: those of a section, without one those of all.
+    """Return the import strings of the kinds of nodes by name: those of a section, or of all without one.
 
-    A name that several sections have is called NAME_SECTION outside of them. A section with one kind alone has it
-    under the name "".
+    Without a section, a name that several sections have is NAME_SECTION. The only kind of a section has the name "".
     """
     found: dict[str, str] = {}
     listed = [(where, name, text) for (where, name), text in _kinds().items()]
@@ -132,8 +131,8 @@ def node_kind(text: str) -> NodeKind:
 
 
 def section_of(text: str) -> str:
-    """Return the section to which a kind of node belongs, by its import string; "" for a kind of the user's."""
-    return next((section for (section, _), known in _kinds().items() if known == text), "")
+    """Return the section to which a kind of node belongs, by its import string; "" for user nodes."""
+    return next((section for (section, _), kind in _kinds().items() if kind == text), "")
 
 
 @cache

@@ -1,7 +1,7 @@
-"""From a TOML file to a checked scenario.
+"""Loads and checks a scenario from a TOML file.
 
-Loading checks every key, type and range at once and says what is wrong in words: the file, the key, the value, what was
-expected, and the nearest known name.
+Loading checks every key, type and range, and reports each problem with the file, the key, the value, what was expected,
+and the nearest known name.
 """
 
 import errno
@@ -21,10 +21,10 @@ from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.topics import NODES
 
 from dynpf_services.scenario.context import Context
-from dynpf_services.scenario.files import seen_from_here, with_files
+from dynpf_services.scenario.files import make_paths_absolute, with_files
 from dynpf_services.scenario.kinds import fact_kind, fact_names, node_kind, node_kinds
 from dynpf_services.scenario.overrides import apply_override
-from dynpf_services.scenario.problems import explain, folded, nearest, one_of, unknown_keys
+from dynpf_services.scenario.problems import explain, folded, nearest, not_one_of, unknown_keys
 from dynpf_services.scenario.schema import LogFacts, RunTable, Scenario, key_of
 from dynpf_services.scenario.user_code import source_digests
 
@@ -41,10 +41,10 @@ SCENARIOS = Path(dynpf_scenarios.__path__[0])
 
 NODE_NAME = re.compile(r"[a-z][a-z0-9_]*(/[a-z][a-z0-9_]*)*")
 RESERVED = frozenset({"router", "recorder", "log", "event", "journal", "diagnostics", "truth", "camera"})
-"""First words of topics that are nobody's own, and the names of processes that are no nodes."""
+"""Names that no node may have: first parts of topics that belong to no node, and other processes."""
 
 ROBOT = "robot"
-"""The section whose tables stand for a node of each robot in ``robots``."""
+"""The section whose tables describe the nodes of each robot in ``robots``."""
 
 
 def scenario_files() -> list[Path]:
@@ -73,34 +73,34 @@ def load_scenario(
     clock: str | None = None,
     log: LogFacts | None = None,
 ) -> Scenario:
-    """Return the resolved scenario: the file, then what the log brings, then ``--set`` overrides, seed and clock.
+    """Return the resolved scenario: the file, then the facts of the log, then ``--set`` overrides, seed and clock.
 
     Raises ScenarioError that lists every problem found.
     """
     path = find_scenario(name)
     raw = _raw(path)
-    with _told_of(str(path)):
+    with _located(str(path)):
         raw = _with_tables(raw)
-    brought = log.map if log is not None and "map" not in raw else None
+    log_map = log.map if log is not None and "map" not in raw else None
     if log is not None:
         _take_from_log(raw, log)
     for override in overrides:
         apply_override(raw, override)
-        seen_from_here(raw, override)
-    with _told_of(str(path)):
+        make_paths_absolute(raw, override)
+    with _located(str(path)):
         raw = _with_robots(raw)
     if log is not None:
         for node, table in (*raw.items(), *raw.get("nodes", {}).items()):
-            _tell_filter(table, node.rpartition("/")[0], log)
+            _set_start(table, node.rpartition("/")[0], log)
     if seed is not None:
         raw["seed"] = seed
     if clock is not None:
         raw["clock"] = clock
 
     def read(name: str, named: str) -> bytes:
-        if log is None or named != brought:
+        if log is None or named != log_map:
             return (path.parent / name).read_bytes()
-        bare = PurePath(name).name  # the log's map, and the image that it names, are what came along with the log
+        bare = PurePath(name).name  # the log's map and the map's image are attached to the log
         if bare not in log.files:
             raise FileNotFoundError(errno.ENOENT, "the log has no such file attached")
         return log.files[bare]
@@ -121,7 +121,7 @@ def _raw(path: Path) -> dict[str, Any]:
 
 
 def override_resolved(resolved: str, overrides: Sequence[str], where: str) -> Scenario:
-    """Return the scenario that a recording carries, with overrides applied, but without the content of its files.
+    """Return the scenario of a recording with overrides applied, without the content of its files.
 
     Raises ScenarioError naming ``where``.
     """
@@ -129,7 +129,7 @@ def override_resolved(resolved: str, overrides: Sequence[str], where: str) -> Sc
         raw = json.loads(resolved)
         if not isinstance(raw, dict):
             raise ScenarioError(f"{where}: its scenario is a {type(raw).__name__}, expected a table of keys")
-        with _told_of(where):
+        with _located(where):
             raw = _with_tables(raw)
         for override in overrides:
             apply_override(raw, override)
@@ -141,12 +141,12 @@ def override_resolved(resolved: str, overrides: Sequence[str], where: str) -> Sc
 
 
 def with_user_code(scenario: Scenario, where: str, modules: Container[str] | None = None) -> Scenario:
-    """Return the scenario with the digests of the user's modules, which are imported when its nodes are built.
+    """Return the scenario with the digests of the user modules, which are imported when its nodes are built.
 
-    Of a scenario that somebody else has written, those among ``modules`` alone. Raises ScenarioError for a module that
-    is not there.
+    For a scenario from elsewhere, ``modules`` are those that may be imported. Raises ScenarioError for a module that
+    does not exist.
     """
-    named = [one for one in scenario.user_classes if modules is None or one.module in modules]
+    named = [user for user in scenario.user_classes if modules is None or user.module in modules]
     try:
         return msgspec.structs.replace(scenario, user_code=source_digests(named))
     except ScenarioError as error:
@@ -156,9 +156,9 @@ def with_user_code(scenario: Scenario, where: str, modules: Container[str] | Non
 def parse_scenario(raw: Mapping[str, Any], where: str) -> Scenario:
     """Return the scenario in ``raw``; raises ScenarioError naming ``where`` and every problem.
 
-    No file that it names is read, and no class of the user's looked for: ``user_code`` stays empty.
+    No file that it names is read, and no user class is imported: ``user_code`` stays empty.
     """
-    with _told_of(where):
+    with _located(where):
         layout = _layout({key: value for key, value in raw.items() if value is not None})
     info = msgspec.inspect.type_info(layout.type)
     table = folded(info, layout.raw)
@@ -180,8 +180,8 @@ def parse_scenario(raw: Mapping[str, Any], where: str) -> Scenario:
 
 
 @contextmanager
-def _told_of(where: str) -> Iterator[None]:
-    """Say of what is wrong with a scenario where it stands."""
+def _located(where: str) -> Iterator[None]:
+    """Prefix the lines of a ScenarioError with the file."""
     try:
         yield
     except ScenarioError as error:
@@ -194,7 +194,7 @@ def _raise(where: str, problems: Iterator[str] | Sequence[str]) -> None:
 
 
 class _Layout(NamedTuple):
-    """The type of one scenario, made for its nodes; ``fields`` are their attributes in it."""
+    """The struct type of one scenario, made for its nodes; ``fields`` are the attributes of the nodes in it."""
 
     type: type[msgspec.Struct]
     raw: dict[str, Any]
@@ -205,7 +205,7 @@ class _Layout(NamedTuple):
 
 
 def _layout(raw: dict[str, Any]) -> _Layout:
-    """Return the type that ``raw`` is to be converted to; raises ScenarioError for a kind or name that is none."""
+    """Return the type to which ``raw`` is converted; raises ScenarioError for an invalid kind or name."""
     raw, remaps = _without_remaps(_with_robots(_with_tables(raw)))
     facts = tuple(name for name in fact_names() if name in raw)
     kinds: dict[str, str] = {}
@@ -222,7 +222,7 @@ def _layout(raw: dict[str, Any]) -> _Layout:
     for name, table in raw.get("nodes", {}).items():
         if name in NODES or name in RESERVED or not NODE_NAME.fullmatch(name):
             expected = "lower-case letters, digits and _, from a letter on, with / after the name of a robot"
-            taken = f"; {name!r} stands for something else" if name in {*NODES, *RESERVED} else ""
+            taken = f"; {name!r} is reserved" if name in {*NODES, *RESERVED} else ""
             raise ScenarioError(f"nodes: {name!r} is no name for a node; expected {expected}{taken}")
         kinds[name], tables[name] = _kind(name, table, None)
         fields[name] = f"node_{len(further)}"
@@ -245,7 +245,7 @@ def _layout(raw: dict[str, Any]) -> _Layout:
 
 
 def _kind(name: str, table: Any, section: str | None) -> tuple[str, Any]:
-    """Return the import string of a node's kind, and its table as the kind's configuration takes it."""
+    """Return the import string of a node's kind, and its table in the form of the kind's configuration."""
     kinds = node_kinds(section)
     if isinstance(table, str):
         table = {"kind": table}
@@ -256,7 +256,7 @@ def _kind(name: str, table: Any, section: str | None) -> tuple[str, Any]:
     if not isinstance(table, dict):
         raise ScenarioError(f"{key}: {table!r}; expected a table, such as [{key}]")
     if not isinstance(kind, str) or kind not in kinds:
-        raise ScenarioError(f"{key}.kind: {one_of(kind or None, sorted(kinds))}")
+        raise ScenarioError(f"{key}.kind: {not_one_of(kind or None, sorted(kinds))}")
     text = kinds[kind]
     tag = node_kind(text).config.__struct_config__.tag  # type: ignore[attr-defined]
     given = {name: value for name, value in table.items() if name != "kind"}
@@ -264,7 +264,7 @@ def _kind(name: str, table: Any, section: str | None) -> tuple[str, Any]:
 
 
 def _with_tables(raw: dict[str, Any]) -> dict[str, Any]:
-    """Return ``raw`` with the tables of further nodes by name; a resolved scenario lists them, to keep their order."""
+    """Return ``raw`` with the tables of other nodes by name; a resolved scenario lists them to keep their order."""
     nodes = raw.get("nodes", {})
     if isinstance(nodes, dict):
         return raw
@@ -275,7 +275,7 @@ def _with_tables(raw: dict[str, Any]) -> dict[str, Any]:
 
 
 def _with_robots(raw: dict[str, Any]) -> dict[str, Any]:
-    """Return ``raw`` with a node for each robot in the place of the tables of [robot]."""
+    """Return ``raw`` with the tables of [robot] replaced by a node for each robot."""
     names, tables = raw.pop("robots", None), raw.pop(ROBOT, None)
     if names is None and tables is None:
         return raw
@@ -290,7 +290,7 @@ def _with_robots(raw: dict[str, Any]) -> dict[str, Any]:
 
 
 def _without_remaps(raw: dict[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str, str]]]:
-    """Return ``raw`` without what the nodes' tables say of other names for their topics, and that by node."""
+    """Return ``raw`` without the remaps in the nodes' tables, and the remaps by node."""
     remaps: dict[str, dict[str, str]] = {}
 
     def rest(name: str, table: Any) -> Any:
@@ -309,7 +309,7 @@ def _without_remaps(raw: dict[str, Any]) -> tuple[dict[str, Any], dict[str, dict
 
 
 def _take_from_log(raw: dict[str, Any], log: LogFacts) -> None:
-    """Fill in what the scenario leaves to the log: the map and the landmarks."""
+    """Fill in map and landmarks from the log if the scenario has none."""
     raw["log_digest"] = log.digest
     if log.landmarks:
         raw.setdefault("landmarks", [dict(landmark) for landmark in log.landmarks])
@@ -317,13 +317,13 @@ def _take_from_log(raw: dict[str, Any], log: LogFacts) -> None:
         raw.setdefault("map", {"kind": "occupancy", "file": log.map})
 
 
-def _tell_filter(table: Any, robot: str, log: LogFacts) -> None:
-    """Fill in where the filter of a robot starts, if its table is one's."""
+def _set_start(table: Any, robot: str, log: LogFacts) -> None:
+    """Fill in the start of a robot's filter from the log, if the table is that of a filter with a known start."""
     if not isinstance(table, dict) or table.get("kind") != "localization":
         return
-    start, known = table.get("start"), log.starts.get(robot)
-    if known is not None and isinstance(start, dict) and start.get("kind") == "known":
-        for key, value in zip(("x", "y", "theta"), known, strict=True):
+    start, pose = table.get("start"), log.starts.get(robot)
+    if pose is not None and isinstance(start, dict) and start.get("kind") == "known":
+        for key, value in zip(("x", "y", "theta"), pose, strict=True):
             start.setdefault(key, value)
 
 
@@ -340,15 +340,15 @@ def _contradictions(scenario: Scenario) -> Iterator[str]:
         yield from node_kind(scenario.kinds[name]).problems(config, Context(scenario, name))
     for key, value in scenario.facts.items():
         yield from fact_kind(key).problems(value, scenario)
-    for one in scenario.user_classes:
-        if not CLASS_NAME.fullmatch(one.text):
-            yield f"{one.key}: {one.text!r}; expected package.module:Name"
+    for user in scenario.user_classes:
+        if not CLASS_NAME.fullmatch(user.text):
+            yield f"{user.key}: {user.text!r}; expected package.module:Name"
 
 
 def _faulty_faults(scenario: Scenario) -> Iterator[str]:
     first: dict[tuple[str, str], int] = {}
-    for place, fault in enumerate(scenario.faults):
-        if first.setdefault((fault.topic, fault.to), place) != place:
-            yield f"faults.{place}: {fault.topic} to {fault.to} stands in faults.{first[fault.topic, fault.to]} already"
+    for index, fault in enumerate(scenario.faults):
+        if first.setdefault((fault.topic, fault.to), index) != index:
+            yield f"faults.{index}: {fault.topic} to {fault.to} stands in faults.{first[fault.topic, fault.to]} already"
         if fault.to not in scenario.nodes:
-            yield f"faults.{place}.to: {fault.to!r} is not a node of this run{nearest(fault.to, [*scenario.nodes])}"
+            yield f"faults.{index}.to: {fault.to!r} is not a node of this run{nearest(fault.to, [*scenario.nodes])}"

@@ -1,4 +1,4 @@
-"""Overrides on the command line: ``--set key=value`` changes one key of a scenario before it is checked."""
+"""Overrides of the command line: ``--set key=value`` changes one key of a scenario before it is checked."""
 
 import json
 import tomllib
@@ -7,11 +7,11 @@ from typing import Any
 
 from dynpf_protocol.errors import ScenarioError
 
-__all__ = ["apply_override", "overrides_of"]
+__all__ = ["apply_override", "overrides_of", "value_of"]
 
 
 def overrides_of(settings: Mapping[str, Any]) -> list[str]:
-    """Return the overrides that set keys to values of Python's; raises ScenarioError for what TOML has no word for."""
+    """Return the overrides that set keys to Python values; raises ScenarioError for a value that TOML does not have."""
     return [f"{key}={_toml(key, value)}" for key, value in settings.items()]
 
 
@@ -31,15 +31,20 @@ def _toml(key: str, value: Any) -> str:
     raise ScenarioError(f"{key}: {value!r} is a {type(value).__name__}; expected a number, a text, a list or a table")
 
 
+def value_of(text: str) -> Any:
+    """Return the value of ``key=text``: a value in TOML, or else the text itself."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
 def apply_override(raw: dict[str, Any], override: str) -> None:
-    """Set one key of ``raw``; raises ScenarioError for what is no key=value, or leads into a value without keys."""
+    """Set one key of ``raw``; raises ScenarioError unless it is key=value and its parent is a table or a list."""
     key, equals, text = override.partition("=")
     if not equals or not key:
         raise ScenarioError(f"--set {override}: expected key=value, such as estimator.n=500")
-    try:
-        value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        value = text
+    value = value_of(text)
     *parents, last = key.split(".")
     table: Any = raw
     for depth, name in enumerate(parents, start=1):

@@ -1,11 +1,11 @@
-"""The log that a run plays: an imported recording, or what a recorded run had played of one."""
+"""The log that a run plays: an imported recording, or the part of one in a recorded run."""
 
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
-from dynpf_formats.recording.attachments import FOLDER, is_file
+from dynpf_formats.recording.attachments import LANDMARKS, files_of
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import Recording, read_recording
 from dynpf_protocol.codec import decode
@@ -19,47 +19,51 @@ from dynpf_services.scenario.schema import LogFacts
 
 __all__ = ["PlayedLog", "log_records"]
 
-LANDMARKS = "landmarks.json"
-
 
 class PlayedLog:
-    """The records of an imported log, what they bring to a scenario, and what is attached to it.
+    """The records of an imported log, its facts for a scenario, and its attachments.
 
-    Raises RecordingError for a file that cannot be read, UsageError for one that is no imported log.
+    Raises RecordingError for a file that cannot be read, UsageError if it is no imported log.
     """
 
     def __init__(self, path: Path) -> None:
         recording = read_recording(path)
         self.path = path
         self.records = log_records(recording)
-        if not any(topic(one.topic).wakes for one in self.records):
+        if not any(topic(record.topic).wakes for record in self.records):
             raise UsageError(f"{path}: holds no sensor records of an imported log; dynpf import makes such a recording")
         self.attachments = recording.attachments
-        landmarks = [one.data for one in recording.attachments if one.name == LANDMARKS]
+        landmarks = [attachment.data for attachment in recording.attachments if attachment.name == LANDMARKS]
         self.facts = LogFacts(
             digest=content_digest(recording),
             landmarks=_landmarks(path, landmarks[0]) if landmarks else [],
             starts=_starts(self.records),
-            files={one.name.removeprefix(FOLDER): one.data for one in recording.attachments if is_file(one)},
+            files=files_of(recording.attachments),
         )
 
 
 def log_records(recording: Recording) -> list[LogRecord]:
-    """Return the records of an imported log, or those that a run of one played, in file order."""
-    return [LogRecord(one.topic, one.stamp_ns, one.payload) for one in recording.messages() if one.node == LOG_NODE]
+    """Return the records of an imported log, or those in the recording of a run that played one, in file order."""
+    return [
+        LogRecord(record.topic, record.stamp_ns, record.payload)
+        for record in recording.messages()
+        if record.node == LOG_NODE
+    ]
 
 
 def _starts(records: list[LogRecord]) -> dict[str, tuple[float, float, float]]:
-    """Return where each robot is at its first record, by its name: "" for one without."""
+    """Return each robot's pose at its first record, by name; "" for a robot without a name."""
     robots = sorted({record.topic.rpartition("log/")[0].removesuffix("/") for record in records})
     return {robot: pose for robot in robots if (pose := _start(records, robot)) is not None}
 
 
 def _start(records: list[LogRecord], robot: str) -> tuple[float, float, float] | None:
-    """Return where a robot is at the first record: its first reference pose, less what odometry moved till then."""
+    """Return a robot's pose at its first record: its first reference pose minus the odometry's motion until then."""
     first = last = None
     topics = {f"{robot}/{name}".removeprefix("/") for name in ("log/odometry_pose", "log/truth")}
-    for record in (one for one in records if one.topic in topics):
+    for record in records:
+        if record.topic not in topics:
+            continue
         match decode(record.topic, record.payload):
             case OdometryPose(x=x, y=y, theta=theta):
                 last = np.array([x, y, theta])

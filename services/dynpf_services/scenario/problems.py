@@ -1,4 +1,4 @@
-"""What is wrong with a scenario, in words: the key, the value, what was expected, and the nearest known name."""
+"""Error texts for scenarios: the key, the value, what was expected, and the nearest known name."""
 
 import difflib
 import json
@@ -10,14 +10,14 @@ import msgspec
 
 from dynpf_services.scenario.user_component import UserComponent
 
-__all__ = ["explain", "folded", "nearest", "one_of", "unfolded", "unknown_keys"]
+__all__ = ["explain", "folded", "nearest", "not_one_of", "unfolded", "unknown_keys"]
 
 
 def folded(info: Any, value: Any) -> Any:
-    """Return ``value`` as msgspec takes it.
+    """Return ``value`` in the form that msgspec converts, with short forms expanded.
 
-    A table whose kind is a user's class becomes a UserComponent; where tables of different kinds may stand, the kind
-    alone is a table of nothing else; and where a list of such is expected, one alone is a list of one.
+    A table whose kind is a user class becomes a UserComponent. If tables of different kinds are allowed, a kind alone
+    becomes a table; if a list of such tables is expected, a single one becomes a list.
     """
     match info, value:
         case msgspec.inspect.Metadata(), _:
@@ -25,13 +25,13 @@ def folded(info: Any, value: Any) -> Any:
         case msgspec.inspect.StructType(), dict() if info.cls is UserComponent:
             return _component(value)
         case msgspec.inspect.UnionType(), dict():
-            structs = [one for one in info.types if isinstance(one, msgspec.inspect.StructType)]
+            structs = [choice for choice in info.types if isinstance(choice, msgspec.inspect.StructType)]
             kind = value.get("kind")
-            if isinstance(kind, str) and ":" in kind and any(one.cls is UserComponent for one in structs):
+            if isinstance(kind, str) and ":" in kind and any(choice.cls is UserComponent for choice in structs):
                 return _component(value)
-            chosen = [one for one in structs if one.tag is None or one.tag == kind]
+            chosen = [choice for choice in structs if choice.tag is None or choice.tag == kind]
             return folded(chosen[0], value) if chosen else value
-        case msgspec.inspect.UnionType(), str() if any(_tagged(one) for one in info.types):
+        case msgspec.inspect.UnionType(), str() if any(_tagged(choice) for choice in info.types):
             return folded(info, {"kind": value})
         case msgspec.inspect.StructType(), dict():
             fields = {field.encode_name: field.type for field in info.fields}
@@ -53,7 +53,7 @@ def _tagged(info: Any) -> bool:
 
 
 def unfolded(value: Any) -> Any:
-    """Return the tables of user's classes as they stand in a scenario file."""
+    """Return ``value`` with the tables of user classes as in a scenario file."""
     if isinstance(value, list | tuple):
         return [unfolded(child) for child in value]
     if not isinstance(value, dict):
@@ -64,15 +64,15 @@ def unfolded(value: Any) -> Any:
 
 
 def unknown_keys(info: Any, value: Any, path: str) -> Iterator[str]:
-    """Yield every key below ``path`` that its table does not have, and every word that is none of those expected."""
+    """Yield a text for every unknown key below ``path``, and for every value that is none of the expected ones."""
     if isinstance(info, msgspec.inspect.Metadata):
         info = info.type
     if isinstance(info, msgspec.inspect.UnionType) and isinstance(value, dict):
-        structs = [one for one in info.types if isinstance(one, msgspec.inspect.StructType)]
-        chosen = [one for one in structs if one.tag is None or one.tag == value.get("kind")]
+        structs = [choice for choice in info.types if isinstance(choice, msgspec.inspect.StructType)]
+        chosen = [choice for choice in structs if choice.tag is None or choice.tag == value.get("kind")]
         if structs and not chosen:
-            tags = [str(one.tag) for one in structs]
-            yield f"{path}.kind: {one_of(value.get('kind'), tags)}"
+            tags = [str(choice.tag) for choice in structs]
+            yield f"{path}.kind: {not_one_of(value.get('kind'), tags)}"
         elif chosen:
             yield from unknown_keys(chosen[0], value, path)
     elif isinstance(info, msgspec.inspect.StructType) and isinstance(value, dict):
@@ -85,29 +85,29 @@ def unknown_keys(info: Any, value: Any, path: str) -> Iterator[str]:
             elif key not in known:
                 yield f"{here}: unknown key{nearest(key, known)}"
     elif isinstance(info, msgspec.inspect.LiteralType) and value not in info.values:
-        yield f"{path}: {one_of(value, [str(one) for one in info.values])}"
+        yield f"{path}: {not_one_of(value, [*map(str, info.values)])}"
     elif isinstance(info, msgspec.inspect.VarTupleType) and isinstance(value, list):
-        for place, child in enumerate(value):
-            yield from unknown_keys(info.item_type, child, f"{path}.{place}")
+        for index, child in enumerate(value):
+            yield from unknown_keys(info.item_type, child, f"{path}.{index}")
 
 
-def one_of(value: Any, choices: Sequence[str]) -> str:
-    """Return that ``value`` is none of ``choices``, as the end of a sentence."""
+def not_one_of(value: Any, choices: Sequence[str]) -> str:
+    """Return the end of a sentence: that ``value`` is none of ``choices``."""
     given = "missing" if value is None else repr(value)
     close = difflib.get_close_matches(str(value), choices, n=1)
     return f"{given}; expected one of {', '.join(choices)}" + (f"; did you mean {close[0]!r}?" if close else "")
 
 
 def nearest(name: str, known: Sequence[str]) -> str:
-    """Return the known name that was probably meant, or all of them, as the end of a sentence."""
+    """Return the end of a sentence: the known name nearest to ``name``, or all known names."""
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     return f"; did you mean {close[0]!r}?" if close else f"; known: {', '.join(known)}" if known else ""
 
 
 def explain(error: msgspec.ValidationError, raw: Mapping[str, Any]) -> str:
-    """Return what msgspec found wrong with ``raw`` as key, value and what was expected."""
-    text, _, place = str(error).partition(" - at `$")
-    keys = re.findall(r"[^.\[\]`]+", place)
+    """Return msgspec's error about ``raw`` as a text with key, value and what was expected."""
+    text, _, where = str(error).partition(" - at `$")
+    keys = re.findall(r"[^.\[\]`]+", where)
     value: Any = raw
     for key in keys:
         try:

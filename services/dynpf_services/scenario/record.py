@@ -1,4 +1,4 @@
-"""A scenario run in this process, into a recording or before an observer, as studies, references and tests do it."""
+"""Runs a scenario in this process into a recording, for studies, references and tests."""
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -19,24 +19,26 @@ __all__ = ["Log", "LogContent", "check_log", "record_inline"]
 
 
 class Log(Protocol):
-    """What the sensors of a run play, and what of the log's attachments goes into the run's recording."""
+    """The log that the sensors of a run play, and its attachments for the run's recording."""
 
     @property
-    def records(self) -> Iterable[LogRecord]: ...
+    def records(self) -> Iterable[LogRecord]:
+        """The records in file order."""
 
     @property
-    def attachments(self) -> Sequence[Attachment]: ...
+    def attachments(self) -> Sequence[Attachment]:
+        """The attachments."""
 
 
 class LogContent(NamedTuple):
-    """A log by its content."""
+    """A log in memory."""
 
     records: Iterable[LogRecord] = ()
     attachments: Sequence[Attachment] = ()
 
 
 def check_log(scenario: Scenario, log: Path | None) -> None:
-    """Raise UsageError where the scenario plays a log and there is none, or the other way round."""
+    """Raise UsageError if the scenario plays a log and none is given, or the other way round."""
     if scenario.needs_log and log is None:
         raise UsageError("this scenario plays an imported log: give it with --log IN.mcap (dynpf import makes one)")
     if log is not None and not scenario.needs_log:
@@ -54,9 +56,9 @@ def record_inline(
 ) -> int:
     """Run ``scenario`` to its end into a new recording at ``path`` and return the number of ticks.
 
-    ``log`` is what the sensors play, if they play one. ``stopped`` is asked before each tick for a reason why it shall
-    be the last; else the recording says ``reason``. Raises what the nodes raise; the recording then holds what came
-    before, and says that it is incomplete.
+    ``log`` is the log that the sensors play, if any. ``stopped`` is called before each tick and returns a reason to
+    make it the last, or an empty text; the recording's end has that reason, or else ``reason``. Raises whatever the
+    nodes raise; the recording then holds everything before, and is marked as incomplete.
     """
     log = log or LogContent()
     plan = plan_of(scenario)

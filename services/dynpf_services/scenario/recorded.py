@@ -1,11 +1,11 @@
-"""What of a scenario travels in a recording beside its text, and how a scenario comes out of a recording again."""
+"""Scenarios in recordings: the attached files, and restoring a scenario from a recording."""
 
 import errno
 from collections.abc import Container, Iterable, Sequence
 from pathlib import Path
 
 import msgspec
-from dynpf_formats.recording.attachments import FOLDER, attached, is_file
+from dynpf_formats.recording.attachments import attached, files_of, is_file
 from dynpf_formats.recording.header import Attachment
 from dynpf_formats.recording.reader import Recording
 
@@ -17,29 +17,29 @@ __all__ = ["attachments_of", "recorded_scenario"]
 
 
 def attachments_of(scenario: Scenario, others: Iterable[Attachment] = ()) -> tuple[Attachment, ...]:
-    """Return what a recording of ``scenario`` has attached: the files that it names, and ``others``."""
+    """Return the attachments of a recording of ``scenario``: the files that it names, and ``others``."""
     named = [attached(name, file.data) for name, file in sorted(scenario.files.items())]
-    return (*(one for one in others if not is_file(one)), *named)
+    return (*(attachment for attachment in others if not is_file(attachment)), *named)
 
 
 def recorded_scenario(recording: Recording, overrides: Sequence[str] = (), allow_code: Container[str] = ()) -> Scenario:
-    """Return the scenario of a recording, ready to be run again.
+    """Return the scenario of a recording, ready to run again.
 
-    Files are the recording's attachments, whatever their paths say; of the disk only those are opened that
-    ``overrides`` name, and the images of such maps. Of the user's modules, those that ``allow_code`` names have the
-    digests in it that they have here and now; the others cannot be imported.
+    Its files are the recording's attachments, whatever their paths; only files that ``overrides`` name, and the images
+    of such maps, are read from disk. User modules that ``allow_code`` names get their present digests; others cannot
+    be imported.
 
-    Raises ScenarioError for an override that does not fit, for a file that did not come along, and for an allowed
-    module that is not there.
+    Raises ScenarioError for an override that does not fit, for a file that is not attached, and for an allowed module
+    that does not exist.
     """
     where, text = str(recording.path), recording.header.scenario
     recorded = override_resolved(text, (), where)
     scenario = override_resolved(text, overrides, where) if overrides else recorded
-    wished = {*scenario.paths} - {*recorded.paths}
-    contents = {one.name.removeprefix(FOLDER): one.data for one in recording.attachments if is_file(one)}
+    overridden = {*scenario.paths} - {*recorded.paths}
+    contents = files_of(recording.attachments)
 
     def read(path: str, named: str) -> bytes:
-        if named in wished and named not in contents:
+        if named in overridden and named not in contents:
             return Path(path).read_bytes()
         raise FileNotFoundError(errno.ENOENT, "the recording has no such file attached")
 

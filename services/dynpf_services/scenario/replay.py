@@ -1,4 +1,4 @@
-"""A recorded run executed again: each node by itself on its recorded inputs, or all of them anew from their source."""
+"""Executes a recorded run again: each node by itself on its recorded inputs, or the whole run from its source."""
 
 import json
 from collections.abc import Container, Iterator, Sequence
@@ -19,11 +19,11 @@ from dynpf_services.scenario.recorded import attachments_of, recorded_scenario
 from dynpf_services.scenario.schema import Scenario, key_of, resolved_json
 from dynpf_services.scenario.user_code import check_allowed
 
-__all__ = ["ChangedModule", "changed_code", "replay_nodes", "run_anew", "scenario_of_replay", "write_nodes"]
+__all__ = ["ChangedModule", "changed_code", "replay_nodes", "rerun", "scenario_of_replay", "write_nodes"]
 
 
 class ChangedModule(NamedTuple):
-    """A module of the user's whose source is another than that of the recorded run: both digests."""
+    """A user module whose source differs from that of the recorded run, with both digests."""
 
     module: str
     recorded: str
@@ -35,8 +35,8 @@ def scenario_of_replay(
 ) -> Scenario:
     """Return the scenario of a recording for a replay of one node, or of all.
 
-    Raises ScenarioError as ``recorded_scenario`` does, and for code that is not allowed; UsageError for a node that the
-    run did not have.
+    Raises ScenarioError as ``recorded_scenario`` does, and for user code that is not allowed; UsageError for a node
+    that is not in the run.
     """
     scenario = recorded_scenario(recording, overrides, allow_code)
     named = scenario.user_classes
@@ -49,7 +49,7 @@ def scenario_of_replay(
 
 
 def changed_code(recording: Recording, scenario: Scenario) -> Iterator[ChangedModule]:
-    """Yield the modules of the user's that are not those that the recorded run was made with."""
+    """Yield the user modules whose source has changed since the recorded run."""
     recorded = _recorded_digests(recording)
     for module, digest in scenario.user_code.items():
         if (then := recorded.get(module)) not in (None, digest):
@@ -57,24 +57,24 @@ def changed_code(recording: Recording, scenario: Scenario) -> Iterator[ChangedMo
 
 
 def _recorded_digests(recording: Recording) -> dict[str, str]:
-    """Return the digests of the user's modules with which the recorded run was made, by module."""
+    """Return the digests of the user modules of the recorded run, by module."""
     return dict(json.loads(recording.header.scenario).get("user_code", {}))
 
 
 def replay_nodes(recording: Recording, scenario: Scenario, node: str | None, *, keep: bool) -> list[Replayed]:
-    """Return what came of one node, or of each by itself; see ``replay_node``."""
+    """Replay one node, or each by itself, and return the results; see ``replay_node``."""
     plan = plan_of(scenario)
     return [replay_node(recording, plan, name, keep=keep) for name in ((node,) if node else plan.graph.nodes)]
 
 
 def write_nodes(recording: Recording, scenario: Scenario, outcomes: Sequence[Replayed], path: Path) -> None:
-    """Write the run with what nodes did now, which was kept, in the place of what they did then."""
+    """Write a recording of the run in which the kept results of replayed nodes replace the recorded ones."""
     recorded = _recorded_digests(recording)
-    # Of code that was not run now, the digest says with which the rest of the recording was made. It is told only: a
-    # scenario that held it would have it imported.
-    known = {one.module: digest for one in scenario.user_classes if (digest := recorded.get(one.module))}
-    told = msgspec.structs.replace(scenario, user_code={**known, **scenario.user_code})
-    plan = plan_of(scenario)._replace(text=resolved_json(told))
+    # Code that was not executed now keeps its recorded digest in the text alone: in the scenario itself it would allow
+    # the import.
+    unexecuted = {user.module: digest for user in scenario.user_classes if (digest := recorded.get(user.module))}
+    described = msgspec.structs.replace(scenario, user_code={**unexecuted, **scenario.user_code})
+    plan = plan_of(scenario)._replace(text=resolved_json(described))
     attachments = attachments_of(scenario, recording.attachments)
     topics, schemas = plan.graph.topics, recording.schemas
     with RecordingWriter(path, run_header(plan), attachments, topics=topics, schemas=schemas) as writer:
@@ -83,14 +83,14 @@ def write_nodes(recording: Recording, scenario: Scenario, outcomes: Sequence[Rep
         writer.close(complete=whole, reason=f"replayed from {recording.path.name}")
 
 
-def run_anew(recording: Recording, scenario: Scenario, path: Path) -> None:
-    """Record the whole run anew from its source, with the settings of ``scenario``.
+def rerun(recording: Recording, scenario: Scenario, path: Path) -> None:
+    """Run the whole run again from its source into a new recording, with the settings of ``scenario``.
 
-    Raises UsageError for a realtime run, and what the nodes raise.
+    Raises UsageError for a realtime run, and whatever the nodes raise.
     """
     if scenario.clock != "lockstep":
         raise UsageError(
-            "a realtime run cannot be run anew from its source; choose --node to change one node's settings"
+            "a realtime run cannot be run again from its source; choose --node to change one node's settings"
         )
     log = LogContent(log_records(recording), recording.attachments)
     record_inline(scenario, path, log, reason=f"run anew from {recording.path.name}")

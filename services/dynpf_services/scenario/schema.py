@@ -1,10 +1,10 @@
-"""A scenario: the description of a whole run, as it stands once a TOML file has been read and checked.
+"""A scenario: the description of a whole run, read from a TOML file and checked.
 
-The resolved scenario, defaults and seed included, is what processes compare when they meet and what a recording
-carries.
+Processes of a run compare the resolved scenario, defaults and seed included, and recordings hold it.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import PurePosixPath
 from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
@@ -14,6 +14,7 @@ from dynpf_protocol.topics import NODES
 from dynpf_runtime.faults import Fault
 from msgspec import Meta
 
+from dynpf.types import Count, Positive
 from dynpf_services.scenario.kinds import fact_kind, fact_names, node_kinds
 from dynpf_services.scenario.problems import unfolded
 from dynpf_services.scenario.user_component import UserComponent
@@ -22,43 +23,43 @@ __all__ = ["File", "LogFacts", "RunTable", "Scenario", "key_of", "resolved_json"
 
 
 class File(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """A file that a scenario names: what is in it. A recording carries the content as an attachment."""
+    """A file that a scenario names. A recording has its content as an attachment."""
 
     sha256: str
     data: bytes = b""
 
 
 class RunTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The keys of a scenario that are the run's own; its other keys are tables of nodes, and tables that they share."""
+    """The keys of a scenario that concern the run; its other keys are tables of nodes, and tables that they share."""
 
     title: str
     seed: Annotated[int, Meta(ge=0, le=2**62)] = 1
     clock: Literal["lockstep", "realtime"] = "lockstep"
-    # How many times as fast as its own time the run goes on the bus; absent: in lockstep as fast as it can, else once.
-    # In lockstep the results are the same whatever it is.
-    rate: Annotated[float, Meta(gt=0.0)] | None = None
+    # Speed of the run on the bus: logical time over wall-clock time; absent: as fast as possible in lockstep, else 1.
+    # In lockstep the results do not depend on it.
+    rate: Positive | None = None
     tick_s: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.05  # the source's period
-    max_ticks: Annotated[int, Meta(ge=1)] = 1_000_000  # the run ends here though nobody has finished it
-    needs_log: bool = False  # the sensors process plays an imported log
+    max_ticks: Count = 1_000_000  # the run ends here at the latest
+    needs_log: bool = False  # whether the sensors play an imported log
     log_digest: str = ""  # content digest of that log, filled in when it is given
-    state_digest_ticks: Annotated[int, Meta(ge=1)] = 10  # a digest of each node's state every so many steps
+    state_digest_ticks: Count = 10  # steps between two digests of a node's state
     files: dict[str, File] = {}  # the files that it names, with their SHA-256, filled in when they are read
-    # Modules of your own that it names, with a SHA-256 of their source: filled in, whatever a file says here. What is
-    # not in it is not imported.
+    # Modules of your own that it names, with a SHA-256 of their source: filled in, whatever a file says here. Other
+    # modules are not imported.
     user_code: dict[str, str] = {}
     faults: tuple[Fault, ...] = ()
 
 
 class Scenario(RunTable, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A whole run: its own keys, the tables that nodes share by key, and each node's configuration by its name."""
+    """A whole run: the run's keys, the shared tables by key, and each node's configuration by name."""
 
     facts: dict[str, Any] = {}
-    nodes: dict[str, Any] = {}  # in the order in which they are declared; the graph has them in tick order
+    nodes: dict[str, Any] = {}  # in the declared order; the graph has them in tick order
     kinds: dict[str, str] = {}  # node -> import string of its kind
     remaps: dict[str, dict[str, str]] = {}  # node -> its own name for a topic -> the topic
 
     def __getattr__(self, name: str) -> Any:
-        """Return the configuration of a node, or a shared table, by its name; None where the run has none of it."""
+        """Return the configuration of a node, or a shared table, by its name; None if the run has none."""
         if name in NODES or name in self.nodes:
             return self.nodes.get(name)
         if name in fact_names():
@@ -66,9 +67,9 @@ class Scenario(RunTable, frozen=True, forbid_unknown_fields=True, kw_only=True):
         raise AttributeError(f"a scenario has no {name!r}")
 
     def changed(self, **tables: Any) -> "Scenario":
-        """Return the scenario with other values of its own keys, of shared tables, and of its nodes.
+        """Return the scenario with other values of the run's keys, of shared tables, and of nodes.
 
-        A node stays of the kind that it was; None takes it out of the run. Raises TypeError for what is no key of it.
+        A node keeps its kind; None removes it from the run. Raises TypeError for an unknown key.
         """
         own = {name: value for name, value in tables.items() if name in RunTable.__struct_fields__}
         nodes = {**self.nodes, **{name: value for name, value in tables.items() if name in self.nodes}}
@@ -84,7 +85,7 @@ class Scenario(RunTable, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def user_classes(self) -> tuple[UserClass, ...]:
-        """The user's classes that it names, by key."""
+        """The user classes that it names, each with its key."""
         found = []
         for node, config in self.nodes.items():
             for key, name in named_classes(config, key_of(node)):
@@ -94,26 +95,27 @@ class Scenario(RunTable, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """The files that it names, as it names them."""
+        """The paths of the files that it names."""
         return tuple(path for key, value in self.facts.items() for path in fact_kind(key).files(value))
 
     @property
     def tick_ns(self) -> int:
+        """The source's period, ns."""
         return round(self.tick_s * 1e9)
 
     def file(self, path: str, key: str) -> bytes:
-        """Return what is in a file that it names, which has been read with it; raises ScenarioError naming ``key``."""
-        file = self.files.get(path.rpartition("/")[2])
+        """Return the content of a file that it names; raises ScenarioError naming ``key`` if it was not read."""
+        file = self.files.get(PurePosixPath(path).name)
         if file is None or not file.data:
             raise ScenarioError(f"{key}: the content of {path} did not come along with the scenario")
         return file.data
 
 
 class LogFacts(NamedTuple):
-    """What an imported log brings to a scenario.
+    """Facts of an imported log that a scenario takes over.
 
-    Its content digest, its landmarks, the reference pose at its start by the robot's name ("" if there is one alone),
-    and the files of its map by their names.
+    Its content digest, its landmarks, the reference pose at its start by the robot's name ("" if there is only one),
+    and the files of its map by name.
     """
 
     digest: str
@@ -128,12 +130,12 @@ class LogFacts(NamedTuple):
 
 
 def key_of(node: str) -> str:
-    """Return the key of a scenario at which a node's table stands."""
+    """Return the key of a node's table in a scenario."""
     return node if node in NODES else f"nodes.{node}"
 
 
 def named_classes(value: Any, key: str) -> Iterable[tuple[str, str]]:
-    """Yield the user's classes that a table names, each with its key."""
+    """Yield the user classes that a table names, each with its key."""
     match value:
         case UserComponent(name=name):
             yield f"{key}.kind", name
@@ -141,18 +143,18 @@ def named_classes(value: Any, key: str) -> Iterable[tuple[str, str]]:
             for field in value.__struct_fields__:
                 yield from named_classes(getattr(value, field), f"{key}.{field}")
         case tuple() | list():
-            for place, item in enumerate(value):
-                yield from named_classes(item, f"{key}.{place}")
+            for index, item in enumerate(value):
+                yield from named_classes(item, f"{key}.{index}")
 
 
 def resolved_json(scenario: Scenario) -> str:
-    """Return the scenario with all its defaults as JSON text with sorted keys; of files, the digests alone."""
+    """Return the scenario with all its defaults as JSON text with sorted keys, and files by their digests alone."""
     files = {name: File(sha256=file.sha256) for name, file in scenario.files.items()}
     return whole_json(msgspec.structs.replace(scenario, files=files))
 
 
 def whole_json(scenario: Scenario) -> str:
-    """Return the resolved scenario with the content of its files: what another process needs to run it."""
+    """Return the resolved scenario as JSON with the content of its files, for another process to run it."""
     own = {field: getattr(scenario, field) for field in RunTable.__struct_fields__}
     tables = {name: _table(scenario, name) for name in scenario.nodes}
     shipped = {name: table for name, table in tables.items() if name in NODES}
@@ -162,9 +164,9 @@ def whole_json(scenario: Scenario) -> str:
 
 
 def _table(scenario: Scenario, name: str) -> dict[str, Any]:
-    """Return a node's table as it stands in a scenario file."""
+    """Return a node's table in the form of a scenario file."""
     table = _builtin(scenario.nodes[name])
-    kind = next((known for known, text in node_kinds(None).items() if text == scenario.kinds[name]), None)
+    kind = next((kind for kind, text in node_kinds(None).items() if text == scenario.kinds[name]), None)
     named = {} if name in NODES or kind is None else {"kind": kind}
     remap = scenario.remaps.get(name)
     return {**table, **named, **({"remap": remap} if remap else {})}

@@ -1,10 +1,11 @@
-"""A user's own classes, which a scenario names as ``package.module:Name``: where they are, and which source it is.
+"""User classes, which a scenario names as ``package.module:Name``: finding, importing and digesting them.
 
-They are found beside the scenario's file, in folders that the command line names, or on the Python path; always behind
-all that is installed, so that no file of the user's can take the place of one of ours. A recording carries no code: it
-names the modules and a digest of each one's source, so that a replay can tell whether it has the same.
-To import a module is to run it. So nothing here is called for what a recording names, unless its reader has allowed the
-module by name; and this is the only place that imports what a text names.
+They are found beside the scenario's file, in folders that the command line names, or on the Python path; always after
+all installed packages, so that no user file can shadow one of dynpf. A recording contains no code: it names the modules
+with a digest of each one's source, so that a replay can check whether it has the same.
+
+Importing a module executes it. So modules that a recording names are only imported if its reader has allowed them by
+name, and this is the only module that imports what a text names.
 """
 
 import difflib
@@ -26,9 +27,9 @@ T = TypeVar("T")
 
 
 def code_folders(code: Iterable[Path], scenario: str = "") -> list[Path]:
-    """Return the folders in which modules of the user's are looked for: ``code``, and that of a scenario's file.
+    """Return the folders that are searched for user modules: ``code``, and that of a scenario's file.
 
-    Raises UsageError for one that is no folder.
+    Raises UsageError for a path that is no folder.
     """
     folders = [*code]
     for folder in folders:
@@ -39,7 +40,7 @@ def code_folders(code: Iterable[Path], scenario: str = "") -> list[Path]:
 
 
 def add_folders(folders: Iterable[Path]) -> None:
-    """Let modules be found in ``folders``, behind everything that this process can import already."""
+    """Append ``folders`` to the module search path, after everything that this process can import already."""
     for folder in folders:
         path = str(folder.absolute())
         if path not in sys.path:
@@ -47,65 +48,65 @@ def add_folders(folders: Iterable[Path]) -> None:
 
 
 def check_allowed(named: Iterable[UserClass], modules: Container[str], where: str) -> None:
-    """Raise ScenarioError, a line for each class whose module is not among ``modules``; ``where`` names the recording.
+    """Raise ScenarioError with a line for each class whose module is not among ``modules``.
 
-    Nothing is imported or looked for.
+    ``where`` names the recording. Nothing is imported.
     """
     problems = []
-    for one in named:
-        if is_standard(one.module):
-            problems.append(f"{where}: {_standard(one)}")
-        elif one.module not in modules:
+    for user in named:
+        if is_standard(user.module):
+            problems.append(f"{where}: {_standard(user)}")
+        elif user.module not in modules:
             problems.append(
-                f"{where}: {one.key}: names the class {one.name} of the module {one.module}, which did not come along; "
-                f"a recording runs no code of your computer unless you allow it: --allow-code {one.module}"
+                f"{where}: {user.key}: names the class {user.name} of the module {user.module}, which did not come "
+                f"along; a recording runs no code of your computer unless you allow it: --allow-code {user.module}"
             )
     if problems:
         raise ScenarioError("\n".join(problems))
 
 
-def find_class(one: UserClass) -> type:
-    """Import a class; raises ScenarioError with the key that names it and what is missing."""
-    return find_value(one, type, "class")
+def find_class(user: UserClass) -> type:
+    """Import a class and return it; raises ScenarioError with the key that names it and what is missing."""
+    return find_value(user, type, "class")
 
 
-def find_value(one: UserClass, kind: type[T], what: str) -> T:
-    """Import what a name stands for, a ``kind``, which is called ``what``; raises ScenarioError as ``find_class``."""
-    if is_standard(one.module):
-        raise _standard(one)
+def find_value(user: UserClass, kind: type[T], what: str) -> T:
+    """Import an object of type ``kind`` and return it; raises ScenarioError, in which ``what`` names the type."""
+    if is_standard(user.module):
+        raise _standard(user)
     try:
-        module = importlib.import_module(one.module)
-        found = getattr(module, one.name, None)
+        module = importlib.import_module(user.module)
+        found = getattr(module, user.name, None)
     except Exception as error:
-        raise _not_imported(one, error) from error
+        raise _not_imported(user, error) from error
     if not isinstance(found, kind):
         wrong = f"is no {what}" if found is not None else "is not in the module"
         known = [name for name, value in vars(module).items() if isinstance(value, kind)]
-        close = difflib.get_close_matches(one.name, known, n=1)
-        raise one.wrong(f"{one.name} {wrong}{f'; did you mean {close[0]!r}?' if close else ''}")
+        close = difflib.get_close_matches(user.name, known, n=1)
+        raise user.wrong(f"{user.name} {wrong}{f'; did you mean {close[0]!r}?' if close else ''}")
     return found
 
 
 def source_digests(named: Iterable[UserClass]) -> dict[str, str]:
     """Return the digest of each module's source, by the module's name.
 
-    The packages that a module lies in are imported on the way. Raises ScenarioError for a module that is not there.
+    This imports the packages that contain a module. Raises ScenarioError for a module that does not exist.
     """
-    return {one.module: _source_digest(one) for one in named}
+    return {user.module: _source_digest(user) for user in named}
 
 
-def _source_digest(one: UserClass) -> str:
-    """Return the SHA-256 over the module's file, or over all Python files of the outermost package that it lies in."""
-    if is_standard(one.module):
-        raise _standard(one)
+def _source_digest(user: UserClass) -> str:
+    """Return the SHA-256 over the module's file, or over all Python files of the outermost package that contains it."""
+    if is_standard(user.module):
+        raise _standard(user)
     try:
-        spec = importlib.util.find_spec(one.module)
+        spec = importlib.util.find_spec(user.module)
     except Exception as error:
-        raise _not_imported(one, error) from error
+        raise _not_imported(user, error) from error
     if spec is None:
-        raise one.wrong(_not_found(one.module, None))
+        raise user.wrong(_not_found(user.module, None))
     if not spec.has_location or spec.origin is None:
-        raise one.wrong(f"the module {one.module!r} has no source file, by which it could be known")
+        raise user.wrong(f"the module {user.module!r} has no source file, by which it could be known")
     file = Path(spec.origin)
     package, root = file, file.parent
     while (root / "__init__.py").is_file():
@@ -116,22 +117,22 @@ def _source_digest(one: UserClass) -> str:
         try:
             source = path.read_bytes()
         except OSError as error:
-            raise one.wrong(f"its source {path} cannot be read: {error.strerror}") from error
+            raise user.wrong(f"its source {path} cannot be read: {error.strerror}") from error
         digest.update(f"{path.relative_to(root).as_posix()} {len(source)}\n".encode())
         digest.update(source)
     return digest.hexdigest()
 
 
-def _standard(one: UserClass) -> ScenarioError:
-    return one.wrong(f"{one.module} is a module of Python's own, which holds no component; it is not imported")
+def _standard(user: UserClass) -> ScenarioError:
+    return user.wrong(f"{user.module} is a module of Python's own, which holds no component; it is not imported")
 
 
-def _not_imported(one: UserClass, error: Exception) -> ScenarioError:
+def _not_imported(user: UserClass, error: Exception) -> ScenarioError:
     if isinstance(error, ModuleNotFoundError):
-        return one.wrong(_not_found(one.module, error))
-    place = traceback.extract_tb(error.__traceback__)[-1]
-    told = f"{type(error).__name__}: {error} ({place.filename}:{place.lineno})"
-    return one.wrong(f"the module cannot be imported: {told}")
+        return user.wrong(_not_found(user.module, error))
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    text = f"{type(error).__name__}: {error} ({frame.filename}:{frame.lineno})"
+    return user.wrong(f"the module cannot be imported: {text}")
 
 
 def _not_found(module: str, error: ModuleNotFoundError | None) -> str:

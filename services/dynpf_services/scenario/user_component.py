@@ -1,4 +1,4 @@
-"""How a scenario's table names a class of the user's in the place of one of ours."""
+"""A table of a scenario that names a user class instead of a class of dynpf."""
 
 from typing import Any
 
@@ -12,6 +12,6 @@ class UserComponent(
 ):
     """A class of your own. All other keys of the table are its parameters; see "Your own components" above."""
 
-    # In a file, and in the text of a resolved scenario, ``kind`` is the name, and the parameters stand beside it.
+    # In a file, and in a resolved scenario, ``kind`` is the name, and the parameters are keys beside it.
     name: str
     parameters: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""A user's own nodes, as the runtime takes them."""
+"""User nodes as nodes of the runtime."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, get_type_hints
@@ -20,7 +20,7 @@ __all__ = ["KIND", "UserNode", "build"]
 
 
 class UserNode:
-    """The runtime's view of a node of the user's: its parameters, and the state that its steps pass on."""
+    """Adapts a user node to the runtime: holds its parameters, and its state from step to step."""
 
     def __init__(self, node: Node, context: Context) -> None:
         self.name = context.name
@@ -30,42 +30,45 @@ class UserNode:
         self._topics = _rows(type(node), context.name)
 
     def step(self, step: Step) -> Result:
+        """Run the user's step; raises TypeError if it returns something else than a step should."""
         context = self._context
         moment = Moment(*step, node=self.name, seed=context.seed, fact=context.opened)
         found = self._node.step(self._state, moment)
         if not isinstance(found, tuple) or len(found) not in (2, 3):
             raise TypeError(f"step returned {found!r}; expected (state, messages), or (state, messages, finished)")
-        state, said, finished = (*found, False)[:3]
+        state, messages, finished = (*found, False)[:3]
         if type(state) is not type(self._state):
             raise TypeError(
                 f"step returned a state of type {type(state).__name__}; expected {type(self._state).__name__}"
             )
         self._state = state
-        return Result(tuple(self._output(one) for one in said), finished=bool(finished))
+        return Result(tuple(self._output(message) for message in messages), finished=bool(finished))
 
-    def _output(self, said: Any) -> Output:
-        if isinstance(said, tuple):
-            return Output(*said)
-        fitting = [own for own, row in self._topics.items() if row.type is type(said)]
+    def _output(self, message: Any) -> Output:
+        if isinstance(message, tuple):
+            return Output(*message)
+        fitting = [own for own, row in self._topics.items() if row.type is type(message)]
         if len(fitting) != 1:
             topics = ", ".join(self._topics) or "nothing"
             raise TypeError(
-                f"said a {type(said).__name__}, which {len(fitting)} of its topics take; it writes {topics};"
-                " say (topic, message)"
+                f"returned a {type(message).__name__}, which {len(fitting)} of its topics carry; it writes {topics};"
+                " return (topic, message)"
             )
-        return Output(fitting[0], said)
+        return Output(fitting[0], message)
 
     def freeze(self) -> State:
+        """Return the state's fields by name."""
         return {name: _plain(value) for name, value in self._state._asdict().items()}
 
     def thaw(self, state: State) -> None:
+        """Restore a state that ``freeze`` returned."""
         kind = type(self._state)
         hints = get_type_hints(kind)
         self._state = kind(**{name: _typed(value, hints.get(name, Any)) for name, value in state.items()})
 
 
 def build(config: UserComponent, context: Context) -> UserNode:
-    """Return a user's node; raises ScenarioError for a class that is none, or parameters that do not fit."""
+    """Return a user node; raises ScenarioError if the class is no node, or for parameters that do not fit."""
     kind = _node_class(config, context, context.user_classes()[config.name])
     key = key_of(context.name)
     known = kind.__struct_fields__
@@ -144,7 +147,7 @@ def _plain(value: Any) -> Any:
 
 
 def _typed(value: Any, hint: Any) -> Any:
-    """Return a plain value as the type that a state's field has; arrays come back as they are."""
+    """Return a plain value converted to the type of a state's field; arrays are unchanged."""
     if isinstance(value, np.ndarray):
         return value
     return msgspec.convert(value, hint, dec_hook=lambda _, inner: inner)

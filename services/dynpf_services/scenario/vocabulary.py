@@ -1,4 +1,4 @@
-"""All that a scenario may hold, as one type: for the reference of its keys, and for a schema that editors read."""
+"""The type of all keys that a scenario may have, for the reference of its keys and for a schema for editors."""
 
 from functools import reduce
 from operator import or_
@@ -17,7 +17,7 @@ Schema = dict[str, Any]
 
 
 def whole_type() -> type[msgspec.Struct]:
-    """Return a struct of all keys: those of the run, the tables that nodes share, and a section for each usual node."""
+    """Return a struct of all keys: those of the run, the shared tables, and a section for each usual node."""
     shared = [(name, fact_kind(name).type | None, None) for name in fact_names()]
     sections = [(name, _any_of([*node_kinds(name).values()]) | None, None) for name in NODES]
     return msgspec.defstruct(
@@ -30,7 +30,7 @@ def _any_of(kinds: list[str]) -> Any:
 
 
 def json_schema() -> Schema:
-    """Return the JSON schema of a scenario file; editors that know TOML complete and check keys by it."""
+    """Return the JSON schema of a scenario file, by which editors complete and check keys."""
     made = msgspec.json.schema(whole_type())
     definitions: dict[str, Schema] = made["$defs"]
     definitions[UserComponent.__name__] = _OWN
@@ -65,17 +65,17 @@ _REMAP: Schema = {
 
 
 def _further(name: str, table: Schema) -> Schema:
-    """Return the table of a node of any section, whose kind is called ``name`` there."""
+    """Return the table of a node with any name, whose kind is ``name``."""
     kind = {"kind": {"enum": [name]}}
     required = sorted({"kind", *table.get("required", ())})
     return {**table, "properties": {**table["properties"], **kind}, "required": required}
 
 
 def _with_short_forms(schema: Any, definitions: dict[str, Schema]) -> Any:
-    """Return a schema that takes what stands for a table, too.
+    """Return a schema that also accepts the short forms of tables.
 
-    That is its kind alone where there are several, a table without its kind where there is one, and one table in the
-    place of a list of one.
+    These are: a kind alone if there are several, a table without its kind if there is only one, and a single table
+    instead of a list.
     """
     if isinstance(schema, list):
         return [_with_short_forms(inner, definitions) for inner in schema]
@@ -99,7 +99,7 @@ def _with_short_forms(schema: Any, definitions: dict[str, Schema]) -> Any:
 
 
 def _tables(schema: Any, definitions: dict[str, Schema]) -> list[Schema]:
-    """Return the tables with kinds that a schema chooses between, or the one that it asks for."""
+    """Return the tables with kinds among which a schema chooses, or the only one."""
     if not isinstance(schema, dict):
         return []
     choices = schema.get("anyOf", [schema])

@@ -1,1 +1,1 @@
-"""Sensors as objects, and the two nodes that have any number of them: one reads the truth, one plays a log."""
+"""Sensor kinds, and the two nodes that have any number of them: one simulates sensors, one plays a log."""

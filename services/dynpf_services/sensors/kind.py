@@ -1,20 +1,19 @@
-"""A sensor as one object: what it says, how it is simulated, what of a log is believed, and what filters make of it.
+"""Sensor kinds: a sensor's messages, its simulation, its check of a log's records, and its readings for filters.
 
-Each system lists its own. The nodes of simulated sensors and of logs, and the filters that take readings, go through
-the lists; none of them knows a sensor by its name.
+Each system lists its own. The nodes of simulated sensors and of logs, and the filters that take readings, use these
+lists; none of them knows a sensor by name.
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Annotated, Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import msgspec
 from dynpf_protocol.messages import Message, RobotState
 from dynpf_protocol.topics import TOPICS, Topic
 from dynpf_runtime.node import State
-from msgspec import Meta
 
 from dynpf.rng import Draws
-from dynpf.se2 import Floats
+from dynpf.types import Count, Floats
 from dynpf_services.scenario.context import Context
 
 __all__ = [
@@ -34,13 +33,13 @@ __all__ = [
 
 
 class SensorTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a scenario says of a simulated sensor."""
+    """The parameters of a simulated sensor in a scenario."""
 
-    every: Annotated[int, Meta(ge=1)] = 1  # true states between readings
+    every: Count = 1  # true states between readings
 
 
 class Truth(NamedTuple):
-    """What a simulated sensor looks at: the newest true states; ``others`` by topic, as far as they have come."""
+    """The newest true states, which a simulated sensor observes; ``others`` are those received so far, by topic."""
 
     stamp_ns: int  # of the reading
     robot: RobotState
@@ -48,26 +47,26 @@ class Truth(NamedTuple):
 
 
 Read = Callable[[Truth, Draws], Message | None]
-"""What a simulated sensor reads in a true state, None for no reading. What it calls may be Rehearsing."""
+"""Returns a simulated sensor's reading in a true state, None for no reading. It may be Rehearsing and Remembering."""
 
 
 @runtime_checkable
 class Remembering(Protocol):
-    """A Read that goes on from reading to reading."""
+    """A Read with a state from reading to reading."""
 
     def freeze(self) -> State:
-        """Return what it remembers."""
+        """Return the state."""
 
     def thaw(self, state: State) -> None:
-        """Continue from what freeze returned."""
+        """Restore a state that ``freeze`` returned."""
 
 
 class Simulated(NamedTuple):
     """How a sensor is simulated.
 
-    ``table`` is the SensorTable of its parameters. ``make`` returns the Read of a run; it raises ScenarioError, which
-    names the sensor, where the run lacks a fact. ``sees`` returns the topics of the truth, with their types, that it
-    looks at besides the robot's.
+    ``table`` is the SensorTable of its parameters. ``make`` returns the Read of a run; it raises ScenarioError, naming
+    the sensor, if the run lacks a fact. ``sees`` returns the true states that it observes besides the robot's: topics
+    with their types.
     """
 
     table: type[SensorTable]
@@ -76,29 +75,29 @@ class Simulated(NamedTuple):
 
 
 class Announced(NamedTuple):
-    """What a sensor says of itself before its first reading: under which sensor's name, and by its parameters."""
+    """A message about a sensor before its first reading: the sensor kind that it belongs to, and how it is made."""
 
     name: str
     message: Callable[[Any], Message]
 
 
 Check = Callable[[Any], tuple[Message | None, Iterable[str]]]
-"""Returns a record of a log as it is believed, None if nothing of it is, and a reason for each thing left out."""
+"""Returns the valid part of a log's record, None if there is none, and a reason for each part that is left out."""
 
 
 class After(NamedTuple):
-    """The sensor that has to have announced something before another's messages can be read, and an example of it."""
+    """The sensor whose announcement another sensor's messages depend on, and an example of the announcement."""
 
     name: str
     example: Message
 
 
 class ReadingKind(NamedTuple):
-    """What a filter may take of a sensor's messages, by its type; without one, it takes the messages as they come.
+    """The type of readings that filters take of a sensor's messages; without one they take the messages themselves.
 
-    ``of`` makes it of a message, and of what the sensor that it comes ``after`` said last, else of None. ``example``
-    returns the message that a robot at a pose (3,) would be sent, for a run's maps and a measurement model, None where
-    they do not tell; ``size`` returns how many readings there are in one.
+    ``of`` makes a reading of a message and the last message of the sensor that it comes ``after``, or None. ``example``
+    returns a message for a robot at a pose (3,) from a run's maps and a measurement model, None if these are not
+    enough; ``size`` returns the number of single readings in one.
     """
 
     type: type
@@ -111,8 +110,8 @@ class ReadingKind(NamedTuple):
 class ModelKind(NamedTuple):
     """A measurement model by the table of its parameters.
 
-    It takes readings of a type, or messages by theirs. It is made of the table, of the map that it ``needs``
-    ("landmarks", "grid" or "segments"), and where it is ``calibrated`` of the rows of the state that hold its errors.
+    ``reading`` is the type of its readings or messages. ``make`` takes the table, the map that it ``needs``
+    ("landmarks", "grid" or "segments"), and if it is ``calibrated`` the rows of the state that hold its errors.
     """
 
     table: type[msgspec.Struct]
@@ -123,9 +122,9 @@ class ModelKind(NamedTuple):
 
 
 class SensorKind(NamedTuple):
-    """A sensor: ``name`` is its key among the simulated ones, and ends its topics: ``sensors/NAME``, ``log/NAME``.
+    """A sensor. ``name`` is its key among the simulated ones, and in its topics ``sensors/NAME`` and ``log/NAME``.
 
-    ``checked`` returns, for a run, what has to be so of a record of a log; without it logs have no such records.
+    ``checked`` returns the check of a log's records for a run; without it logs have no such records.
     """
 
     name: str
@@ -138,19 +137,19 @@ class SensorKind(NamedTuple):
 
     @property
     def topic(self) -> str:
-        """Where the sensor says what it reads."""
+        """The topic of its readings."""
         return f"sensors/{self.name}"
 
     @property
     def row(self) -> Topic:
-        """The topic's row: that of the topic table, or one that the message's type describes."""
+        """The topic's row: that of the topic table, or one made from the message's type."""
         described = (self.message.__doc__ or self.name).strip().partition("\n")[0].rstrip(".")
         own = Topic(name=self.topic, type=self.message, publishers=("sensors",), description=described)
         return TOPICS.get(self.topic, own)
 
 
 def passed(good: Callable[[Any], bool]) -> Callable[[Context], Check]:
-    """Return the check of messages that are believed as they are, or not at all."""
+    """Return a check that keeps messages for which ``good`` is true, and refuses the others."""
 
     def check(message: Message) -> tuple[Message | None, Iterable[str]]:
         return (message, ()) if good(message) else (None, ("refused",))

@@ -1,6 +1,6 @@
-"""Log sensors: the records of an imported log as sensor messages, as far as they are believed.
+"""Log sensors: publishes the valid records of an imported log as sensor messages.
 
-What has to be so of a record, each sensor knows. What is left out is counted in the state.
+Each sensor kind checks its own records. The state counts what is left out.
 """
 
 from collections import Counter
@@ -18,7 +18,7 @@ __all__ = ["KIND", "LogSensors", "LogSensorsConfig", "build"]
 class LogSensorsConfig(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="log"
 ):
-    """Sensors that hand on the records of an imported log."""
+    """Sensors that publish the records of an imported log."""
 
 
 class LogSensors:
@@ -30,7 +30,7 @@ class LogSensors:
         self._left_out: dict[str, Counter[str]] = {}
 
     def step(self, step: Step) -> Result:
-        """Hand on what is believed of the records, in their order."""
+        """Publish the valid parts of the records, in their order."""
         outputs = []
         for received in step.inputs:
             kind, check = self._checks[received.topic]
@@ -42,11 +42,11 @@ class LogSensors:
         return Result(tuple(outputs))
 
     def freeze(self) -> State:
-        """Return how much was left out, by sensor and reason."""
+        """Return the counts of what was left out, by sensor and reason."""
         return {"left_out": {name: dict(counts) for name, counts in self._left_out.items()}}
 
     def thaw(self, state: State) -> None:
-        """Continue from what freeze returned."""
+        """Restore a state that ``freeze`` returned."""
         self._left_out = {name: Counter(counts) for name, counts in state["left_out"].items()}
 
 

@@ -1,4 +1,4 @@
-"""Simulated sensors: at each new true state, the readings that the configured sensors would give."""
+"""Simulated sensors: publishes the readings of the configured sensors at each new true state."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
@@ -26,13 +26,13 @@ SimulatedSensorsConfig: Any = msgspec.defstruct(
     tag_field="kind",
     tag="simulated",
     module=__name__,
-    namespace={"__doc__": "Sensors that read the simulator's true state; a sensor that is left out is not there."},
+    namespace={"__doc__": "Sensors that observe the simulator's true state; each has a table of its own."},
 )
 """The table of the node: a table for each sensor that a system lists."""
 
 
 class _Fitted(NamedTuple):
-    """A sensor of the run; ``announcement`` is what it says before its first reading."""
+    """A sensor of the run; ``announcement`` is its message before its first reading."""
 
     kind: SensorKind
     every: int
@@ -43,8 +43,8 @@ class _Fitted(NamedTuple):
 class SimulatedSensors:
     """Sensor publisher fed by the simulator's truth.
 
-    Speaks only when a newer truth/robot came. A sensor's ``every`` counts true states, so that it holds under either
-    clock. Raises ScenarioError for a sensor whose facts (landmarks, walls, map and so on) the run does not have.
+    It publishes only when a newer truth/robot has arrived. A sensor's ``every`` counts true states, so that it means
+    the same under either clock. Raises ScenarioError for a sensor whose facts (landmarks, walls, map) the run lacks.
     """
 
     def __init__(self, config: Any, context: Context) -> None:
@@ -58,7 +58,7 @@ class SimulatedSensors:
         self._states = 0
 
     def step(self, step: Step) -> Result:
-        """Read the newest true state, if there is a new one."""
+        """Publish readings of the newest true state, if there is a new one."""
         if not self._take(step):
             return Result()
         robot = self._truth[ROBOT]
@@ -68,7 +68,7 @@ class SimulatedSensors:
         return Result(outputs)
 
     def _take(self, step: Step) -> bool:
-        """Keep the newest truth; return whether the robot's is new."""
+        """Keep the newest true states; return whether the robot's is new."""
         fresh = False
         for received in step.inputs:
             topic = received.topic
@@ -90,13 +90,13 @@ class SimulatedSensors:
             yield Output(kind.topic, reading)
 
     def rehearse(self) -> None:
-        """See Rehearsing."""
+        """Rehearse the sensors; see Rehearsing."""
         for sensor in self._sensors:
             if isinstance(sensor.read, Rehearsing):
                 sensor.read.rehearse()
 
     def freeze(self) -> State:
-        """Return how many states were seen, the newest of each topic, and by sensor what it remembers."""
+        """Return the count of true states, the newest of each topic, and each sensor's state."""
         truth = {topic: msgspec.to_builtins(message) for topic, message in self._truth.items()}
         return {
             "states": self._states,
@@ -110,7 +110,7 @@ class SimulatedSensors:
         return {**announced, **(sensor.read.freeze() if isinstance(sensor.read, Remembering) else {})}
 
     def thaw(self, state: State) -> None:
-        """Continue from what freeze returned."""
+        """Restore a state that ``freeze`` returned."""
         self._states = state["states"]
         self._truth = {topic: msgspec.convert(value, self._seen[topic]) for topic, value in state["truth"].items()}
         self._stamps_ns = dict(state["stamps_ns"])
@@ -134,7 +134,7 @@ def _fitted(kind: SensorKind, table: Any, context: Context) -> _Fitted:
 
 
 def _seen(config: Any, context: Context) -> Mapping[str, type[Message]]:
-    """Return the topics of the truth that the sensors look at, with their types."""
+    """Return the topics of the true states that the sensors observe, with their types."""
     seen: dict[str, type[Message]] = {ROBOT: RobotState}
     for kind in _configured(config):
         assert kind.simulated is not None

@@ -1,4 +1,4 @@
-"""The estimator of a capsule in a tube whose walls change: its pose, and which map holds."""
+"""The estimator of a capsule in a tube whose walls change: its pose, and the map that holds."""
 
 import math
 from typing import Any
@@ -34,7 +34,7 @@ MOVED_COLOR = Color(r=0.9, g=0.6, b=0.1)
 
 
 class CapsuleEstimator:
-    """Follows the capsule's readings, each with the motion that led to it, in the order of their numbers.
+    """Processes the capsule's readings, each with the motion before it, in the order of their numbers.
 
     Raises ScenarioError where filter, maps and schedule do not fit each other.
     """
@@ -58,7 +58,7 @@ class CapsuleEstimator:
         self._scene_ns: int | None = None
 
     def step(self, step: Step) -> Result:
-        """Take the readings in; answer with what is found after the last of them, if there was any."""
+        """Process the readings; return the estimate after the last of them, if there was any."""
         logs: list[Output] = []
         readings: list[CapsuleReading] = []
         for received in step.inputs:
@@ -69,7 +69,7 @@ class CapsuleEstimator:
                     readings.append(reading)
         located: Located | None = None
         stream = Stream.of(self._seed, self.name, step.number, "update")
-        for reading in sorted(readings, key=lambda one: one.reading):
+        for reading in sorted(readings, key=lambda reading: reading.reading):
             numbers = (max(self._reading, 0), reading.reading)
             ranges = np.array(reading.ranges_px)
             self._belief, located = self._filter.update(
@@ -78,7 +78,7 @@ class CapsuleEstimator:
             self._reading = reading.reading
         if located is None:
             return Result(tuple(logs))
-        return Result((*self._report(located, step.stamp_ns), *self._told(located, step.stamp_ns), *logs))
+        return Result((*self._report(located, step.stamp_ns), *self._map_change(located, step.stamp_ns), *logs))
 
     def rehearse(self) -> None:
         """See Rehearsing."""
@@ -90,6 +90,7 @@ class CapsuleEstimator:
                 belief, _ = self._filter.update(belief, motion, ranges, stream.part(reading), (0, 0))
 
     def freeze(self) -> State:
+        """Return the belief, the last reading and map, and when pictures were last published."""
         return {
             "belief": self._filter.freeze(self._belief),
             "reading": self._reading,
@@ -99,6 +100,7 @@ class CapsuleEstimator:
         }
 
     def thaw(self, state: State) -> None:
+        """Continue from what freeze returned."""
         self._belief = self._filter.thaw(state["belief"])
         self._reading = state["reading"]
         self._map = state["map"]
@@ -126,7 +128,7 @@ class CapsuleEstimator:
             known["changed_at"] = located.changed_at
         if (moved := located.moved) is not None:
             known["reference"] = moved.reference
-            walls = zip(*moved.places.tolist(), moved.distances.tolist(), strict=True)
+            walls = zip(*moved.points.tolist(), moved.distances.tolist(), strict=True)
             known["walls"] = tuple(MovedWall(x_px=a, y_px=b, moved_px=distance) for a, b, distance in walls)
         if located.radius is not None:
             known["end_radius_px"], known["end_radius_sigma_px"] = located.radius
@@ -144,7 +146,7 @@ class CapsuleEstimator:
 
     def _particles(self, stamp_ns: int) -> PosesInFrame:
         cloud = self._filter.cloud(self._belief)
-        # Chosen by weight, not by place, so that what is looked at is the posterior.
+        # Chosen by weight, not by index, so that the sample represents the posterior.
         chosen = systematic(cloud.weights, 0.5, min(SHOWN_PARTICLES, cloud.weights.size))
         x_px, y_px, theta = np.asarray(cloud.particles[:3, chosen], dtype=np.float64)
         return particles_picture(np.stack((M_PER_PX * x_px, M_PER_PX * y_px, theta)), timestamp(stamp_ns))
@@ -155,7 +157,7 @@ class CapsuleEstimator:
         label = f"map {name}" if moved is None else f"{UNLISTED}; {name}'s walls have moved"
         ends = np.zeros((2, 2, 0))
         if moved is not None:
-            ends = np.stack((moved.places, moved.places + moved.distances * moved.outwards))
+            ends = np.stack((moved.points, moved.points + moved.distances * moved.outwards))
         return SceneUpdate(
             entities=(
                 tube_entity(self._filter.grids[name], label, now, "believed tube", WALL_COLOR, above=False),
@@ -164,8 +166,8 @@ class CapsuleEstimator:
             )
         )
 
-    def _told(self, located: Located, stamp_ns: int) -> list[Output]:
-        """Return a message if another map is likeliest than before."""
+    def _map_change(self, located: Located, stamp_ns: int) -> list[Output]:
+        """Return a log message if the likeliest map has changed."""
         before, self._map = self._map, located.map
         if not located.maps or before in (None, located.map):
             return []

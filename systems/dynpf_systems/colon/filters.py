@@ -1,4 +1,4 @@
-"""The filters for a capsule as the estimator drives them: what they believe goes in and comes out, and can be kept."""
+"""The filters for a capsule as the estimator uses them: the belief is passed in and returned, and can be kept."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
@@ -25,10 +25,10 @@ __all__ = ["CapsuleFilter", "Located", "capsule_filter"]
 
 
 class Moved(NamedTuple):
-    """Places (2, M) on the wall of a reference map, px, and how far outwards (M,) each has moved."""
+    """Points (2, M) on the wall of a reference map, px, and their outward displacements (M,), px."""
 
     reference: str
-    places: FloatArray
+    points: FloatArray
     distances: FloatArray
     outwards: FloatArray  # (2, M), unit vectors
 
@@ -41,7 +41,7 @@ class Radius(NamedTuple):
 
 
 class Located(NamedTuple):
-    """What was found: pose (3,) and covariance (3, 3); the map that holds; what else the filter estimates."""
+    """The estimate: pose (3,), covariance (3, 3), the map that holds, and what else the filter estimates."""
 
     pose: FloatArray
     covariance: FloatArray
@@ -53,19 +53,22 @@ class Located(NamedTuple):
 
 
 class CapsuleFilter(Protocol):
-    """A filter over the pose of a capsule; ``belief`` is whatever it started with or gave back last."""
+    """A filter over the pose of a capsule; ``belief`` is what ``start`` or the last update returned."""
 
     @property
     def grids(self) -> Mapping[str, OccupancyGrid]:
-        """The maps that may be found to hold."""
+        """The maps that may hold, by name."""
 
     def start(self, known: bool, stream: Stream) -> Any:
-        """Return the belief at the route's start, or anywhere in the first map."""
+        """Return the initial belief: at the route's start, or uniform in the first map."""
 
     def update(
         self, belief: Any, motion: CapsuleMotion | None, ranges: Floats, stream: Stream, readings: tuple[int, int]
     ) -> tuple[Any, Located]:
-        """Return the belief after a motion and ranges at its end; ``readings``: numbers of the last and this one."""
+        """Return belief and estimate after a motion and the ranges at its end.
+
+        ``readings`` are the numbers of the previous reading and of this one.
+        """
 
     def cloud(self, belief: Any) -> Cloud:
         """Return the particles."""
@@ -74,11 +77,11 @@ class CapsuleFilter(Protocol):
         """Return the belief as plain state."""
 
     def thaw(self, state: Mapping[str, Any]) -> Any:
-        """Return the belief that freeze was given."""
+        """Return the belief from the state that freeze returned."""
 
 
 def capsule_filter(config: CapsuleEstimatorConfig, world: ColonWorld, key: str) -> CapsuleFilter:
-    """Return the filter that a scenario names below ``key``; raises ScenarioError where it does not fit the run."""
+    """Return the filter that a scenario names at ``key``; raises ScenarioError where it does not fit the run."""
     match config.filter:
         case ClassicFilter() as table:
             return _Classic(table, world)
@@ -89,7 +92,7 @@ def capsule_filter(config: CapsuleEstimatorConfig, world: ColonWorld, key: str) 
 
 
 class _Classic:
-    """COLON's own filter, in the map that it is told of."""
+    """COLON's own filter, in the map given by the schedule."""
 
     def __init__(self, table: ClassicFilter, world: ColonWorld) -> None:
         self.grids = {name: world.grid(name, "colon.told") for _, name in world.told.entries}
@@ -97,28 +100,33 @@ class _Classic:
         self._table, self._world = table, world
 
     def start(self, known: bool, stream: Stream) -> Cloud:
+        """See CapsuleFilter."""
         poses = _start_poses(self._world, self.grids[self._world.told.at(0)], self._table.n, known, stream)
         return self._filter.start(poses, stream.part("cloud"))
 
     def update(
         self, belief: Cloud, motion: CapsuleMotion | None, ranges: Floats, stream: Stream, readings: tuple[int, int]
     ) -> tuple[Cloud, Located]:
+        """See CapsuleFilter."""
         told = self._world.told.at(readings[1])
         cloud, finding = self._filter.update(belief, motion, ranges, stream, told)
         return cloud, Located(finding.pose, pose_estimate(cloud.particles, cloud.weights).covariance, told)
 
     def cloud(self, belief: Cloud) -> Cloud:
+        """See CapsuleFilter."""
         return belief
 
     def freeze(self, belief: Cloud) -> Mapping[str, Any]:
+        """See CapsuleFilter."""
         return belief._asdict()
 
     def thaw(self, state: Mapping[str, Any]) -> Cloud:
+        """See CapsuleFilter."""
         return _thawed(state)
 
 
 class _Hypotheses:
-    """The map is estimated; the schedule that the filter is told of counts for nothing, as a hint, or is obeyed."""
+    """The filter that estimates the map; it ignores the schedule, uses it as a hint, or obeys it."""
 
     def __init__(self, table: HypothesesFilter, world: ColonWorld, key: str) -> None:
         self.grids = {name: world.grid(name, f"{key}.maps") for name in table.maps}
@@ -133,6 +141,7 @@ class _Hypotheses:
         }
 
     def start(self, known: bool, stream: Stream) -> Belief:
+        """See CapsuleFilter."""
         if not known:
             return self._filter.anywhere(stream)
         count = self._filter.params.n
@@ -141,6 +150,7 @@ class _Hypotheses:
     def update(
         self, belief: Belief, motion: CapsuleMotion | None, ranges: Floats, stream: Stream, readings: tuple[int, int]
     ) -> tuple[Belief, Located]:
+        """See CapsuleFilter."""
         before, now = (self._world.told.at(number) for number in readings)
         told = now if self._schedule != "ignored" and now != before else None
         belief, finding = self._filter.update(belief, motion, ranges, stream, told)
@@ -155,29 +165,32 @@ class _Hypotheses:
         )
 
     def _moved(self, finding: Finding) -> Moved:
-        places, outwards = self._nodes[finding.reference]
+        points, outwards = self._nodes[finding.reference]
         which = np.flatnonzero(finding.displacement)
-        return Moved(finding.reference, places[:, which], finding.displacement[which], outwards[:, which])
+        return Moved(finding.reference, points[:, which], finding.displacement[which], outwards[:, which])
 
     def cloud(self, belief: Belief) -> Cloud:
+        """See CapsuleFilter."""
         return belief.cloud
 
     def freeze(self, belief: Belief) -> Mapping[str, Any]:
+        """See CapsuleFilter."""
         return {**belief._asdict(), "cloud": belief.cloud._asdict()}
 
     def thaw(self, state: Mapping[str, Any]) -> Belief:
-        return Belief(**{name: _copied(one) for name, one in {**state, "cloud": _thawed(state["cloud"])}.items()})
+        """See CapsuleFilter."""
+        return Belief(**{name: _copied(value) for name, value in {**state, "cloud": _thawed(state["cloud"])}.items()})
 
 
 class _RadiusBelief(NamedTuple):
-    """A cloud over pose and radius, and the last reading at which the radius became another."""
+    """A cloud over pose and radius, and the last reading at which the radius changed."""
 
     cloud: Cloud
     changed_at: int
 
 
 class _EndRadius:
-    """The radius of the tube's round end is estimated."""
+    """The filter that estimates the radius of the tube's round end."""
 
     def __init__(self, table: EndRadiusFilter, world: ColonWorld, key: str) -> None:
         first = world.told.at(0)
@@ -190,6 +203,7 @@ class _EndRadius:
         self.grids = {f"end {radius:g}": grid for radius, grid in members.items()}
 
     def start(self, known: bool, stream: Stream) -> _RadiusBelief:
+        """See CapsuleFilter."""
         poses = _start_poses(self._world, self._first, self._filter.params.n, known, stream)
         return _RadiusBelief(self._filter.start(poses, self._radius), 0)
 
@@ -201,6 +215,7 @@ class _EndRadius:
         stream: Stream,
         readings: tuple[int, int],
     ) -> tuple[_RadiusBelief, Located]:
+        """See CapsuleFilter."""
         cloud, finding = self._filter.update(belief.cloud, motion, ranges, stream)
         changed_at = readings[1] if finding.changed > 0.5 else belief.changed_at
         covariance = pose_estimate(cloud.particles, cloud.weights).covariance
@@ -210,12 +225,15 @@ class _EndRadius:
         return _RadiusBelief(cloud, changed_at), located
 
     def cloud(self, belief: _RadiusBelief) -> Cloud:
+        """See CapsuleFilter."""
         return belief.cloud
 
     def freeze(self, belief: _RadiusBelief) -> Mapping[str, Any]:
+        """See CapsuleFilter."""
         return {"cloud": belief.cloud._asdict(), "changed_at": belief.changed_at}
 
     def thaw(self, state: Mapping[str, Any]) -> _RadiusBelief:
+        """See CapsuleFilter."""
         return _RadiusBelief(_thawed(state["cloud"]), state["changed_at"])
 
 
@@ -225,12 +243,12 @@ def _start_poses(world: ColonWorld, grid: OccupancyGrid, count: int, known: bool
     return Uniform(UniformStart(), grid).draw(count, (), stream)
 
 
-def _nodes(grid: OccupancyGrid, places: Indices, following: Indices) -> tuple[FloatArray, FloatArray]:
-    """Return the places (2, J) of a wall's nodes in pixels, and unit vectors (2, J) out of the tube there.
+def _nodes(grid: OccupancyGrid, nodes: Indices, following: Indices) -> tuple[FloatArray, FloatArray]:
+    """Return the points (2, J) of a wall's nodes in pixels, and the outward unit vectors (2, J) there.
 
-    OpenCV follows the border of what is free with that on its right, rows counted upwards.
+    OpenCV follows the border of the free area with that on its right, rows counted upwards.
     """
-    at = np.stack(grid.to_map(*(places + 0.5)))
+    at = np.stack(grid.to_map(*(nodes + 0.5)))
     along = at[:, following] - at
     left = np.stack((-along[1], along[0]))
     return at, left / np.maximum(hypot(*left), 1e-9)

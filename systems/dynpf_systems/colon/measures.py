@@ -1,4 +1,4 @@
-"""Measures of COLON: the pose of the capsule at its last estimate, and the posterior over maps up to there."""
+"""Measures of COLON: errors of the capsule's last pose estimate, and of the posterior over maps during the run."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -19,23 +19,23 @@ _AXES = ("x", "y", "theta")
 
 
 def capsule(run: RunMessages) -> dict[str, Any]:
-    """Return the measures of a run with a capsule, else none.
+    """Return the measures of a run with a capsule; an empty dictionary for other runs.
 
     ``error_x_percent`` and so on, ``lost``: see ``capsule_errors``; ``posterior_truth``, ``delay_steps``,
     ``false_alarm``, ``missed``: see ``map_errors``; ``error_radius_percent``: see ``radius_error``.
     """
     states = of_type(run.topic("truth/capsule"), CapsuleState)
     estimates = of_type(run.topic("estimator/capsule"), CapsuleEstimate) if states else []
-    by_reading = {one.reading: one for one in states}
-    followed = [(by_reading[one.reading], one) for one in estimates if one.reading in by_reading]
+    by_reading = {state.reading: state for state in states}
+    followed = [(by_reading[estimate.reading], estimate) for estimate in estimates if estimate.reading in by_reading]
     if not followed:
         return {}
-    true = np.array([(one.x_px, one.y_px, one.theta) for one, _ in followed]).T
+    true = np.array([(state.x_px, state.y_px, state.theta) for state, _ in followed]).T
     last = followed[-1][1]
     measures: dict[str, Any] = capsule_errors(true[:, -1], np.array([last.x_px, last.y_px, last.theta]))
-    held = [one.map for one, _ in followed]
+    held = [state.map for state, _ in followed]
     if last.maps:
-        posteriors = [{one.map: one.probability for one in estimate.maps} for _, estimate in followed]
+        posteriors = [{entry.map: entry.probability for entry in estimate.maps} for _, estimate in followed]
         casters = _casters(run)
         measures |= map_errors(held, posteriors, first_visible(held, true, casters.__getitem__))
     if isinstance(last.end_radius_px, float) and held[-1].startswith("end "):
@@ -44,7 +44,7 @@ def capsule(run: RunMessages) -> dict[str, Any]:
 
 
 def radius_error(radius_px: float, true_map: str) -> float:
-    """Return the error of the radius of the tube's round end, % of the true one, which is in the map's name."""
+    """Return the error of the radius of the tube's round end, in % of the true radius in the map's name."""
     true = float(true_map.removeprefix("end "))
     return 100.0 * abs(radius_px - true) / true
 

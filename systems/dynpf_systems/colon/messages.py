@@ -16,14 +16,14 @@ __all__ = [
 
 
 class CapsuleMove(Piece, frozen=True, kw_only=True):
-    """A turn, and then the way ahead."""
+    """A motion: a turn, followed by a straight path."""
 
     rho_px: float  # px
     turn: Angle  # rad
 
 
 class CapsuleState(Message, frozen=True, kw_only=True):
-    """The true pose of the capsule in its tube at a reading, and the name of the map that then holds."""
+    """The true pose of the capsule in its tube at a reading, and the name of the true map."""
 
     schema_name = "dynpf.CapsuleState"
     reading: Count  # its number: 0 at the start, then one for each motion
@@ -35,7 +35,7 @@ class CapsuleState(Message, frozen=True, kw_only=True):
 
 
 class CapsuleReading(Message, frozen=True, kw_only=True):
-    """What a capsule in a tube reads where a motion has brought it."""
+    """The ranges of a capsule in a tube after a motion."""
 
     schema_name = "dynpf.CapsuleReading"
     reading: Count  # its number: 0 at the start, then one for each motion
@@ -46,12 +46,14 @@ class CapsuleReading(Message, frozen=True, kw_only=True):
 
 
 class MapProbability(Piece, frozen=True, kw_only=True):
+    """The posterior probability of a map."""
+
     map: str  # its name, or "none of these"
     probability: Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
 class MovedWall(Piece, frozen=True, kw_only=True):
-    """A place on the wall of the reference map that has moved, and how far outwards."""
+    """A point on the wall of the reference map, and its outward displacement."""
 
     x_px: float  # px
     y_px: float  # px
@@ -59,7 +61,7 @@ class MovedWall(Piece, frozen=True, kw_only=True):
 
 
 class CapsuleEstimate(Message, frozen=True, kw_only=True):
-    """Where the capsule is, and which map of its tube holds."""
+    """The estimated pose of the capsule, and the map of its tube that holds."""
 
     schema_name = "dynpf.CapsuleEstimate"
     reading: Count  # that it follows
@@ -68,7 +70,7 @@ class CapsuleEstimate(Message, frozen=True, kw_only=True):
     theta: Angle  # rad
     covariance: Annotated[tuple[float, ...], Meta(min_length=9, max_length=9)]  # px^2, px rad, rad^2, row by row
     n_eff: NonNegative  # effective sample size
-    map: str  # the likeliest; of a filter that estimates no map, the one that it was told of; of radii, the nearest
+    map: str  # the likeliest; without estimation of maps that of the schedule; of estimated radii the nearest
     maps: Annotated[tuple[MapProbability, ...], Meta(max_length=64)] = ()  # posterior; empty: no map is estimated
     changed_at: NonNegative | UnsetType = UNSET  # expected number of the reading from which on ``map`` holds
     reference: str | UnsetType = UNSET  # the map that ``walls`` have moved from

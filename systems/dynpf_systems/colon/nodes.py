@@ -30,13 +30,13 @@ def _check_drawings(context: Context) -> None:
 
 def _without_tube(paths: tuple[str, ...], scenario: Scenario) -> Iterator[str]:
     if paths and "colon" not in scenario.facts:
-        yield "maps: bitmaps for the tube of [colon], which this run has not"
+        yield "maps: bitmaps for the tube of [colon], which this run lacks"
 
 
 DRAWINGS = FactKind(
     Drawings,
-    about="Bitmaps (PNG, BMP, PGM) that take the place of the tube of [colon]: a, b and so on by their order. Paths are"
-    " seen from the scenario's folder, on the command line from the current one; a recording carries the content",
+    about="Bitmaps (PNG, BMP, PGM) that replace the tube of [colon]: a, b and so on in their order. Paths are relative"
+    " to the scenario's folder, on the command line to the current one; a recording carries the content",
     files=lambda paths: paths,
     take=_take_drawing,
     bare=lambda paths: tuple(path.rpartition("/")[2] for path in paths),

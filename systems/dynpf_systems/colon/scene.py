@@ -1,4 +1,4 @@
-"""A capsule in its tube as shapes, for looking at: a pixel is drawn as a centimetre, since pictures are in metres."""
+"""Pictures of a capsule in its tube, as shapes: a pixel is drawn as a centimetre, since pictures are in metres."""
 
 import cv2
 import numpy as np
@@ -21,14 +21,14 @@ from dynpf.types import FloatArray
 __all__ = ["M_PER_PX", "arrow_entity", "drawn_pose", "tube_entity", "walls_entity"]
 
 M_PER_PX = 0.01
-"""What a pixel is drawn as."""
+"""Size of a drawn pixel."""
 
 LOOP, PAIRS = 1, 2  # how Foxglove's lines connect their points
 LABEL_OFF_PX = 15.0
 
 
 def drawn_pose(x_px: float, y_px: float, theta: float) -> Pose:
-    """Return a pose in pixels as it is drawn."""
+    """Return the drawn pose of a pose in pixels."""
     return planar_pose(M_PER_PX * x_px, M_PER_PX * y_px, theta)
 
 
@@ -53,7 +53,7 @@ def tube_entity(
 
 
 def walls_entity(ends: FloatArray, now: Timestamp, name: str, color: Color) -> SceneEntity:
-    """Return where walls have moved: lines from points (2, M) to points (2, M), given as (2, 2, M) in pixels."""
+    """Return the displacements of walls as lines between points ``ends[0]`` and ``ends[1]``, (2, 2, M) in pixels."""
     points = np.moveaxis(ends, 2, 0).reshape(-1, 2).T
     lines = (_line(PAIRS, points, color),) if points.size else ()
     return SceneEntity(timestamp=now, frame_id=frames.MAP, id=name, lines=lines)

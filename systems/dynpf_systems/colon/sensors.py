@@ -1,4 +1,4 @@
-"""The capsule's sensors: five ranges in the map that is true at the time, and the motion as the drive was told it."""
+"""The capsule's sensors: five ranges in the true map of the time, and the commanded motion."""
 
 import numpy as np
 from dynpf_runtime.node import Output, Result, State, Step
@@ -15,9 +15,9 @@ __all__ = ["CapsuleSensors", "build"]
 
 
 class CapsuleSensors:
-    """Sensor publisher fed by the simulator's truth: a reading for each true state.
+    """Simulates a reading for each true state.
 
-    Raises ScenarioError for a map that cannot be made, or that does not hold the route.
+    Raises ScenarioError for a map that cannot be made, or that does not contain the route.
     """
 
     def __init__(self, *, config: CapsuleSensorsConfig, seed: int, world: ColonWorld, name: str = "sensors") -> None:
@@ -28,7 +28,8 @@ class CapsuleSensors:
         self._start = np.array(world.route.start)
 
     def step(self, step: Step) -> Result:
-        states = [one.message for one in step.inputs if isinstance(one.message, CapsuleState)]
+        """Return a reading for each true state."""
+        states = [item.message for item in step.inputs if isinstance(item.message, CapsuleState)]
         return Result(tuple(Output("sensors/capsule", self._read(state)) for state in states))
 
     def _read(self, state: CapsuleState) -> CapsuleReading:
@@ -43,6 +44,7 @@ class CapsuleSensors:
             read_ranges(caster, self._start, self._capsule, generator(self._seed, self.name, 0, "rehearsal"))
 
     def freeze(self) -> State:
+        """Return no state: readings depend on the truth only."""
         return {}
 
     def thaw(self, state: State) -> None:

@@ -1,4 +1,4 @@
-"""The capsule simulator: a capsule that is driven along its route through a tube whose walls change on the way."""
+"""The capsule simulator: a capsule driven along its route through a tube whose walls change during the run."""
 
 import math
 
@@ -26,8 +26,8 @@ CAPSULE_COLOR = Color(r=0.15, g=0.4, b=0.8)
 class CapsuleSimulator:
     """True world of a capsule in its tube; the source of its run, which ends with the route.
 
-    Each step is one tick and one reading: at the first the capsule is at its start, before every other it makes a
-    motion. Raises ScenarioError for a map that cannot be made, or that does not hold the route.
+    Each step is one tick and one reading: the first at the start, each other after a motion. Raises ScenarioError for a
+    map that cannot be made, or that does not contain the route.
     """
 
     def __init__(self, *, config: CapsuleConfig, seed: int, world: ColonWorld, name: str = "simulator") -> None:
@@ -41,6 +41,7 @@ class CapsuleSimulator:
         self._scene_ns: int | None = None
 
     def step(self, step: Step) -> Result:
+        """Make the next motion, except at the first step; return the true state and pictures."""
         self._reading += 1
         motion = self._move(step.number) if self._reading > 0 else None
         x, y, theta = self._pose.tolist()
@@ -59,7 +60,7 @@ class CapsuleSimulator:
         return Result(tuple(outputs), finished=self._reading >= len(self._route.motions))
 
     def _move(self, number: int) -> CapsuleMotion:
-        """Make the next motion, in the map that holds at its end, and return it as it was asked for."""
+        """Make the next motion, in the map that holds at its end, and return the commanded motion."""
         noisy = self._capsule.sigma > 0.0 or self._capsule.sigma_theta > 0.0
         goal = self._goals[:, self._reading]
         motion = steered(self._pose, goal) if noisy else self._route.motions[self._reading - 1]
@@ -73,9 +74,11 @@ class CapsuleSimulator:
         return SceneUpdate(entities=(tube, arrow_entity(self._pose, now, "capsule", CAPSULE_COLOR)))
 
     def freeze(self) -> State:
+        """Return the number of the reading and the pose."""
         return {"reading": self._reading, "pose": self._pose.copy(), "scene_ns": self._scene_ns}
 
     def thaw(self, state: State) -> None:
+        """Continue from what freeze returned."""
         self._reading = state["reading"]
         self._pose = np.array(state["pose"])
         self._scene_ns = state["scene_ns"]

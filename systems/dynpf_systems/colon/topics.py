@@ -1,4 +1,4 @@
-"""Topics of COLON, beside those that any robot may have."""
+"""Topics of COLON, in addition to those common to all robots."""
 
 from dynpf_protocol.topics import Topic
 
@@ -17,7 +17,7 @@ TOPICS = (
         name="sensors/capsule",
         type=CapsuleReading,
         publishers=("sensors",),
-        description="The capsule's last motion, as it was told to make it, and its five ranges",
+        description="The capsule's last commanded motion, and its five ranges",
     ),
     Topic(
         name="estimator/capsule",

@@ -1,4 +1,4 @@
-"""The tube that a capsule drives through, as a scenario gives it in ``[colon]`` and ``maps``; pixels and radians."""
+"""The tube that a capsule drives through, from the scenario's ``[colon]`` and ``maps``; pixels and radians."""
 
 from collections.abc import Sequence
 from string import ascii_lowercase
@@ -28,27 +28,27 @@ Turn = Annotated[float, Meta(ge=-7.0, le=7.0)]
 
 
 class MapHolds(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A map that holds from a reading on, until the next one does."""
+    """A map that holds from a reading on, until the next map holds."""
 
-    # a: the plain tube; b: with a bulge near the end of the path; c: with one elsewhere; "b 0.5": b's at half its size;
-    # "other 7": with a bulge that the number stands for; "end 105": with a round end of 105 px; or one of ``bulges``.
-    # Of bitmaps: a, b, c and so on, in their order.
+    # a: the plain tube; b: with a bulge near the end of the path; c: with a bulge elsewhere; "b 0.5": b's at half size;
+    # "other 7": with a bulge drawn from the number; "end 105": with a round end of 105 px; or the name of ``bulges``.
+    # With bitmaps: a, b, c and so on, in their order.
     map: str
     from_reading: Reading = 0  # 0: at the start, then one for each motion
 
 
 class BulgeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A place where a wall of the plain tube stands out; bulges of one map go together."""
+    """A bulge of a wall of the plain tube; a map has all bulges with its name."""
 
-    map: str  # what the map is called that has it
-    beyond_bend_px: Pixels  # px along the centre line from where the tube begins to bend; negative: before that
-    size_px: Size = 45.0  # px by which the wall stands out
-    width_px: Size = 38.0  # px along the wall, of a bell
-    left: bool = False  # of the way along the tube; else on the right
+    map: str  # the name of the map
+    beyond_bend_px: Pixels  # px along the centre line from the beginning of the bend; negative: before it
+    size_px: Size = 45.0  # px, height of the bulge
+    width_px: Size = 38.0  # px along the wall, of a bell shape
+    left: bool = False  # in the direction of travel; else on the right
 
 
 class RouteConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Where the capsule starts and how it is told to move."""
+    """The capsule's start and its commanded motions."""
 
     start: tuple[Pixels, Pixels, Turn] = ROUTE.start  # px, px, rad
     motions: tuple[tuple[Pixels, Turn], ...] = ()  # each: px ahead, after a turn by rad; empty: COLON's fifteen
@@ -58,21 +58,22 @@ class ColonConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """A capsule in a tube whose walls change (COLON): a member of a family, or bitmaps of your own (``maps``)."""
 
     family: Literal["haustra", "folds", "irregular"] = "haustra"
-    tube: Annotated[int, Meta(ge=0)] = 1  # which member of the family: its seed
-    bulges: tuple[BulgeConfig, ...] = ()  # maps of the tube besides those with names of their own
+    tube: Annotated[int, Meta(ge=0)] = 1  # the seed of the tube in its family
+    bulges: tuple[BulgeConfig, ...] = ()  # further maps of the tube
     route: RouteConfig = RouteConfig()
     true: Annotated[tuple[MapHolds, ...], Meta(min_length=1)] = (MapHolds(map="a"),)  # in order of time
-    told: Annotated[tuple[MapHolds, ...], Meta(min_length=1)] = (MapHolds(map="a"),)  # the same, as the filter hears it
+    told: Annotated[tuple[MapHolds, ...], Meta(min_length=1)] = (MapHolds(map="a"),)  # the schedule given to the filter
 
 
 class ColonWorld:
-    """What simulator, sensors and estimator all know: the route, the maps, and which holds when.
+    """The route, the maps and their schedules, as simulator, sensors and estimator share them.
 
-    ``true`` and ``told`` are by the number of the reading. Raises ScenarioError for what contradicts itself.
+    ``true`` and ``told`` are the schedules by number of reading, true and as given to the filter. Raises ScenarioError
+    for contradictions.
     """
 
     def __init__(self, config: ColonConfig, drawings: Sequence[tuple[str, bytes]]) -> None:
-        """Take the user's bitmaps, in order, each with its file's name; none: the tube is made."""
+        """Take the user's bitmaps in order, each with its file's name; without bitmaps the tube is generated."""
         motions = tuple(CapsuleMotion(*motion) for motion in config.route.motions)
         self.route = Route(config.route.start, motions or ROUTE.motions, ROUTE.change)
         self.true, self.told = _timeline(config.true, "colon.true"), _timeline(config.told, "colon.told")
@@ -81,7 +82,7 @@ class ColonWorld:
         self._grids: dict[str, OccupancyGrid] = {}
 
     def grid(self, name: str, key: str) -> OccupancyGrid:
-        """Return a map by its name; raises ScenarioError, which says that ``key`` of the scenario asked for it."""
+        """Return a map by its name; raises ScenarioError, which names the scenario's ``key``."""
         if name not in self._grids:
             try:
                 self._grids[name] = self._made(name)
@@ -90,11 +91,11 @@ class ColonWorld:
         return self._grids[name]
 
     def true_grids(self) -> dict[str, OccupancyGrid]:
-        """Return the maps that hold at some time, by name."""
+        """Return the maps that are true at some time, by name."""
         return {name: self.grid(name, "colon.true") for _, name in self.true.entries}
 
     def drawn(self) -> list[OccupancyGrid]:
-        """Return the maps of the user's bitmaps; raises ScenarioError for the first that is none."""
+        """Return the maps of the user's bitmaps; raises ScenarioError for the first that is not a map."""
         return [self.grid(name, "maps") for name in self._drawings]
 
     def _made(self, name: str) -> OccupancyGrid:
@@ -106,11 +107,11 @@ class ColonWorld:
             return drawn_map(data, file, route)
         config = self._config
         family = Family(config.family)
-        own = [one for one in config.bulges if one.map == name]
+        own = [bulge for bulge in config.bulges if bulge.map == name]
         if not own:
             return tube_map(family, config.tube, name, route)
         plain = tube(family, config.tube)
-        bulges = (Bulge(one.left, plain.bend + one.beyond_bend_px, one.size_px, one.width_px) for one in own)
+        bulges = (Bulge(bulge.left, plain.bend + bulge.beyond_bend_px, bulge.size_px, bulge.width_px) for bulge in own)
         return bore(plain.bore(*bulges), route, name)
 
 
@@ -128,6 +129,6 @@ def _world(context: Context) -> ColonWorld:
 
 def _timeline(held: tuple[MapHolds, ...], key: str) -> MapTimeline[str]:
     try:
-        return MapTimeline(tuple((one.from_reading, one.map) for one in held))
+        return MapTimeline(tuple((entry.from_reading, entry.map) for entry in held))
     except ValueError as error:
         raise ScenarioError(f"{key}: {error}") from error

@@ -1,4 +1,4 @@
-"""What the controller looks at, estimates as arrays, and what it does next: subtasks and one tick's motion."""
+"""The controller's view of the estimates, as arrays, and its decisions: subtasks and one tick's motion."""
 
 import math
 from typing import NamedTuple, Protocol
@@ -18,7 +18,7 @@ __all__ = ["Construction", "Motion", "Scene", "Subtask", "margins_of"]
 
 
 class Scene(NamedTuple):
-    """Pose (3,), parts (p, 2), and standard deviations of each coordinate, of the robot and of the parts (p,)."""
+    """Pose (3,) of the robot, positions (p, 2) of the parts, and standard deviations of their coordinates."""
 
     pose: FloatArray
     robot_sigma: float
@@ -28,6 +28,7 @@ class Scene(NamedTuple):
 
     @classmethod
     def of(cls, estimate: Estimate, parts: PartsEstimate) -> "Scene":
+        """Return the scene of estimates with the same stamp."""
         return cls(
             pose=np.array([estimate.x, estimate.y, estimate.theta]),
             robot_sigma=math.sqrt(max(estimate.covariance[0] + estimate.covariance[4], 0.0) / 2.0),
@@ -37,18 +38,18 @@ class Scene(NamedTuple):
         )
 
     def sigmas_between(self, most: float) -> FloatArray:
-        """Return the deviation, at most ``most``, of the robot's place relative to each part's, (p,)."""
+        """Return the standard deviation, at most ``most``, of the robot's position relative to each part's, (p,)."""
         both: FloatArray = np.minimum(np.sqrt(self.robot_sigma * self.robot_sigma + self.sigmas * self.sigmas), most)
         return both
 
     def bearing_sigma(self, part: int, most: float) -> float:
-        """Return the deviation of the direction from robot to ``part``, if positions deviate by ``most`` at most."""
+        """Return the standard deviation of the bearing of ``part``, if that of positions is at most ``most``."""
         distance: float = norm(self.parts[part] - self.pose[:2])
         return float(self.sigmas_between(most)[part]) / max(distance, most)
 
 
 def margins_of(scene: Scene, config: RearrangementControllerConfig) -> Margins:
-    """Return the clearances to be kept: more where less is known."""
+    """Return the clearances to be kept, which grow with the standard deviations."""
     return Margins(
         parts=config.margin + config.margin_sigmas * scene.sigmas_between(config.max_sigma),
         walls=config.margin + config.margin_sigmas * min(scene.robot_sigma, config.max_sigma),
@@ -56,9 +57,9 @@ def margins_of(scene: Scene, config: RearrangementControllerConfig) -> Margins:
 
 
 class Subtask(NamedTuple):
-    """Take ``part`` to ``goal``, (2,): its own, or a place where it is out of the way (``parked``).
+    """Take ``part`` to ``goal``, (2,): its own, or a parking position out of the way (``parked``).
 
-    ``direction``: of the gripper when it takes the part, for constructions that choose one.
+    ``direction`` is the gripper's when it takes the part, for constructions that choose it.
     """
 
     part: int
@@ -68,38 +69,46 @@ class Subtask(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """One tick's step in (x, y, theta), the potential that it descends, and whether that has just been made anew."""
+    """One tick's step in (x, y, theta), the potential that it descends, and whether that has just been solved again."""
 
     step: FloatArray
     potential: float
-    anew: bool = False
+    renewed: bool = False
 
 
 class Construction(Protocol):
-    """A family of potentials: which part is next, and how to mate with it and move it.
+    """A family of potentials: it chooses the next part, and how to mate with it and move it.
 
-    ``progress`` is the fall of the potential that tells progress from noise. ``freeze`` and ``thaw`` are for what
-    the steps remember, as a node's.
+    ``progress`` is the decrease of the potential that counts as progress rather than noise. ``freeze`` and ``thaw`` are
+    those of a node, for the state between steps.
     """
 
     @property
-    def progress(self) -> float: ...
+    def progress(self) -> float:
+        """The decrease of the potential that counts as progress."""
+        ...
 
     def choose(
         self, scene: Scene, away: NDArray[np.intp], stalls: NDArray[np.int64], *, make_way: bool
     ) -> Subtask | None:
-        """Return what to do first about the parts ``away``, those with the fewest stalls before others; or nothing.
+        """Return the next subtask for the parts ``away``, those with the fewest stalls first; None without any.
 
-        ``make_way``: a part may be moved aside for others.
+        With ``make_way`` a part may be moved aside for others.
         """
         ...
 
     def mate(self, scene: Scene, subtask: Subtask) -> Motion | None:
-        """Return the step towards gripping the part; None when this is no longer possible."""
+        """Return the step towards gripping the part; None when that is no longer possible."""
         ...
 
-    def move(self, scene: Scene, subtask: Subtask) -> Motion: ...
+    def move(self, scene: Scene, subtask: Subtask) -> Motion:
+        """Return the step that moves the held part towards the subtask's goal."""
+        ...
 
-    def freeze(self) -> State: ...
+    def freeze(self) -> State:
+        """Return the state between steps."""
+        ...
 
-    def thaw(self, state: State) -> None: ...
+    def thaw(self, state: State) -> None:
+        """Continue from what freeze returned."""
+        ...

@@ -1,8 +1,8 @@
 """The overhead camera: draws the workspace as a colour frame with uneven light, blur and noise.
 
 Discs are drawn through the exact inverse of the projection, with the profile of a blurred edge, so that their centres
-and radii in the frame are known far below a pixel. What does not change (lit table, the place of each pixel in the
-workspace, noise tiles) is made once for each set of parameters.
+and radii in the frame are known far below a pixel. The constant parts (lit table, workspace coordinates of each pixel,
+noise tile) are computed once for each set of parameters.
 """
 
 import math
@@ -26,9 +26,9 @@ __all__ = ["CAMERA_FRAME", "Camera", "DrawnDisc", "board_discs", "encode", "rend
 Frame = NDArray[np.uint8]
 
 CAMERA_FRAME = "camera"
-"""The frame of reference of its images, in which nothing is placed."""
+"""The frame of reference of its images; no other message uses it."""
 
-_TILE_MARGIN_PX = 256  # the noise tile is larger than the frame by this, and is shifted at random within it
+_TILE_MARGIN_PX = 256  # by how much the noise tile exceeds the frame, for random shifts
 _EDGE_STEPS = 32  # of the edge profile, per pixel
 _EDGE_REACH_PX = 4.0
 _LINE_HALF_WIDTH_PX = 1.0
@@ -46,7 +46,7 @@ class DrawnDisc(NamedTuple):
 
 
 class Camera:
-    """A camera ready to draw: holds what depends on the parameters alone."""
+    """A renderer of frames: holds the arrays that depend on the parameters only."""
 
     def __init__(self, params: CameraParams) -> None:
         self.params = params
@@ -54,9 +54,9 @@ class Camera:
         self._light = _light(params)
         self._edge = np.float32(_EDGE_REACH_PX), np.float32(_EDGE_STEPS), _edge_profile(params.blur_sigma_px)
         columns, rows = np.meshgrid(np.arange(params.width_px), np.arange(params.height_px))
-        place = self._projection.to_workspace(np.stack([columns, rows], axis=2).astype(np.float64))
-        self._x_m = np.ascontiguousarray(place[..., 0], dtype=np.float32)
-        self._y_m = np.ascontiguousarray(place[..., 1], dtype=np.float32)
+        points = self._projection.to_workspace(np.stack([columns, rows], axis=2).astype(np.float64))
+        self._x_m = np.ascontiguousarray(points[..., 0], dtype=np.float32)
+        self._y_m = np.ascontiguousarray(points[..., 1], dtype=np.float32)
         self._empty = self._lit_table()
         self._noise = _noise_tile(params)
 
@@ -80,7 +80,7 @@ class Camera:
             kernels.drawing.draw_line(*canvas, line, px_per_m, self._edge, colour)
 
     def _box(self, disc: DrawnDisc) -> tuple[int, int, int, int]:
-        """Top, bottom, left and right of the part of the frame that holds the disc and its blurred edge."""
+        """Return top, bottom, left and right of the frame's region with the disc and its blurred edge."""
         rim_px = self._projection.to_pixels(disc.radius_m * directions(16) + [disc.x_m, disc.y_m])
         lowest, highest = rim_px.min(axis=0), rim_px.max(axis=0)
         margin = _EDGE_REACH_PX + 0.03 * float(highest[0] - lowest[0]) + 2
@@ -90,7 +90,7 @@ class Camera:
         return top, bottom, left, right
 
     def _px_per_m(self, disc: DrawnDisc) -> float:
-        """The scale at the disc, as the root of the area's magnification."""
+        """Return the scale at the disc: the square root of the area's magnification."""
         step = 1e-3
         ends = np.array([[disc.x_m, disc.y_m], [disc.x_m + step, disc.y_m], [disc.x_m, disc.y_m + step]])
         at, right, up = self._projection.to_pixels(ends)
@@ -102,8 +102,8 @@ class Camera:
         px_per_m = self.params.focal_px / self.params.height_m
         outside_px = np.abs(outside_m) * np.float32(px_per_m) - np.float32(_LINE_HALF_WIDTH_PX)
         reach, steps, profile = self._edge
-        place = np.clip((outside_px + reach) * steps, 0, len(profile) - 1)
-        cover = profile[whole(place + np.float32(0.5), 0, len(profile) - 1)][..., None]
+        index = np.clip((outside_px + reach) * steps, 0, len(profile) - 1)
+        cover = profile[whole(index + np.float32(0.5), 0, len(profile) - 1)][..., None]
         table, border = (
             self._light[..., None] * np.array(colour, dtype=np.float32)
             for colour in (self.params.table_colour, self.params.border_colour)
@@ -119,7 +119,7 @@ class Camera:
 
 
 def render(discs: Sequence[DrawnDisc], params: CameraParams, seed: int, tick: int) -> Frame:
-    """Draw one frame (H, W, 3) BGR; what depends on `params` alone is kept from call to call."""
+    """Draw one frame (H, W, 3) BGR; arrays that depend on ``params`` only are cached."""
     return _camera(params).render(discs, seed, tick)
 
 
@@ -142,7 +142,7 @@ def _camera(params: CameraParams) -> Camera:
 
 
 def _light(params: CameraParams) -> NDArray[np.float32]:
-    """Relative illumination (H, W), 1 in the middle: falls off towards the corners and slopes across."""
+    """Return the relative illumination (H, W), 1 in the middle, with falloff towards the corners and a slope."""
     x = np.linspace(-1, 1, params.width_px)[None, :]
     y = np.linspace(-1, 1, params.height_px)[:, None]
     away, farthest = np.square(x + 0.1) + np.square(y - 0.15), 1.1 * 1.1 + 1.15 * 1.15
@@ -151,7 +151,7 @@ def _light(params: CameraParams) -> NDArray[np.float32]:
 
 
 def _noise_tile(params: CameraParams) -> NDArray[np.int16]:
-    """What sensor noise adds to each colour, in a tile larger than the frame; the same for every seed."""
+    """Return the sensor noise of each colour, in a tile larger than the frame; the same for every seed."""
     rows, columns = params.height_px + _TILE_MARGIN_PX, params.width_px + _TILE_MARGIN_PX
     draws = Stream.of(0, "simulator", 0, "camera noise tile").normals(3, rows * columns).reshape(3, rows, columns)
     draws = np.ascontiguousarray(np.moveaxis(draws, 0, -1))
@@ -159,7 +159,7 @@ def _noise_tile(params: CameraParams) -> NDArray[np.int16]:
 
 
 def _edge_profile(blur_sigma_px: float) -> NDArray[np.float32]:
-    """Coverage against the distance outside a straight border: a step seen through the blur and a pixel's width."""
+    """Return the coverage by distance outside a straight border: a step convolved with blur and pixel width."""
     sigma = math.sqrt(blur_sigma_px * blur_sigma_px + 1 / 12)
     distance = np.arange(round(2 * _EDGE_REACH_PX * _EDGE_STEPS) + 1) / _EDGE_STEPS - _EDGE_REACH_PX
     return np.array([0.5 * (1.0 - erf(d / (sigma * math.sqrt(2.0)))) for d in distance], dtype=np.float32)

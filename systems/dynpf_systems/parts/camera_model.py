@@ -1,4 +1,4 @@
-"""The overhead camera as geometry: where a point of the workspace appears in the frame."""
+"""The geometry of the overhead camera: the projection of the workspace into the frame."""
 
 from typing import Annotated
 
@@ -34,14 +34,14 @@ class CameraParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     table_colour: Colour = (196, 204, 206)
     border_colour: Colour = (176, 184, 186)  # thin line around the workspace
     part_colour: Colour = (60, 110, 190)
-    robot_colour: Colour = (120, 60, 30)  # darker in grey than the parts, to be told from a part of its size
+    robot_colour: Colour = (120, 60, 30)  # darker in grey than the parts, which may have its size
     gripper_colour: Colour = (235, 235, 235)
-    light_falloff: Annotated[float, Meta(ge=0, le=0.9)] = 0.18  # from the brightest place to the farthest corner
+    light_falloff: Annotated[float, Meta(ge=0, le=0.9)] = 0.18  # from the brightest point to the farthest corner
     light_slope: Annotated[float, Meta(ge=-0.9, le=0.9)] = 0.12  # from the left side to the right
     blur_sigma_px: Annotated[float, Meta(ge=0, le=3)] = 1.0
     noise_std: Annotated[float, Meta(ge=0, le=30)] = 2.0  # grey levels, each colour on its own
     jpeg_quality: Annotated[int, Meta(ge=1, le=100)] = 85
-    board: Board | None = None  # a calibration board, which lies alone on the table in the run's first frame
+    board: Board | None = None  # a calibration board, alone on the table in the run's first frame
 
 
 def project(points_m: NDArray[np.float64], params: CameraParams) -> NDArray[np.float64]:
@@ -50,14 +50,14 @@ def project(points_m: NDArray[np.float64], params: CameraParams) -> NDArray[np.f
 
 
 def calibration_pairs(params: CameraParams, per_side: int = 7) -> list[list[float]]:
-    """Return [u_px, v_px, x_m, y_m] for a square grid of known points, as a session with a board would."""
+    """Return [u_px, v_px, x_m, y_m] for a square grid of known points, as from a calibration board."""
     ticks = np.linspace(-0.45, 0.45, per_side) * params.workspace_m
     points = np.stack(np.meshgrid(ticks, ticks), axis=2).reshape(-1, 2)
     return [[float(value) for value in row] for row in np.hstack([project(points, params), points])]
 
 
 def projection_of(params: CameraParams) -> PlaneProjection:
-    """The pinhole camera: the image's x to the right, y down; the workspace's y up when nothing is turned."""
+    """Return the pinhole camera: image x to the right and y down; workspace y up in the image without rotations."""
     rotation = product(_turn(2, params.rotation_rad), _turn(0, params.tilt_x_rad), _turn(1, params.tilt_y_rad))
     looking_down = np.array([[1.0], [-1.0], [-1.0]]) * rotation
     columns = np.column_stack([looking_down[:, 0], looking_down[:, 1], [0.0, 0.0, params.height_m]])
@@ -71,7 +71,7 @@ def projection_of(params: CameraParams) -> PlaneProjection:
 
 
 def _turn(axis: int, angle: float) -> NDArray[np.float64]:
-    """Rotation by `angle` about a coordinate axis."""
+    """Return the rotation matrix by ``angle`` about a coordinate axis."""
     i, j = [other for other in range(3) if other != axis]
     sign = -1.0 if axis == 1 else 1.0
     matrix = np.eye(3)

@@ -1,10 +1,8 @@
-"""Controller of the rearrangement task: which part is next, and which law drives the robot.
+"""Controller of the rearrangement task: it chooses the next part and the law that drives the robot.
 
-A subtask is a part: mate with it, move it to its goal, leave it. What it is to be is decided at events only (a part put
-down, a stall, a part that moved), with hysteresis, so that noise cannot make the robot waver. Each tick's step comes
-from dynpf.types import FloatArray
-from the present estimate; no plan is kept. Clearances are kept with a margin that grows with the estimate's standard
-deviation.
+A subtask is a part: mate with it, move it to its goal, leave it. Subtasks are chosen at events only (a part put down, a
+stall, a part that moved), with hysteresis, so that noise does not make the robot waver. Each tick's step comes from the
+current estimate; no plan is kept. Clearances have a margin that grows with the estimate's standard deviation.
 """
 
 import math
@@ -32,16 +30,16 @@ __all__ = ["RearrangementController", "build"]
 
 Mode = Literal["idle", "mate", "move", "leave"]
 
-Decision = tuple[Command, bool]  # how to move, and whether to grip
+Decision = tuple[Command, bool]  # the velocity, and whether to grip
 
-ANOTHER_WAY = 0.3  # rise of a potential, in metres, by which it is not the noise of the estimate
+ANOTHER_WAY = 0.3  # rise of a potential, in metres, that indicates another path rather than noise of the estimate
 
 
 class RearrangementController:
     """Reads the estimates of robot and parts; commands velocity and gripper and, at the end, that it has finished.
 
-    It decides by estimates of the same stamp. Those of the parts come first and wake nobody: where many arrive at once,
-    the parts' may come a step before the robot's.
+    It decides by estimates of the same stamp. Those of the parts are sent first and trigger no step; where many arrive
+    at once, those of the parts may come a step before the robot's.
     """
 
     def __init__(
@@ -73,28 +71,36 @@ class RearrangementController:
         self._best = math.inf  # lowest potential of this stage
         self._best_ticks = 0  # ticks since it was last lowered
         self._home_ticks = 0
-        self._wait = 0  # ticks until it is asked again what can be done ...
-        self._refused = False  # ... after an answer that was: nothing
+        self._wait = 0  # ticks until the next choice of a subtask ...
+        self._refused = False  # ... after a choice without a result
         self._stamp_ns = -1  # of the newest estimate of the parts ...
-        self._parts: PartsEstimate | None = None  # ... which it is
+        self._parts: PartsEstimate | None = None  # ... and that estimate
 
     def step(self, step: Step) -> Result:
+        """Return the commands for the newest estimates; stand still without new ones."""
         scene = self._scene(step)
         command, grip = self._stop() if scene is None else self._decide(scene)
         handling = PartsCommand(mode=self._mode, target=self._target, grip=grip)
         return Result((Output("controller/parts", handling), Output("controller/command", command)))
 
     def _scene(self, step: Step) -> Scene | None:
-        """Return the newest estimates of robot and parts that belong together, None where there are no new ones."""
-        robots = [(one.stamp_ns, one.message) for one in step.inputs if isinstance(one.message, Estimate)]
+        """Return the newest estimates of robot and parts with the same stamp, None without new ones."""
+        robots = [
+            (received.stamp_ns, received.message) for received in step.inputs if isinstance(received.message, Estimate)
+        ]
         parts = {} if self._parts is None else {self._stamp_ns: self._parts}
-        parts |= {one.stamp_ns: one.message for one in step.inputs if isinstance(one.message, PartsEstimate)}
+        parts |= {
+            received.stamp_ns: received.message
+            for received in step.inputs
+            if isinstance(received.message, PartsEstimate)
+        }
         if parts:
             self._stamp_ns = max(parts)
             self._parts = parts[self._stamp_ns]
         return next((Scene.of(robot, parts[stamp]) for stamp, robot in reversed(robots) if stamp in parts), None)
 
     def freeze(self) -> State:
+        """Return the subtask, the stage, the parts at home, counters and the newest estimate."""
         subtask = self._subtask
         return {
             "mode": self._mode,
@@ -113,6 +119,7 @@ class RearrangementController:
         }
 
     def thaw(self, state: State) -> None:
+        """Continue from what freeze returned."""
         self._mode = state["mode"]
         self._subtask = None if state["subtask"] is None else Subtask(*state["subtask"])
         self._home, self._stalls = state["home"].copy(), state["stalls"].copy()
@@ -136,7 +143,7 @@ class RearrangementController:
         return self._act(scene)
 
     def _react(self, scene: Scene, subtask: Subtask) -> None:
-        """Change the stage of the subtask, or end it, as the scene asks for it."""
+        """Change the stage of the subtask, or end it, depending on the scene."""
         match self._mode:
             case "mate" if scene.held == subtask.part:
                 self._enter("move")
@@ -154,7 +161,7 @@ class RearrangementController:
                 pass
 
     def _update_home(self, scene: Scene) -> None:
-        """A part comes home when it is seen to be placed, and leaves home only when it is clearly elsewhere."""
+        """Update which parts are home: a part enters when it is placed, and leaves when it is clearly elsewhere."""
         config = self._config
         distance = norm(scene.parts - self._layout.goals, axis=1)
         placed = distance <= config.placed + config.placed_sigmas * scene.sigmas
@@ -172,13 +179,13 @@ class RearrangementController:
         self._wait = max(self._wait - 1, 0)
         if not seen.size or self._wait:
             return
-        # Nothing is moved out of the way on one tick's evidence: the next estimates may show that there is one.
+        # No part is moved aside on the evidence of a single tick: the next estimates may show a free path.
         self._subtask = self._construction.choose(scene, seen, self._stalls, make_way=self._refused)
         self._refused = self._subtask is None
         if self._subtask is None:
             self._wait = self._config.choice_ticks
         else:
-            # Whoever makes way comes after those for whom it does.
+            # A part that makes way comes after those for which it does.
             self._stalls[self._subtask.part] += self._subtask.parked
             self._enter("mate")
 
@@ -192,7 +199,7 @@ class RearrangementController:
         self._enter("idle")
 
     def _give_up(self, subtask: Subtask) -> None:
-        """Put down what is held, and let the others come first."""
+        """Put down the held part, and give priority to the others."""
         if self._mode == "move":
             self._stalls[subtask.part] += 1
             self._enter("leave")
@@ -201,8 +208,8 @@ class RearrangementController:
             self._end()
 
     def _watch(self, motion: Motion) -> None:
-        """Count the ticks without progress; a potential made anew may show that the way is another one by now."""
-        another = motion.anew and motion.potential > self._best + ANOTHER_WAY
+        """Count the ticks without progress; the count restarts where a potential solved again has changed the path."""
+        another = motion.renewed and motion.potential > self._best + ANOTHER_WAY
         if another or motion.potential < self._best - self._construction.progress:
             self._best, self._best_ticks = motion.potential, 0
         else:
@@ -262,7 +269,7 @@ class RearrangementController:
         return Command(vx=vx, vy=vy, w=w), grip
 
     def _stop(self) -> Decision:
-        """Stand still, and hold on to what is held."""
+        """Stand still, and keep holding a held part."""
         finished = self._home_ticks >= self._config.home_ticks
         return Command(finished=finished), self._mode == "move"
 

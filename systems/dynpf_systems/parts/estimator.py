@@ -1,10 +1,9 @@
 """Estimator of the rearrangement task: a particle filter for the robot, a Kalman filter for each part.
 
 The robot's filter draws from the optimal importance density (PARTS eq. 3.19-3.24) unless another is named, and moves
-its particles along the velocity last commanded: the way down the potential from where the robot was thought to be,
-which is what the robot does, wherever it really was. A part is a random walk until it is held; then it goes where the
-gripper goes, and what is seen of it tells about the robot too. Detections carry no names: they are matched to the robot
-and the parts by position, radius and the grey that each has shown so far.
+its particles with the velocity last commanded, as the robot does whatever its true position. A part is a random walk
+until it is held; then it moves with the gripper, and its detections also measure the robot. Detections carry no
+identity: they are associated with the robot and the parts by position, radius and the grey observed so far.
 """
 
 import math
@@ -31,7 +30,7 @@ from dynpf_systems.parts.task import RearrangementTask, layout_of, task_of
 __all__ = ["RearrangementEstimator", "build"]
 
 
-ROBOT = 0  # row of the robot among the objects to be matched; part i is row i + 1
+ROBOT = 0  # row of the robot among the objects to be associated; part i is row i + 1
 
 
 class RearrangementEstimator:
@@ -60,7 +59,7 @@ class RearrangementEstimator:
         self._parts = np.zeros((count, 2))
         self._variances = np.full(count, config.prior_variance)
         expected = [config.robot_grey, *[config.part_grey] * count]
-        # Of an object whose grey is not known yet, zero.
+        # Zero where the grey is not known yet.
         self._greys = np.array([0.0 if grey is None else grey for grey in expected])
         self._toned = np.array([grey is not None for grey in expected])
         self._missed = np.zeros(count + 1, dtype=np.int64)
@@ -75,6 +74,7 @@ class RearrangementEstimator:
         self._shown_ns: int | None = None
 
     def step(self, step: Step) -> Result:
+        """Update the filters by the detections; return the estimates once every object has been located."""
         detections: Detections | None = None
         logs: list[Output] = []
         for item in step.inputs:
@@ -105,6 +105,7 @@ class RearrangementEstimator:
         self._robot_filter.rehearse(seen, self._noise.process, stream)
 
     def freeze(self) -> State:
+        """Return the beliefs, the learnt greys, counters and the last commands."""
         return {
             "robot": None if self._robot is None else self._robot.freeze(),
             "parts": self._parts.copy(),
@@ -124,6 +125,7 @@ class RearrangementEstimator:
         }
 
     def thaw(self, state: State) -> None:
+        """Continue from what freeze returned."""
         self._robot = None if state["robot"] is None else Belief.thaw(state["robot"])
         self._parts, self._variances = state["parts"].copy(), state["variances"].copy()
         self._greys, self._toned, self._missed = (state[name].copy() for name in ("greys", "toned", "missed"))
@@ -135,7 +137,7 @@ class RearrangementEstimator:
         self._held, self._shown_ns = state["held"], state["shown_ns"]
 
     def _filter(self, detections: Detections | None, elapsed_s: float, number: int) -> None:
-        """Predict, match the detections, and take them in: first the robot's, then the parts'."""
+        """Predict, associate the detections, and update: first the robot, then the parts."""
         ticks = elapsed_s / self._tick_s
         shift = np.array([self._command.vx, self._command.vy]) * elapsed_s
         variance = self._noise.process * ticks
@@ -155,7 +157,7 @@ class RearrangementEstimator:
         self._update_parts(matches[1:], measured)
 
     def _predictions(self, shift: FloatArray, variance: float) -> tuple[FloatArray, FloatArray]:
-        """Return where each object is expected, (p + 1, 2), and the variance of each coordinate, (p + 1,)."""
+        """Return the predicted positions of the objects, (p + 1, 2), and the variances of a coordinate, (p + 1,)."""
         predicted = np.zeros((len(self._radii), 2))
         variances = np.full(len(self._radii), self._config.prior_variance)
         predicted[1:], variances[1:] = self._parts, self._variances
@@ -168,7 +170,7 @@ class RearrangementEstimator:
         return predicted, variances
 
     def _costs(self, measured: "_Measured", predicted: FloatArray, variances: FloatArray) -> FloatArray:
-        """Return the negative log-likelihood of each detection for each object, infinite outside the gates."""
+        """Return the negative log-likelihoods, (objects, detections), infinite outside the gates."""
         config = self._config
         innovation_variance = (variances + self._noise.measurement)[:, None]
         aside, ahead = (measured.centres[:, axis] - predicted[:, axis, None] for axis in (0, 1))
@@ -185,32 +187,32 @@ class RearrangementEstimator:
         return costs
 
     def _remember(self, matches: NDArray[np.intp], measured: "_Measured") -> None:
-        """Learn the greys of what was matched, and forget where an object is that was missed for too long."""
+        """Learn the greys of associated objects, and forget the position of an object missed for too long."""
         found = matches >= 0
         greys = measured.greys[matches[found]]
         known = self._greys[found]
         self._greys[found] = np.where(self._toned[found], 0.9 * known + 0.1 * greys, greys)
         self._toned = self._toned | found
         self._located = self._located | self._seen
-        if self._held >= 0:  # robot and held part tell where each other is
+        if self._held >= 0:  # robot and held part locate each other
             found[[ROBOT, self._held + 1]] = found[ROBOT] or found[self._held + 1]
         self._missed = np.where(found, 0, self._missed + 1)
         forgotten = self._missed >= self._config.lost_after
         self._variances = np.where(forgotten[1:], self._config.prior_variance, self._variances)
         if forgotten[ROBOT]:
-            self._robot = None  # the next detection starts the filter anew
+            self._robot = None  # the next detection restarts the filter
 
     def _sights(self, matches: NDArray[np.intp], measured: "_Measured") -> list[Seen]:
-        """Return what was seen of the robot: its own disc, and that of the part in its gripper."""
+        """Return the position readings of the robot: from its own disc, and from that of the part in its gripper."""
         noise = self._noise.measurement
         seen = [Seen(measured.centres[matches[ROBOT]], noise)] if matches[ROBOT] >= 0 else []
         if self._held >= 0 and matches[self._held + 1] >= 0:
-            place = measured.centres[matches[self._held + 1]] - self._grip_offset(self._held)
-            seen.append(Seen(place, noise + self._swing_variance(self._held)))
+            position = measured.centres[matches[self._held + 1]] - self._grip_offset(self._held)
+            seen.append(Seen(position, noise + self._swing_variance(self._held)))
         return seen
 
     def _update_parts(self, matches: NDArray[np.intp], measured: "_Measured") -> None:
-        """Take in what was seen of the parts: a random walk's Kalman filter, of equal variances (PARTS table 3.2)."""
+        """Update the parts by their detections, with Kalman filters of random walks (PARTS table 3.2)."""
         held = self._held if self._robot is not None else -1
         free = self._seen.copy()
         if held >= 0 and self._robot is not None:
@@ -227,7 +229,7 @@ class RearrangementEstimator:
         return np.array([distance * cosine, distance * sine])
 
     def _swing_variance(self, part: int) -> float:
-        """Return the variance that the gripper's angle adds to where a part is against the robot, across the arm."""
+        """Return the variance, across the arm, that the gripper's angle adds to the position of a held part."""
         distance = self._layout.grip_distance(part)
         return self._config.encoder_variance * (distance * distance)
 
@@ -250,7 +252,7 @@ class RearrangementEstimator:
         stamp = timestamp(step.stamp_ns)
         pose = PoseInFrame(timestamp=stamp, frame_id=frames.MAP, pose=planar_pose(x, y, self._theta))
         outputs = [
-            Output("estimator/parts", PartsEstimate(parts=parts, held=self._held)),  # before what wakes its readers
+            Output("estimator/parts", PartsEstimate(parts=parts, held=self._held)),  # before the state, which triggers
             Output("estimator/state", estimate),
             Output("estimator/pose", pose),
         ]
@@ -271,6 +273,7 @@ class _Measured(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, detections: Detections | None) -> "_Measured":
+        """Return the detections as arrays, empty without a message."""
         discs = () if detections is None else detections.discs
         table = np.array([(disc.x, disc.y, disc.radius, disc.grey) for disc in discs]).reshape(-1, 4)
         return cls(table[:, :2], table[:, 2], table[:, 3])

@@ -1,4 +1,4 @@
-"""Measures of the rearrangement task (PARTS): what became of the parts, and how well robot and parts were known."""
+"""Measures of the rearrangement task (PARTS): its outcome, and the errors of the estimates of robot and parts."""
 
 import contextlib
 import math
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dynpf.metrics import rearrangement as metrics
 from dynpf.metrics.consistency import nees
+from dynpf.types import FloatArray
 from dynpf_systems.parts.config import RearrangementConfig
 from dynpf_systems.parts.messages import PartsEstimate, PartsState
 from dynpf_systems.parts.task import Noise, RearrangementTask
@@ -28,32 +29,31 @@ __all__ = [
     "rearrangement",
 ]
 
-FloatArray = NDArray[np.float64]
 
 HOME_TOLERANCE_M = 0.025
-"""A part is home when its centre is this near to its goal, in metres."""
+"""Greatest distance, in metres, of a part's centre from its goal at which the part is home."""
 SETTLED_S = 1.0
-"""The robot's filter is judged from so many seconds after its first estimate on."""
+"""Time in seconds after its first estimate from which the robot's filter is judged."""
 
 TOPICS = ("truth/robot", "truth/parts", "estimator/state", "estimator/parts", "estimator/particles")
-"""Of the messages that a course is made of."""
+"""Topics from which a course is made."""
 _KALMAN = frozenset({"extended_kalman", "unscented_kalman"})
 
 
 class Course(NamedTuple):
-    """What happened in a run, tick by tick; metres.
+    """The course of a run, tick by tick; metres.
 
-    Over the T ticks of the truth: positions (T, 2) and (T, p, 2) and speeds (T,). Over the E ticks that have an
-    estimate, whose indices among all are ``known`` (E,): the estimate of the robot (E, 2) with its covariances
-    (E, 2, 2) and of the parts (E, p, 2), and the part thought to be held, or -1 (E,). ``clouds`` are the particles that
-    were published, (2, M) each. ``noise`` is what the filter expects.
+    Over the T ticks of the truth: positions (T, 2) and (T, p, 2) and speeds (T,). Over the E ticks with an estimate,
+    whose indices among all ticks are ``known`` (E,): the estimates of the robot (E, 2) with covariances (E, 2, 2) and
+    of the parts (E, p, 2), and the index of the part estimated to be held, or -1 (E,). ``clouds`` are the published
+    particles, (2, M) each. ``noise`` is what the filter assumes.
     """
 
     task: RearrangementTask
     tick_s: float
     noise: Noise
     finished: bool
-    contacts: int  # ticks in which something touched what it should not
+    contacts: int  # ticks with a contact that is not allowed
     robot: FloatArray
     parts: FloatArray
     speeds: FloatArray
@@ -66,46 +66,48 @@ class Course(NamedTuple):
 
     @property
     def goals(self) -> FloatArray:
+        """The goals of the parts, (p, 2) in metres."""
         return np.array([part.goal for part in self.task.parts])
 
     @property
     def radii(self) -> FloatArray:
+        """The radii of the parts, (p,) in metres."""
         return np.array([part.radius for part in self.task.parts])
 
     @property
     def errors(self) -> FloatArray:
-        """Where the robot was thought to be against where it was, (E, 2)."""
+        """Errors of the robot's estimated position, (E, 2)."""
         return self.robot_estimate - self.robot[self.known]
 
     @property
     def information(self) -> FloatArray:
-        """What the readings of each tick tell of a coordinate of the robot, (E,): of its disc and of what it holds."""
+        """Information, (E,) in 1/m^2, of each tick's readings about the robot: of its disc and a held part."""
         sights: FloatArray = 1.0 + (self.held >= 0).astype(np.float64)
         return sights / self.noise.measurement
 
     @property
     def settled(self) -> slice:
-        """The estimates by which the robot's filter is judged."""
+        """The slice of the estimates by which the robot's filter is judged."""
         return slice(round(SETTLED_S / self.tick_s), None)
 
 
 def course_of(run: RunMessages, noise: Noise | None = None) -> Course | None:
-    """Return the course of a run of the task, None of another run; ``noise`` if not that of the run's estimator."""
-    truth, placed = run.topic("truth/robot"), run.topic("truth/parts")
-    if not placed or len(placed) != len(truth):
+    """Return the course of a run, None for a run without the task; ``noise`` overrides that of the run's estimator."""
+    truth, parts_truth = run.topic("truth/robot"), run.topic("truth/parts")
+    if not parts_truth or len(parts_truth) != len(truth):
         return None
     task, config = run.scenario.task, run.scenario.estimator
     if task is None:
         return None
     if noise is None:
         noise = config.noise(task) if isinstance(config, RearrangementConfig) else Noise(math.nan, math.nan)
-    robots, states = of_type(truth, RobotState), of_type(placed, PartsState)
+    robots, states = of_type(truth, RobotState), of_type(parts_truth, PartsState)
     ticks = {timed.stamp_ns: tick for tick, timed in enumerate(truth)}
-    thought = [timed for timed in run.topic("estimator/state") if timed.stamp_ns in ticks]
-    estimates = of_type(thought, Estimate)
+    estimated = [timed for timed in run.topic("estimator/state") if timed.stamp_ns in ticks]
+    estimates = of_type(estimated, Estimate)
     beside = {timed.stamp_ns: timed for timed in run.topic("estimator/parts")}
-    found = of_type([beside[timed.stamp_ns] for timed in thought if timed.stamp_ns in beside], PartsEstimate)
-    complete = len(found) == len(estimates) and all(len(one.parts) == len(task.parts) for one in found)
+    found = of_type([beside[timed.stamp_ns] for timed in estimated if timed.stamp_ns in beside], PartsEstimate)
+    complete = len(found) == len(estimates) and all(len(message.parts) == len(task.parts) for message in found)
     clouds = of_type(run.topic("estimator/particles"), PosesInFrame)
     return Course(
         task=task,
@@ -113,23 +115,23 @@ def course_of(run: RunMessages, noise: Noise | None = None) -> Course | None:
         noise=noise,
         finished=states[-1].finished,
         contacts=states[-1].contacts,
-        robot=np.array([(one.x, one.y) for one in robots]),
-        parts=np.array([[(part.x, part.y) for part in one.parts] for one in states]),
-        speeds=np.array([one.v for one in robots]),
-        known=np.array([ticks[timed.stamp_ns] for timed in thought], dtype=np.intp),
-        robot_estimate=np.array([(one.x, one.y) for one in estimates]).reshape(-1, 2),
-        covariances=np.array([one.covariance for one in estimates]).reshape(-1, 3, 3)[:, :2, :2],
-        parts_estimate=np.array([[(part.x, part.y) for part in one.parts] for one in found if complete]),
-        held=np.array([one.held for one in found] if complete else [-1] * len(estimates), dtype=np.int64),
-        clouds=[np.array([(pose.position.x, pose.position.y) for pose in one.poses]).T for one in clouds],
+        robot=np.array([(state.x, state.y) for state in robots]),
+        parts=np.array([[(part.x, part.y) for part in state.parts] for state in states]),
+        speeds=np.array([state.v for state in robots]),
+        known=np.array([ticks[timed.stamp_ns] for timed in estimated], dtype=np.intp),
+        robot_estimate=np.array([(estimate.x, estimate.y) for estimate in estimates]).reshape(-1, 2),
+        covariances=np.array([estimate.covariance for estimate in estimates]).reshape(-1, 3, 3)[:, :2, :2],
+        parts_estimate=np.array([[(part.x, part.y) for part in message.parts] for message in found if complete]),
+        held=np.array([message.held for message in found] if complete else [-1] * len(estimates), dtype=np.int64),
+        clouds=[np.array([(pose.position.x, pose.position.y) for pose in cloud.poses]).T for cloud in clouds],
     )
 
 
 def rearrangement(course: Course) -> dict[str, Any]:
-    """Return the measures of the task; those that the run holds no data for are left out.
+    """Return the measures of the task; measures without data in the run are left out.
 
     - ``completed``: whether at the end every part is home, within ``HOME_TOLERANCE_M`` of its goal
-    - ``collisions``: ticks in which something touched what it should not
+    - ``collisions``: ticks with a contact that is not allowed
     - ``npl``, ``nrl``, ``pi``: see ``normalized_part_length``, ``normalized_robot_length``, ``positional_inaccuracy``
     - ``final_error_mean_m``, ``final_error_max_m``: distance of a part from its goal at the end, m: mean over the
       parts, and that of the farthest
@@ -156,13 +158,13 @@ def rearrangement(course: Course) -> dict[str, Any]:
 
 
 def filter_measures(course: Course, filter_name: str = "") -> dict[str, float]:
-    """Return what is said of the robot's filter; what cannot be told is left out.
+    """Return the measures of the robot's filter; measures without data in the run are left out.
 
-    - ``snr_db``: see ``signal_to_noise_db``, by the measurement noise that the filter expects
-    - ``kurtosis``: see there; mean over the clouds that were published, of a filter that has particles
+    - ``snr_db``: see ``signal_to_noise_db``, for the measurement noise that the filter assumes
+    - ``kurtosis``: see the function of that name; mean over the published clouds of a particle filter
     - ``crlb_ratio``: root mean square error of the robot's position over that of its Cramer-Rao bound, once the filter
-      has settled. The bound takes every disc that counts to be in view at every tick
-    - ``robot_nees``: normalized estimation error squared of the robot's position, mean over the same ticks; 2 is honest
+      has settled. The bound assumes that all discs are in view at every tick
+    - ``robot_nees``: normalized estimation error squared of the robot's position, mean over the same ticks; ideally 2
     """
     if not len(course.known) or not course.noise.measurement > 0.0:
         return {}

@@ -1,4 +1,4 @@
-"""Messages of PARTS: parts, discs that are seen, and the gripper."""
+"""Messages of PARTS: parts, detected discs, and the gripper."""
 
 from typing import Annotated, Literal
 
@@ -18,6 +18,8 @@ __all__ = [
 
 
 class PartState(Piece, frozen=True, kw_only=True):
+    """The true state of a part, and its goal."""
+
     x: float  # m
     y: float  # m
     radius: Positive  # m
@@ -32,12 +34,12 @@ class PartsState(Message, frozen=True, kw_only=True):
     parts: Annotated[tuple[PartState, ...], Meta(max_length=64)]
     held: Annotated[int, Meta(ge=-1, lt=64)]
     contacts: Count  # ticks so far in which two discs, or a disc and a wall, overlapped
-    finished: bool  # the controller has said that it is done
+    finished: bool  # the controller has finished the task
     hidden: Annotated[tuple[Annotated[int, Meta(ge=0, lt=64)], ...], Meta(max_length=64)] = ()  # seen by no camera
 
 
 class Detection(Piece, frozen=True, kw_only=True):
-    """A disc in workspace coordinates; ``grey`` is its median grey level less the background's."""
+    """A disc in workspace coordinates; ``grey`` is its median grey level minus the background's."""
 
     x: float  # m
     y: float  # m
@@ -47,12 +49,14 @@ class Detection(Piece, frozen=True, kw_only=True):
 
 
 class Detections(Message, frozen=True, kw_only=True):
+    """The discs detected in a frame."""
+
     schema_name = "dynpf.Detections"
     discs: Annotated[tuple[Detection, ...], Meta(max_length=256)]
 
 
 class Gripper(Message, frozen=True, kw_only=True):
-    """The gripper's own sensing: contact switch and angle encoder (rad, from the x axis of the workspace)."""
+    """The gripper's sensors: contact switch and angle encoder (rad, from the x axis of the workspace)."""
 
     schema_name = "dynpf.Gripper"
     contact: bool
@@ -60,6 +64,8 @@ class Gripper(Message, frozen=True, kw_only=True):
 
 
 class PartEstimate(Piece, frozen=True, kw_only=True):
+    """The estimated position of a part."""
+
     x: float  # m
     y: float  # m
     variance: NonNegative  # of each coordinate, m^2
@@ -67,7 +73,7 @@ class PartEstimate(Piece, frozen=True, kw_only=True):
 
 
 class PartsEstimate(Message, frozen=True, kw_only=True):
-    """The estimate of every part, which belongs to the robot's of the same stamp."""
+    """The estimates of all parts; the robot's estimate has the same stamp."""
 
     schema_name = "dynpf.PartsEstimate"
     parts: Annotated[tuple[PartEstimate, ...], Meta(max_length=64)]
@@ -75,7 +81,7 @@ class PartsEstimate(Message, frozen=True, kw_only=True):
 
 
 class PartsCommand(Message, frozen=True, kw_only=True):
-    """What the gripper shall do until the next command, and which stage of which part's way home this is."""
+    """The command of the gripper until the next one, and the current subtask: its part and stage."""
 
     schema_name = "dynpf.PartsCommand"
     mode: Literal["idle", "mate", "move", "leave"]

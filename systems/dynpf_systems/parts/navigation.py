@@ -1,7 +1,7 @@
-"""The navigation construction: potentials solved by a marching front, from the estimate as it is now.
+"""The navigation construction: potentials solved by fast marching, from the current estimate.
 
-A potential is solved anew when what it was solved for has moved. Which one is in use thus follows from the estimate
-at which it was solved; that is the state, and the potential itself is made from it again.
+A potential is solved again when the estimate it was solved for has changed. The potential in use follows from that
+estimate, so the estimate is the state, and the potential is recomputed from it.
 """
 
 import math
@@ -36,7 +36,7 @@ __all__ = ["NavigationConstruction"]
 
 
 class _Basis(NamedTuple):
-    """What a potential is solved for: the part, where it or the robot shall go, and everything in the way."""
+    """The problem of a potential: the part, the goal of part or robot, and the obstacles."""
 
     part: int
     goal: FloatArray
@@ -49,14 +49,16 @@ class _Solved(NamedTuple):
 
 
 class _Way(NamedTuple):
-    """A subtask, and the weighted length of the way with the part."""
+    """A subtask, and the weighted length of the path with the part."""
 
     subtask: Subtask
     carried: float
 
 
 class NavigationConstruction:
-    progress = 0.005  # metres of way
+    """Potentials of path lengths around obstacles; it keeps the last ones with the estimates they were solved for."""
+
+    progress = 0.005  # metres of path
 
     def __init__(self, config: RearrangementControllerConfig, layout: Layout, pace: Pace) -> None:
         self._config, self._layout, self._pace = config, layout, pace
@@ -69,9 +71,9 @@ class NavigationConstruction:
     def choose(
         self, scene: Scene, away: NDArray[np.intp], stalls: NDArray[np.int64], *, make_way: bool
     ) -> Subtask | None:
-        """Pick the part of steepest descent that has a way home; if none has one, a part that makes way for the first.
+        """Choose the part of steepest descent with a path home; if there is none, a part that makes way for the first.
 
-        Parts that have stalled come after all that can be done about the others.
+        Parts that have stalled come after all others.
         """
         steepness = norm(next_part_gradient(scene.parts, self._layout, self._config.next_exponent), axis=1)
         for level in np.unique(stalls[away]).tolist():
@@ -85,16 +87,16 @@ class NavigationConstruction:
         return None
 
     def _way(self, scene: Scene, part: int, goal: FloatArray, *, parked: bool = False) -> _Way | None:
-        """Return the subtask with the direction to grip from that makes the whole way cheapest; None without a way."""
-        layout, place = self._layout, scene.parts[part]
+        """Return the subtask with the grip direction of the cheapest total path; None without a path."""
+        layout, position = self._layout, scene.parts[part]
         moving, _ = self._moving_potential(scene, part, goal)
-        states = np.column_stack([np.tile(place, (ANGLES.size, 1)), ANGLES])
+        states = np.column_stack([np.tile(position, (ANGLES.size, 1)), ANGLES])
         carried = np.where(moving.reached(states), moving.at(states), np.inf)
         if not np.isfinite(carried).any():
             return None
         others = self._obstacles(scene, layout.others(part))
         gripper = directions(ANGLES.size)
-        contacts = place - layout.grip_distance(part) * gripper
+        contacts = position - layout.grip_distance(part) * gripper
         approaches = contacts - self._standoff(scene, part) * gripper
         room = np.minimum(*(spare(points, layout.robot_radius, others) for points in (contacts, approaches)))
         reaching = robot_potential(
@@ -109,10 +111,10 @@ class NavigationConstruction:
         return _Way(Subtask(part, goal, parked, float(ANGLES[best])), float(carried[best]))
 
     def _make_way(self, scene: Scene, part: int) -> Subtask | None:
-        """Return the parking of one of the parts in the way of ``part``; None when none of them can be parked.
+        """Return the subtask that parks a part in the way of ``part``; None if none of them can be parked.
 
-        It is the one with which all ways of parts are shortest: there, then that of ``part``, and back. When no single
-        parking opens a way for ``part``, the first one has to do.
+        It minimizes the total path of parts: to the parking position, of ``part`` to its goal, and back. If no single
+        parking opens a path for ``part``, it is the first possible one.
         """
         layout, others = self._layout, self._layout.others(part)
         crossed = crossed_parts(
@@ -125,36 +127,36 @@ class NavigationConstruction:
             cost=self._cost,
             arm=self._arm(part),
         )
-        places = [
-            (blocker, place)
+        spots = [
+            (blocker, spot)
             for blocker in crossed
             if scene.sigmas[blocker] <= self._config.lost_sigma
             for gap in self._config.parking_gaps
-            if (place := free_place(scene.parts, blocker, layout, gap)) is not None
+            if (spot := free_place(scene.parts, blocker, layout, gap)) is not None
         ]
-        straight = [dist(scene.parts[blocker], place) + dist(place, layout.goals[blocker]) for blocker, place in places]
+        straight = [dist(scene.parts[blocker], spot) + dist(spot, layout.goals[blocker]) for blocker, spot in spots]
         own = dist(scene.parts[part], layout.goals[part])
         best, least = None, math.inf
-        for index in sorted(range(len(places)), key=straight.__getitem__):
-            if straight[index] + own >= least:  # no way is shorter than the straight one
+        for index in sorted(range(len(spots)), key=straight.__getitem__):
+            if straight[index] + own >= least:  # no path is shorter than the straight line
                 break
-            blocker, place = places[index]
+            blocker, spot = spots[index]
             opened = scene._replace(parts=scene.parts.copy())
-            opened.parts[blocker] = place
-            parking = self._way(scene, blocker, place, parked=True)
+            opened.parts[blocker] = spot
+            parking = self._way(scene, blocker, spot, parked=True)
             way = self._way(opened, part, layout.goals[part]) if parking else None
             if parking is None or way is None:
                 continue
-            carried = parking.carried + way.carried + dist(place, layout.goals[blocker])
+            carried = parking.carried + way.carried + dist(spot, layout.goals[blocker])
             if carried < least:
                 best, least = parking.subtask, carried
-        ways = (self._way(scene, *place, parked=True) for place in places)
+        ways = (self._way(scene, *spot, parked=True) for spot in spots)
         return best or next((way.subtask for way in ways if way), None)
 
     # --- mate-part and move-part ----------------------------------------------------------------------------------
 
     def mate(self, scene: Scene, subtask: Subtask) -> Motion | None:
-        """Go to where the part can be approached in the chosen direction; with the gripper turned, go straight in."""
+        """Go to the position before contact in the chosen direction; once the gripper is turned, go straight in."""
         part, robot = subtask.part, scene.pose[:2]
         margins = margins_of(scene, self._config)
         offset = scene.parts[part] - robot
@@ -171,7 +173,7 @@ class NavigationConstruction:
         sine, cosine = sincos(subtask.direction)
         direction = np.array([cosine, sine])
         goal = scene.parts[part] - (self._layout.grip_distance(part) + standoff) * direction
-        potential, anew = self._mating_potential(scene, part, goal)
+        potential, renewed = self._mating_potential(scene, part, goal)
         state = np.append(robot, 0.0)[None, :]
         if not potential.reached(state)[0]:
             return None
@@ -179,22 +181,25 @@ class NavigationConstruction:
             potential, robot, scene.parts, self._layout, margins=margins, pace=self._pace, to_go=abs(to_go)
         )
         beyond = standoff + self._config.dock_slack
-        return Motion(np.append(step, 0.0), beyond + float(potential.at(state)[0]), anew)
+        return Motion(np.append(step, 0.0), beyond + float(potential.at(state)[0]), renewed)
 
     def move(self, scene: Scene, subtask: Subtask) -> Motion:
+        """See Construction."""
         part = subtask.part
-        potential, anew = self._moving_potential(scene, part, subtask.goal)
+        potential, renewed = self._moving_potential(scene, part, subtask.goal)
         margins = margins_of(scene, self._config)
         step = carry_step(potential, scene.pose, scene.parts, part, self._layout, margins=margins, pace=self._pace)
         state = np.append(self._layout.held_position(scene.pose, part), scene.pose[2])
-        return Motion(step, float(potential.at(state[None, :])[0]), anew)
+        return Motion(step, float(potential.at(state[None, :])[0]), renewed)
 
     # --- potentials ------------------------------------------------------------------------------------------------
 
     def freeze(self) -> State:
+        """Return the problems of the potentials in use."""
         return {name: _frozen(solved) for name, solved in (("mating", self._mating), ("moving", self._moving))}
 
     def thaw(self, state: State) -> None:
+        """Solve the potentials of what freeze returned."""
         mating, moving = _thawed(state["mating"]), _thawed(state["moving"])
         self._mating = None if mating is None else self._solve_mating(mating)
         self._moving = None if moving is None else self._solve_moving(moving)
@@ -202,16 +207,16 @@ class NavigationConstruction:
     def _mating_potential(self, scene: Scene, part: int, goal: FloatArray) -> tuple[Potential, bool]:
         basis = _Basis(part, goal, self._obstacles(scene, np.arange(len(scene.parts))))
         known = self._mating
-        anew = known is None or self._moved(known.basis, basis, scene)
-        self._mating = self._solve_mating(basis) if known is None or anew else known
-        return self._mating.potential, anew
+        renewed = known is None or self._moved(known.basis, basis, scene)
+        self._mating = self._solve_mating(basis) if known is None or renewed else known
+        return self._mating.potential, renewed
 
     def _moving_potential(self, scene: Scene, part: int, goal: FloatArray) -> tuple[Potential, bool]:
         basis = _Basis(part, goal, self._obstacles(scene, self._layout.others(part)))
         known = self._moving
-        anew = known is None or self._moved(known.basis, basis, scene)
-        self._moving = self._solve_moving(basis) if known is None or anew else known
-        return self._moving.potential, anew
+        renewed = known is None or self._moved(known.basis, basis, scene)
+        self._moving = self._solve_moving(basis) if known is None or renewed else known
+        return self._moving.potential, renewed
 
     def _solve_mating(self, basis: _Basis) -> _Solved:
         return _Solved(basis, robot_potential(self._layout.robot_radius, basis.obstacles, basis.goal, self._cost))
@@ -223,7 +228,7 @@ class NavigationConstruction:
         return _Solved(basis, carrying_potential(*given, arm=arm, retreat=retreat))
 
     def _moved(self, old: _Basis, new: _Basis, scene: Scene) -> bool:
-        """Return whether ``new`` is another task than ``old``, or something has moved by more than its noise."""
+        """Return whether ``new`` differs from ``old`` in the task, or in a position by more than its noise."""
         if old.part != new.part or len(old.obstacles.kept) != len(new.obstacles.kept):
             return True
         config = self._config
@@ -243,7 +248,7 @@ class NavigationConstruction:
         return Obstacles(scene.parts[parts], self._layout.radii[parts] + closed[parts], self._layout.half_size - wall)
 
     def _standoff(self, scene: Scene, part: int) -> float:
-        """Return how far before contact the robot begins to go straight in."""
+        """Return the distance before contact from which the robot goes straight in."""
         config = self._config
         return config.standoff + config.closed_sigmas * float(scene.sigmas_between(config.max_sigma)[part])
 

@@ -23,7 +23,7 @@ TASK = FactKind(
     surroundings=Surroundings(walls_of, "truth/parts", PartsState, discs_of),
 )
 MISCALIBRATED_PX = 5.0
-"""How far a calibration's points may be from where the simulated camera sees them: a careful hand's error."""
+"""Greatest distance of a calibration's points from their projections by the simulated camera: an error of measuring."""
 
 
 def _without_task(_config: WorkspaceConfig, context: Context) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""The seed's construction: products of distances, gamma^k / beta (PARTS eq. 2.1 to 2.7). It remembers nothing."""
+"""The construction of PARTS: products of distances, gamma^k / beta (eq. 2.1 to 2.7). It has no state."""
 
 import numpy as np
 from dynpf_runtime.node import State
@@ -15,6 +15,8 @@ __all__ = ["ProductConstruction"]
 
 
 class ProductConstruction:
+    """Potentials gamma^k / beta for the choice of a part and its motion."""
+
     progress = 0.05  # in the logarithm of the potential
 
     def __init__(self, config: RearrangementControllerConfig, layout: Layout, pace: Pace) -> None:
@@ -23,7 +25,7 @@ class ProductConstruction:
     def choose(
         self, scene: Scene, away: NDArray[np.intp], stalls: NDArray[np.int64], *, make_way: bool
     ) -> Subtask | None:
-        """Pick the part whose descent is steepest among those that have stalled least and whose goals are free."""
+        """Choose the part of steepest descent among those with the fewest stalls and a free goal."""
         blocked, blockers = blocked_goals(scene.parts, self._layout, self._config.goal_gap)
         able = away[~blocked[away]]
         if able.size:
@@ -33,10 +35,11 @@ class ProductConstruction:
         if not make_way:
             return None
         makes_room = int(next(part for part in away if blockers[part])) if blockers[away].any() else int(away[0])
-        place = free_place(scene.parts, makes_room, self._layout, 2.0 * self._layout.robot_radius)
-        return None if place is None else Subtask(makes_room, place, parked=True)
+        spot = free_place(scene.parts, makes_room, self._layout, 2.0 * self._layout.robot_radius)
+        return None if spot is None else Subtask(makes_room, spot, parked=True)
 
     def mate(self, scene: Scene, subtask: Subtask) -> Motion:
+        """See Construction."""
         margins = margins_of(scene, self._config)
         margins.parts[subtask.part] = self._layout.reach
         given = (scene.pose[:2], scene.parts, subtask.part, self._layout)
@@ -45,6 +48,7 @@ class ProductConstruction:
         return Motion(np.append(step, 0.0), log_mate_part(*given, exponent))
 
     def move(self, scene: Scene, subtask: Subtask) -> Motion:
+        """See Construction."""
         goals = self._layout.goals.copy()
         goals[subtask.part] = subtask.goal
         given = (scene.pose, scene.parts, subtask.part, self._layout._replace(goals=goals))
@@ -53,7 +57,9 @@ class ProductConstruction:
         return Motion(step, log_move_part(*given, exponent))
 
     def freeze(self) -> State:
+        """Return no state."""
         return {}
 
     def thaw(self, state: State) -> None:
+        """There is no state."""
         pass

@@ -1,4 +1,4 @@
-"""Filters for the robot of the rearrangement task: a point that moves as commanded, and is seen with Gaussian noise."""
+"""Filters for the robot of the rearrangement task: a point that moves as commanded, measured with Gaussian noise."""
 
 import math
 from functools import lru_cache
@@ -26,21 +26,21 @@ __all__ = ["Belief", "RobotFilter", "Seen", "fused", "robot_filter"]
 
 _Proposal = Optimal | Prior | Auxiliary | LocalLinearization
 
-SHOWN = 200  # particles at most, of a cloud that is published
-FEWEST = 5.0  # effective particles that a covariance can be judged by
+SHOWN = 200  # particles at most in a published cloud
+FEWEST = 5.0  # least effective sample size for which the covariance is corrected
 
 
 class Seen(NamedTuple):
-    """Where a robot was seen, (2,), and the variance of each coordinate of that."""
+    """A reading of the robot's position, (2,), and the variance of each coordinate."""
 
     position: FloatArray
     variance: float
 
 
 class Belief(NamedTuple):
-    """Mean (2,) and covariance (2, 2) of the robot's position; ``cloud``: the particles, of a filter that has some.
+    """Mean (2,) and covariance (2, 2) of the robot's position; ``cloud`` are the particles of a particle filter.
 
-    ``families`` (N,) numbers the particles by whose copies they were when the cloud was last resampled.
+    ``families`` (N,) are the particles' ancestors at the last resampling.
     """
 
     mean: FloatArray
@@ -50,21 +50,23 @@ class Belief(NamedTuple):
     families: Indices | None = None
 
     def freeze(self) -> State:
+        """Return the belief as plain state."""
         return {**self._asdict(), "cloud": None if self.cloud is None else list(self.cloud)}
 
     @classmethod
     def thaw(cls, state: State) -> "Belief":
+        """Return the belief from the state that freeze returned."""
         cloud = None if state["cloud"] is None else Cloud(*state["cloud"])
         return cls(state["mean"].copy(), state["covariance"].copy(), state["n_eff"], cloud, state["families"])
 
     @property
     def variance(self) -> float:
-        """The variance of a coordinate, mean of both."""
+        """The variance of a coordinate, as the mean of both."""
         return float(self.covariance[0, 0] + self.covariance[1, 1]) / 2.0
 
     @property
     def shown(self) -> Floats:
-        """Particles chosen by weight, (2, M), or the mean and points about it that have the covariance."""
+        """Particles sampled by weight, (2, M), or the mean and points around it with the belief's covariance."""
         if self.cloud is not None:
             weights = self.cloud.weights
             return self.cloud.particles[:, systematic(weights, 0.5, min(SHOWN, weights.size))]
@@ -73,25 +75,27 @@ class Belief(NamedTuple):
 
 
 class RobotFilter(Protocol):
-    """A filter without state: beliefs go in and come out."""
+    """A filter without state: the belief is passed in and returned."""
 
     def start(self, seen: Seen, stream: Stream) -> Belief:
-        """Return what is believed of a robot that has been seen once (PARTS table 3.1, step 1)."""
+        """Return the initial belief from a first reading (PARTS table 3.1, step 1)."""
 
     def step(self, belief: Belief, shift: FloatArray, variance: float, seen: Seen | None, stream: Stream) -> Belief:
-        """Return the belief after a motion by ``shift``, (2,), with noise of a variance, and what was seen after it."""
+        """Return the belief after a motion by ``shift``, (2,), with process noise ``variance``, and a reading."""
 
     def rehearse(self, seen: Seen, variance: float, stream: Stream) -> None:
-        """Do once all that the other methods may do, with beliefs that are thrown away."""
+        """Execute every code path of the other methods once, with beliefs that are thrown away."""
 
 
 def fused(seen: list[Seen]) -> Seen | None:
-    """Return the one sight that says the same as all of them together; None without any."""
+    """Return the readings fused into one, weighted by inverse variance; None without any."""
     if len(seen) < 2:
         return seen[0] if seen else None
-    information = [1.0 / one.variance for one in seen]
+    information = [1.0 / sighting.variance for sighting in seen]
     total = math.fsum(information)
-    position = np.add.reduce([one.position * share for one, share in zip(seen, information, strict=True)]) / total
+    position = (
+        np.add.reduce([sighting.position * share for sighting, share in zip(seen, information, strict=True)]) / total
+    )
     return Seen(position, 1.0 / total)
 
 
@@ -111,6 +115,7 @@ class _ParticleRobot:
         self._proposal, self._n, self._threshold = proposal, n, threshold
 
     def start(self, seen: Seen, stream: Stream) -> Belief:
+        """See RobotFilter."""
         drawn = seen.position[:, None] + math.sqrt(seen.variance) * stream.normals(2, self._n).astype(np.float64)
         cloud = uniform_cloud(drawn)
         mean, covariance = mean_and_covariance(cloud.particles, cloud.weights)
@@ -118,6 +123,7 @@ class _ParticleRobot:
         return Belief(mean, covariance * _allowance(float(self._n)), cloud.n_eff, cloud, families)
 
     def step(self, belief: Belief, shift: FloatArray, variance: float, seen: Seen | None, stream: Stream) -> Belief:
+        """See RobotFilter."""
         assert belief.cloud is not None
         assert belief.families is not None
         readings = [] if seen is None else [Observation(seen.position)]
@@ -131,15 +137,16 @@ class _ParticleRobot:
         return Belief(mean, widened, report.n_eff, cloud, families)
 
     def rehearse(self, seen: Seen, variance: float, stream: Stream) -> None:
+        """See RobotFilter."""
         always = _ParticleRobot(self._proposal, self._n, threshold=1.0)  # resamples at every step
         _rehearse(always, seen, variance, stream)
 
 
 def _independent(cloud: Cloud, families: Indices) -> float:
-    """Return how many independent draws know the mean as well as the cloud: its variance over that of its mean.
+    """Return the number of independent draws with the cloud's accuracy of the mean: its variance over that of its mean.
 
     The variance of the mean is the sum over families of squared sums of weighted deviations (Lee and Whiteley, 2018,
-    with ancestors one resampling back): copies that the motion has not yet parted count as one draw.
+    with the ancestors of the last resampling), so that copies not yet separated by the motion count as a single draw.
     """
     deviation = cloud.particles - np.sum(cloud.weights * cloud.particles, axis=1, keepdims=True)
     weighted = cloud.weights * deviation
@@ -149,22 +156,23 @@ def _independent(cloud: Cloud, families: Indices) -> float:
 
 
 def _allowance(draws: float) -> float:
-    """Return by how much to widen the covariance of so many draws from the posterior: it is known only so well.
+    """Return the factor that widens the covariance of ``draws`` samples of the posterior to account for their number.
 
-    Against the mean and covariance of n draws the squared Mahalanobis distance of another one is Hotelling's T^2
-    (1931), of mean D (n + 1) (n - 1) / (n (n - D - 2)); that of the truth is D after this.
+    The squared Mahalanobis distance of another sample to the mean and covariance of n draws is Hotelling's T^2 (1931),
+    whose mean is D (n + 1) (n - 1) / (n (n - D - 2)); with this factor it is D.
     """
     n = max(draws, FEWEST)
     return (n + 1.0) * (n - 1.0) / (n * (n - 4.0)) if math.isfinite(n) else 1.0
 
 
 class _GaussianRobot:
-    """An extended or an unscented Kalman filter: with these linear models either is the Kalman filter."""
+    """An extended or unscented Kalman filter; with these linear models both equal the Kalman filter."""
 
     def __init__(self, name: str) -> None:
         self._extended = name == "extended_kalman"
 
     def start(self, seen: Seen, stream: Stream) -> Belief:  # noqa: ARG002
+        """See RobotFilter."""
         return Belief(seen.position, seen.variance * np.eye(2))
 
     def step(
@@ -175,6 +183,7 @@ class _GaussianRobot:
         seen: Seen | None,
         stream: Stream,  # noqa: ARG002
     ) -> Belief:
+        """See RobotFilter."""
         motion, measurement = _models(variance, 1.0 if seen is None else seen.variance)
         models: dict[type, Any] = {Observation: measurement}
         gaussian = kalman.Gaussian(belief.mean, belief.covariance)
@@ -189,6 +198,7 @@ class _GaussianRobot:
         return Belief(*gaussian)
 
     def rehearse(self, seen: Seen, variance: float, stream: Stream) -> None:
+        """See RobotFilter."""
         _rehearse(self, seen, variance, stream)
 
 
@@ -214,7 +224,7 @@ def _particle_filter(
 
 @lru_cache(maxsize=64)
 def _models(process: float, measured: float) -> tuple[LinearGaussian, LinearMeasurement]:
-    """Return x' = x + shift + noise and z = x + noise, of these variances a coordinate (PARTS eq. 3.1 and 3.4)."""
+    """Return the models x' = x + shift + noise and z = x + noise with these variances (PARTS eq. 3.1 and 3.4)."""
     identity = ((1.0, 0.0), (0.0, 1.0))
     noise = ((process, 0.0), (0.0, process))
     motion = LinearGaussian(LinearGaussianParams(transition=identity, noise=noise, input=identity))

@@ -1,4 +1,4 @@
-"""The rearrangement workspace as shapes, for looking at."""
+"""A picture of the rearrangement workspace, as shapes."""
 
 import numpy as np
 from dynpf_protocol import frames

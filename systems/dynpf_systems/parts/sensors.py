@@ -11,13 +11,12 @@ from msgspec import Meta
 
 from dynpf.portable import hypot
 from dynpf.rng import Draws
+from dynpf.types import NonNegative, Share
 from dynpf_systems.parts.messages import Detection, Detections, Gripper, PartsState
-from dynpf_systems.parts.task import NOISE, RearrangementTask
+from dynpf_systems.parts.task import RearrangementTask
 
 __all__ = ["SENSORS", "GripperSensor", "OverheadSensor"]
 
-NonNegative = Annotated[float, Meta(ge=0.0)]
-Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 PARTS = "truth/parts"
 
@@ -25,12 +24,13 @@ PARTS = "truth/parts"
 class OverheadSensor(SensorTable, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """An overhead tracker of robot and parts, for runs without camera frames.
 
-    The robot is told from the parts as in the camera's frames: darker than the background, the parts brighter.
+    Grey levels distinguish robot and parts as in the camera's frames: the robot is darker than the background, parts
+    are brighter.
     """
 
     variance: NonNegative | None = None  # m^2, of each coordinate; absent: that of the task's noise
     radius_std: NonNegative = 0.0  # m
-    miss_probability: Probability = 0.0  # of each disc in each frame
+    miss_probability: Share = 0.0  # of each disc in each frame
     clutter_rate: Annotated[float, Meta(ge=0.0, le=100.0)] = 0.0  # mean number of false discs a frame
     robot_grey: float = -60.0  # grey levels less the background's
     part_grey: float = 60.0
@@ -52,10 +52,10 @@ def _task(context: Context, sensor: str) -> RearrangementTask:
 
 def _overhead(sensor: OverheadSensor, context: Context) -> Read:
     task = _task(context, "overhead")
-    std = math.sqrt(NOISE[task.noise].measurement if sensor.variance is None else sensor.variance)
+    std = math.sqrt(task.variances.measurement if sensor.variance is None else sensor.variance)
 
     def read(truth: Truth, draws: Draws) -> Detections | None:
-        """Return noisy discs in random order, as a tracker without identities would; hidden parts are left out."""
+        """Return noisy discs in random order, without identities and without hidden parts."""
         parts = truth.others.get(PARTS)
         if not isinstance(parts, PartsState):
             return None
@@ -68,7 +68,7 @@ def _overhead(sensor: OverheadSensor, context: Context) -> Read:
             Detection(
                 x=x + std * dx,
                 y=y + std * dy,
-                radius=max(radius + sensor.radius_std * dr, radius / 10),  # stays a disc however wide the noise
+                radius=max(radius + sensor.radius_std * dr, radius / 10),  # stays positive for any noise
                 grey=grey,
             )
             for (x, y, radius, grey), (dx, dy, dr), miss in zip(true, noise, missed.tolist(), strict=True)
@@ -87,7 +87,7 @@ def _clutter(
     task: RearrangementTask,
     draws: Draws,
 ) -> list[Detection]:
-    """Return false discs anywhere in the workspace, of the sizes and greys that are there."""
+    """Return false discs, uniform in the workspace, with the radii and greys of true ones."""
     count = min(draws.poisson(sensor.clutter_rate), 256 - len(true))
     x = draws.uniform(-task.width / 2, task.width / 2, count).tolist()
     y = draws.uniform(-task.height / 2, task.height / 2, count).tolist()
@@ -100,7 +100,7 @@ def _gripper(sensor: GripperSensor, context: Context) -> Read:
     within = task.robot_radius + task.reach + sensor.tolerance
 
     def read(truth: Truth, draws: Draws) -> Gripper | None:
-        """The switch is closed while a part is held, or while one is no farther from the robot's rim than its reach."""
+        """Return the gripper's reading; the switch is closed while a part is held or within reach of the rim."""
         robot, parts = truth.robot, truth.others.get(PARTS)
         if not isinstance(parts, PartsState):
             return None

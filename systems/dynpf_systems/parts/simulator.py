@@ -1,8 +1,8 @@
-"""The rearrangement workspace: a disc robot with a gripper, disc parts, walls; integrates what is commanded.
+"""The rearrangement workspace: a disc robot with a gripper, disc parts, walls; it integrates the commands.
 
-The robot moves as commanded, plus process noise. A part moves only in the gripper, whose jaws centre it: it is then
-at the contact distance d in the direction of the gripper (PARTS section 2.2). Nothing is pushed; discs and walls that
-overlap are counted as contacts. A scenario may disturb the run: parts that slip, are moved by someone, or are hidden.
+The robot moves as commanded, plus process noise. A part moves only in the gripper, whose jaws centre it at the contact
+distance d in the direction of the gripper (PARTS section 2.2). Nothing is pushed; overlapping discs and walls count as
+contacts. A scenario may disturb the run by parts that slip, are moved by someone, or are hidden.
 """
 
 import math
@@ -25,18 +25,18 @@ from dynpf_systems.parts.camera_model import CameraParams
 from dynpf_systems.parts.config import WorkspaceConfig
 from dynpf_systems.parts.messages import PartsCommand, PartsState, PartState
 from dynpf_systems.parts.scene import draw_scene
-from dynpf_systems.parts.task import NOISE, RearrangementTask, layout_of, task_of
+from dynpf_systems.parts.task import RearrangementTask, layout_of, task_of
 
 __all__ = ["WorkspaceSimulator", "build", "draw_starts"]
 
 
 SCENE = Every(0.2)
-DRAWS = 200  # of one disc before all are drawn anew
+DRAWS = 200  # attempts to place a disc before all are drawn again
 RESTARTS = 200
 
 
 class WorkspaceSimulator:
-    """The source of a rearrangement run: true poses, contacts, and the end when the controller has finished."""
+    """The source of a rearrangement run: true poses, contacts, and the end once the controller has finished."""
 
     def __init__(
         self,
@@ -47,16 +47,16 @@ class WorkspaceSimulator:
         task: RearrangementTask,
         name: str = "simulator",
     ) -> None:
-        """Place the robot and the parts; raises ValueError when they do not fit, or a disturbed part does not exist."""
+        """Place the robot and the parts; raises ValueError if they do not fit or a disturbed part does not exist."""
         self.name = name
         self._task = task
         self._layout = layout_of(task)
         self._config = config
         given = config.process_variance
-        self._process_std = math.sqrt(NOISE[task.noise].process if given is None else given)
+        self._process_std = math.sqrt(task.variances.process if given is None else given)
         self._seed = seed
         self._tick_s = tick_s
-        for part in [*(one.part for one in config.interventions), *(one.part for one in config.hidings)]:
+        for part in [*(put.part for put in config.interventions), *(hiding.part for hiding in config.hidings)]:
             if part >= len(task.parts):
                 raise ValueError(f"part {part} shall be moved or hidden; the task has parts 0 to {len(task.parts) - 1}")
         robot, self._parts = draw_starts(task, config, generator(seed, self.name, 0, "start"))
@@ -69,13 +69,14 @@ class WorkspaceSimulator:
         self._scene_ns: int | None = None
 
     def step(self, step: Step) -> Result:
+        """Advance the world by one tick under the last commands; return the true state, pictures and frames."""
         for item in step.inputs:
             match item.message:
                 case Command():
                     self._command = item.message
                 case PartsCommand():
                     self._handling = item.message
-        if self._ticks > 0:  # the first tick shows where everything starts
+        if self._ticks > 0:  # the first tick publishes the starts
             self._grip(step.number)
             self._move(step.number)
             self._intervene()
@@ -91,6 +92,7 @@ class WorkspaceSimulator:
         return Result(tuple(outputs), finished=self._command.finished)
 
     def freeze(self) -> State:
+        """Return pose, parts, commands and counters."""
         return {
             "pose": self._pose.copy(),
             "parts": self._parts.copy(),
@@ -103,6 +105,7 @@ class WorkspaceSimulator:
         }
 
     def thaw(self, state: State) -> None:
+        """Continue from what freeze returned."""
         self._pose, self._parts = state["pose"].copy(), state["parts"].copy()
         self._command = msgspec.convert(state["command"], Command)
         self._handling = msgspec.convert(state["handling"], PartsCommand)
@@ -110,7 +113,7 @@ class WorkspaceSimulator:
         self._ticks, self._scene_ns = state["ticks"], state["scene_ns"]
 
     def _grip(self, number: int) -> None:
-        """Open or close the gripper; what its jaws close on, they pull to the contact distance, or it slips."""
+        """Open or close the gripper; a part in its jaws is pulled to the contact distance, or slips."""
         if not self._handling.grip:
             self._held = -1
         elif self._held < 0 and (part := self._part_in_jaws()) >= 0:
@@ -121,7 +124,7 @@ class WorkspaceSimulator:
                 self._held = part
 
     def _slip(self, part: int) -> None:
-        """Let the part jump ahead of the jaws, by half as far as long as it would touch something there."""
+        """Move the part ahead of the jaws; halve the distance while it would touch something there."""
         sine, cosine = sincos(float(self._pose[2]))
         ahead = np.array([cosine, sine])
         start = self._parts[part].copy()
@@ -195,7 +198,7 @@ class WorkspaceSimulator:
 def draw_starts(task: RearrangementTask, config: WorkspaceConfig, random: Draws) -> tuple[FloatArray, FloatArray]:
     """Return start positions of the robot, (2,), and the parts, (p, 2): those given, the others drawn.
 
-    Positions are uniform over the workspace, subject to the gaps asked for. Raises ValueError when no free place is
+    Positions are uniform over the workspace, subject to the configured gaps. Raises ValueError if no free positions are
     found.
     """
     given = [*(spec.start for spec in task.parts), task.robot_start]
@@ -219,7 +222,7 @@ def draw_starts(task: RearrangementTask, config: WorkspaceConfig, random: Draws)
             positions = np.array([placed[index] for index in range(len(given))])
             return positions[-1], positions[:-1]
     raise ValueError(
-        f"start_gap {config.start_gap} m, start_wall_gap {config.start_wall_gap} m: found no free places for "
+        f"start_gap {config.start_gap} m, start_wall_gap {config.start_wall_gap} m: found no free positions for "
         f"{len(task.parts)} parts and the robot in {task.width} m x {task.height} m; ask for smaller gaps"
     )
 

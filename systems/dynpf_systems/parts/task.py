@@ -16,6 +16,7 @@ __all__ = [
     "NOISE",
     "Noise",
     "NoiseLevel",
+    "NoisyLevel",
     "PartSpec",
     "RearrangementTask",
     "discs_of",
@@ -25,7 +26,8 @@ __all__ = [
 ]
 
 Point = tuple[float, float]
-NoiseLevel = Literal["none", "low", "medium", "high"]
+NoisyLevel = Literal["low", "medium", "high"]
+NoiseLevel = Literal["none", NoisyLevel]
 
 
 class Noise(NamedTuple):
@@ -41,11 +43,11 @@ NOISE: dict[NoiseLevel, Noise] = {
     "medium": Noise(0.06e-4, 1.0e-4),
     "high": Noise(0.06e-4, 5.0e-4),
 }
-"""The noise of PARTS chapter 4."""
+"""The noise levels of PARTS chapter 4."""
 
 
 class PartSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One disc to be moved; metres."""
+    """A disc to be moved; metres."""
 
     radius: Positive
     goal: Point
@@ -61,8 +63,13 @@ class RearrangementTask(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     robot_radius: Positive = 0.10
     robot_start: Point | None = None  # None: drawn by the seed
     reach: NonNegative = 0.01  # gap between robot and held part
-    # Of the motion and of measured positions: 0.06, and 0.2, 1 or 5 cm^2; where another table does not say otherwise.
+    # Variances of the motion, 0.06 cm^2, and of measured positions, 0.2, 1 or 5 cm^2; other tables may override them.
     noise: NoiseLevel = "low"
+
+    @property
+    def variances(self) -> Noise:
+        """The variances of the task's noise level."""
+        return NOISE[self.noise]
 
 
 def task_of(context: Context) -> RearrangementTask:

@@ -1,4 +1,4 @@
-"""Topics of PARTS, beside those that any robot may have."""
+"""Topics of PARTS, in addition to those common to all robots."""
 
 from dynpf_protocol.messages import CompressedImage
 from dynpf_protocol.topics import Delivery, Topic

@@ -15,26 +15,25 @@ from numpy.typing import NDArray
 from dynpf.rng import generator
 from dynpf.vision import Board, Calibration, CalibrationError, Disc, detect_discs
 from dynpf_systems.parts.messages import Detection, Detections
-from dynpf_systems.parts.task import NOISE
 from dynpf_systems.parts.vision_config import VisionConfig
 
 __all__ = ["BrokenFrameError", "VisionNode", "build"]
 
 SUBSAMPLING = 4  # 1280 x 1024 -> 320 x 256
-MAX_DISCS = 256  # that a Detections message holds
+MAX_DISCS = 256  # capacity of a Detections message
 
 _JPEG_END = b"\xff\xd9"
 
 
 class BrokenFrameError(ValueError):
-    """A frame cannot be decoded, or is not what the configuration says."""
+    """A frame cannot be decoded, or does not agree with the configuration."""
 
 
 class VisionNode:
-    """Looks for discs in the newest frame of each step. Keeps nothing from one step to the next but the calibration.
+    """Detects discs in the newest frame of each step; its only state is the calibration.
 
-    With a board in its configuration it calibrates itself from the first frame that shows one, and tells so on `log`. A
-    frame that cannot be used gives an empty list of discs and a warning; a step without a frame gives nothing.
+    With a board in its configuration it calibrates itself from the first frame that shows the board, and reports it on
+    ``log``. An unusable frame gives an empty list of discs and a warning; a step without a frame gives nothing.
     """
 
     def __init__(self, *, config: VisionConfig, seed: int, name: str = "vision") -> None:
@@ -44,54 +43,57 @@ class VisionNode:
         self._calibration = None if isinstance(config.calibration, Board) else config.calibrated()
 
     def step(self, step: Step) -> Result:
+        """Return the discs in the newest frame; calibrate first where the configuration has a board."""
         frames = [item for item in step.inputs if isinstance(item.message, CompressedImage)]
         if not frames:
             return Result()
         newest = max(frames, key=lambda item: item.stamp_ns).message
-        said: tuple[Output, ...] = ()
-        placed: tuple[Detection, ...] = ()
+        logs: tuple[Output, ...] = ()
+        detections: tuple[Detection, ...] = ()
         try:
             discs = detect_discs(self._decode(cast(CompressedImage, newest).data), self._config.detection)
             if self._calibration is None:
                 self._calibration = self._config.calibrated(discs, SUBSAMPLING)
-                said = (self._said(LogLevel.INFO, f"calibrated: {self._calibration.rms_px:.3f} px rms", step),)
+                logs = (self._log(LogLevel.INFO, f"calibrated: {self._calibration.rms_px:.3f} px rms", step),)
             else:
-                placed = self._placed(discs, self._calibration, step.number)
+                detections = self._detections(discs, self._calibration, step.number)
         except (BrokenFrameError, CalibrationError) as error:
-            said = (self._said(LogLevel.WARNING, f"camera/image of tick {step.tick}: {error}", step),)
-        return Result((Output("vision/detections", Detections(discs=placed)), *said))
+            logs = (self._log(LogLevel.WARNING, f"camera/image of tick {step.tick}: {error}", step),)
+        return Result((Output("vision/detections", Detections(discs=detections)), *logs))
 
     def freeze(self) -> State:
-        # A calibration that the scenario fixes is no state.
+        """Return the calibration, if it is not given by the scenario."""
+        # A calibration given by the scenario is no state.
         if not isinstance(self._config.calibration, Board):
             return {}
         return {"calibration": msgspec.to_builtins(self._calibration)}
 
     def thaw(self, state: State) -> None:
+        """Continue from what freeze returned."""
         if "calibration" in state:
             self._calibration = msgspec.convert(state["calibration"], Calibration | None)
 
-    def _said(self, level: LogLevel, message: str, step: Step) -> Output:
+    def _log(self, level: LogLevel, message: str, step: Step) -> Output:
         return Output("log", Log(timestamp=timestamp(step.stamp_ns), level=level, message=message, name=self.name))
 
-    def _placed(self, discs: Sequence[Disc], calibration: Calibration, number: int) -> tuple[Detection, ...]:
+    def _detections(self, discs: Sequence[Disc], calibration: Calibration, number: int) -> tuple[Detection, ...]:
         if len(discs) > MAX_DISCS:
-            raise BrokenFrameError(f"{len(discs)} discs found, at most {MAX_DISCS} can be told")
-        placed = calibration.discs_to_workspace(discs, SUBSAMPLING)
+            raise BrokenFrameError(f"{len(discs)} discs found, at most {MAX_DISCS} fit a message")
+        located = calibration.discs_to_workspace(discs, SUBSAMPLING)
         noise = self._noise(len(discs), number)
         return tuple(
             Detection(
-                x=place.x + dx,
-                y=place.y + dy,
-                radius=place.radius,
+                x=located_disc.x + dx,
+                y=located_disc.y + dy,
+                radius=located_disc.radius,
                 grey=disc.grey,
-                residual=disc.residual_px * place.radius / disc.radius_px,
+                residual=disc.residual_px * located_disc.radius / disc.radius_px,
             )
-            for disc, place, (dx, dy) in zip(discs, placed, noise.tolist(), strict=True)
+            for disc, located_disc, (dx, dy) in zip(discs, located, noise.tolist(), strict=True)
         )
 
     def _decode(self, data: bytes) -> NDArray[np.uint8]:
-        """Decode to grey at a quarter of the frame's size, which the decoder does in one go."""
+        """Decode to grey at a quarter of the frame's size, in a single pass of the decoder."""
         if data.startswith(b"\xff\xd8") and not data.endswith(_JPEG_END):
             raise BrokenFrameError(f"JPEG of {len(data)} bytes is cut off")
         try:
@@ -114,8 +116,8 @@ class VisionNode:
 
 
 def build(config: VisionConfig, context: Context) -> VisionNode:
-    """Return the vision of a run, with the noise of its task, where the configuration does not say otherwise."""
+    """Return the vision of a run, with the noise of its task unless the configuration overrides it."""
     task = context.fact("task")
     if config.position_noise_m is None and task is not None:
-        config = msgspec.structs.replace(config, position_noise_m=math.sqrt(NOISE[task.noise].measurement))
+        config = msgspec.structs.replace(config, position_noise_m=math.sqrt(task.variances.measurement))
     return VisionNode(config=config, seed=context.seed, name=context.name)

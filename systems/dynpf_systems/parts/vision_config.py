@@ -26,7 +26,7 @@ Side = Annotated[int, Meta(ge=64, le=4096, multiple_of=4)]
 
 
 class VisionConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What the frames are like, how discs are told in them, and where pixels lie in the workspace."""
+    """The format of the frames, the detection of discs in them, and the calibration of pixels to the workspace."""
 
     width_px: Side = 1280
     height_px: Side = 1024
@@ -44,7 +44,7 @@ class VisionConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             self.calibrated()
 
     def calibrated(self, board_discs: Sequence[Disc] = (), subsampling: int = 1) -> Calibration:
-        """Return the map from pixels of the frame to the workspace, from the pairs or the discs of a board in view.
+        """Return the map from pixels of the frame to the workspace, from the pairs or from a board's discs in view.
 
         The discs are those of the frame subsampled by ``subsampling``. Raises CalibrationError.
         """

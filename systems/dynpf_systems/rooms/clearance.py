@@ -1,4 +1,4 @@
-"""How far it is to the nearest wall of a map."""
+"""Distance to the nearest wall of a map."""
 
 import math
 from collections.abc import Callable
@@ -8,7 +8,7 @@ import numpy as np
 from dynpf import kernels
 from dynpf.maps.distance import distance_field
 from dynpf.maps.occupancy import OccupancyGrid
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 from dynpf_systems.rooms.maps import Maps
 
 __all__ = ["Clearance", "clearance_of", "from_segments"]
@@ -18,7 +18,7 @@ Clearance = Callable[[float, float], float]
 
 
 def clearance_of(maps: Maps) -> Clearance | None:
-    """Return the clearance in a run's map, None where there is none."""
+    """Return the clearance in a run's map, or None without a map."""
     if maps.segments is not None:
         return from_segments(maps.segments.segments)
     return None if maps.grid is None else _from_grid(maps.grid)
@@ -29,6 +29,7 @@ def from_segments(segments: FloatArray) -> Clearance:
     walls = np.array(segments, dtype=np.float64)
 
     def clearance(x: float, y: float) -> float:
+        """Return the distance to the nearest wall, m."""
         return float(kernels.clearance.to_segments(float(x), float(y), walls))
 
     return clearance
@@ -39,7 +40,8 @@ def _from_grid(grid: OccupancyGrid) -> Clearance:
     rows, columns = field.shape
 
     def clearance(x: float, y: float) -> float:
-        column, row = (math.floor(place) for place in grid.to_cells(x, y))
+        """Return the distance to the nearest wall, m."""
+        column, row = (math.floor(cell) for cell in grid.to_cells(x, y))
         return float(field[row, column]) if 0 <= column < columns and 0 <= row < rows else 0.0
 
     return clearance

@@ -1,10 +1,11 @@
-"""What a scenario says of rooms: the simulated one, and the ways that are driven in it; SI units and radians."""
+"""Configuration of the simulated room and of the routes driven in it; SI units and radians."""
 
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
 
+from dynpf.types import NonNegative, Positive
 from dynpf_systems.rooms.steering import Route
 
 __all__ = [
@@ -15,16 +16,12 @@ __all__ = [
     "WaypointsConfig",
 ]
 
-NonNegative = Annotated[float, Meta(ge=0.0)]
-Positive = Annotated[float, Meta(gt=0.0)]
-
 
 Index = Annotated[int, Meta(ge=0, lt=64)]
-Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
 class PeopleParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """People who walk through the room, and through the beams, from one place in view to the next."""
+    """People who walk through the room, and through the beams, from goal to goal in view."""
 
     number: Annotated[int, Meta(ge=0, le=256)] = 0
     speed: Positive = 0.8  # m/s
@@ -32,7 +29,7 @@ class PeopleParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 class Door(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A door that is in no map: while it is closed, a wall between two points."""
+    """A door that is in no map; while closed, it is a wall between two points."""
 
     segment: tuple[float, float, float, float]  # x1, y1, x2, y2 in m
     period: Positive = 20.0  # s from opening to opening
@@ -42,12 +39,12 @@ class Door(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
 
 class Driver(Route, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Somebody who sees the robot and drives it, as logs are recorded: the way does not depend on an estimate.
+    """A driver who sees the robot, as when a log is recorded: the route does not depend on an estimate.
 
-    Stops before people and closed doors. The run ends with the route.
+    The driver stops before people and closed doors. The run ends with the route.
     """
 
-    gap: Positive = 0.3  # m that is kept to what stands in the way ahead
+    gap: Positive = 0.3  # m, kept to an obstacle ahead
 
 
 class RoomConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="room"):

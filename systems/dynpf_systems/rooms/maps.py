@@ -1,4 +1,4 @@
-"""The map of a run, as the table ``[map]`` of a scenario gives it and as the algorithms take it; metres and radians."""
+"""The map of a run: the table ``[map]`` of a scenario, and what the algorithms take; metres and radians."""
 
 from collections.abc import Callable, Iterable
 from typing import Annotated, NamedTuple
@@ -16,6 +16,7 @@ from dynpf.maps.landmarks import LandmarkMap
 from dynpf.maps.map_server import decode
 from dynpf.maps.occupancy import UNKNOWN, OccupancyGrid
 from dynpf.maps.segments import SegmentMap
+from dynpf.types import Positive
 
 __all__ = [
     "NO_MAPS",
@@ -29,7 +30,6 @@ __all__ = [
     "open_maps",
 ]
 
-Positive = Annotated[float, Meta(gt=0.0)]
 Segment = tuple[float, float, float, float]
 Pose = tuple[float, float, float]
 
@@ -57,7 +57,7 @@ class BitmapConfig(
 class SegmentsConfig(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="segments"
 ):
-    """Straight walls (TURTLEBOT). Models that want a grid get one: the cells that a wall runs through are occupied.
+    """Straight walls (TURTLEBOT). Models that need a grid get one whose occupied cells are those that a wall crosses.
 
     What lies outside of closed walls is unknown in it, the rest is free.
     """
@@ -70,7 +70,7 @@ MapConfig = OccupancyConfig | BitmapConfig | SegmentsConfig
 
 
 class Maps(NamedTuple):
-    """What a run knows of its surroundings; None where the scenario says nothing of the kind."""
+    """A run's maps; None where the scenario has no such map."""
 
     landmarks: LandmarkMap | None = None
     grid: OccupancyGrid | None = None
@@ -81,9 +81,9 @@ NO_MAPS = Maps()
 
 
 def open_maps(config: MapConfig | None, landmarks: Iterable[Landmark] | None, read: Callable[[str], bytes]) -> Maps:
-    """Return the maps of a run; ``read`` gives what is in a file by its path, seen from the folder of ``config.file``.
+    """Return the maps of a run; ``read`` returns a file's content by its path, relative to that of ``config.file``.
 
-    Raises ValueError for what is no such map; what ``read`` raises for the map's own file goes through.
+    Raises ValueError for content that is no such map, and whatever ``read`` raises for the map's own file.
     """
     marks = None if landmarks is None else LandmarkMap((mark.id, mark.x, mark.y) for mark in landmarks)
     match config:
@@ -113,12 +113,12 @@ def open_maps(config: MapConfig | None, landmarks: Iterable[Landmark] | None, re
 
 
 def named_file(config: MapConfig | None) -> str | None:
-    """Return the file that a table [map] names, None where it names none."""
+    """Return the file that a table [map] names, or None."""
     return config.file if isinstance(config, OccupancyConfig | BitmapConfig) else None
 
 
 def maps_of(context: Context) -> Maps:
-    """Return the maps of a run, of files that have been read with its scenario; raises ScenarioError."""
+    """Return the maps of a run from files read with its scenario; raises ScenarioError."""
     return context.once("maps", lambda: _opened(context))
 
 
@@ -131,9 +131,9 @@ def _opened(context: Context) -> Maps:
 
 
 def _grid_of(segments: SegmentMap, resolution: float) -> OccupancyGrid:
-    """Return the grid of cells that a wall runs through; what lies outside of closed walls is unknown.
+    """Return the grid whose occupied cells are those that a wall runs through; outside of closed walls it is unknown.
 
-    The margin lets walls on whole cells run through the middle of cells, which is where a grid takes them to be.
+    The margin puts walls at whole multiples of the resolution in the middle of cells, where a grid takes them to be.
     """
     grid = segments.rasterize(resolution, margin=1.5 * resolution)
     labels = cv2.connectedComponents(

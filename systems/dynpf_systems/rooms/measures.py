@@ -1,6 +1,7 @@
 """Measures of a robot's localization: the estimate against the truth, or against a log's reference.
 
-They are those of the node ``estimator``; of a run with several estimators, ``estimators`` has each one's by its name.
+The measures are those of the node ``estimator``; where a run has several estimators, ``estimators`` maps each name to
+its measures.
 """
 
 import math
@@ -15,14 +16,14 @@ from numpy.typing import NDArray
 
 from dynpf.metrics.consistency import mean_square, nees
 from dynpf.metrics.trajectory import Trajectory, pose_errors, score, thin
+from dynpf.types import FloatArray
 
 __all__ = ["FOUND_M", "FOUND_RAD", "LOST_M", "MEASURES", "localization", "reckoned_path", "reference_path"]
 
-FloatArray = NDArray[np.float64]
 STATE = "/state"
 
 FOUND_M, FOUND_RAD = 0.5, math.radians(15.0)
-"""An estimate so near to the truth has found the robot; for how long it has to stay there, each study says."""
+"""Errors of position and heading within which an estimate has found the robot; each study says for how long."""
 
 LOST_M = 1.0
 """The robot counts as lost while the estimate is farther than this from the truth, in metres."""
@@ -33,18 +34,18 @@ _TRUTHS = ("truth/robot", "log/truth")
 
 
 def localization(run: RunMessages, estimator: str = "estimator") -> dict[str, Any]:
-    """Return the measures of one estimator of a run with a truth of its robot, none where either is missing.
+    """Return the measures of an estimator; an empty dictionary where the estimate or the robot's truth is missing.
 
-    They are taken over the scored estimates: at most ten a second, where the truth has no gap of more than half a
-    second; of a truth that is sparser throughout, one at each of its poses.
+    The scored estimates are at most ten a second, where the truth has no gap of more than half a second. Where the
+    truth is sparser than that throughout, one estimate is scored at each of its poses.
 
     - ``position_rmse_m``, ``position_median_m``, ``position_p95_m``: distance between estimate and truth, m: root mean
       square, median and 95th percentile
     - ``heading_rmse_rad``: root mean square of the angle between them, rad, where the truth's heading is valid
     - ``lost_fraction``: share of the scored estimates that are farther than ``LOST_M`` from the truth. It says where
-      the robot was lost, whether or not the filter knew
-    - ``lost_by_verdict``: share of all estimates whose health says "lost". It says how often the filter took itself to
-      be lost, whether or not it was; runs whose estimates tell no health have none
+      the robot was lost, whether or not the filter detected it
+    - ``lost_by_verdict``: share of all estimates whose health status is "lost": how often the filter considered itself
+      lost, whether or not it was; runs without health have none
     - ``nees_mean``, ``nees_low``, ``nees_high``: normalized estimation error squared over pose or, where the heading is
       measured, position; its mean and the 95 % band of that for an honest filter
     - ``dead_reckoning_rmse_m``: position_rmse_m of odometry alone
@@ -57,10 +58,10 @@ def localization(run: RunMessages, estimator: str = "estimator") -> dict[str, An
     reference, valid = reference_path(run, truth)
     estimates = of_type(estimated, Estimate)
     chosen, max_gap = _scored(estimated, run.topic(truth))
-    poses = np.array([(one.x, one.y, one.theta) for one in estimates]).T[:, chosen]
-    estimate = Trajectory(seconds(estimated)[chosen], poses)
-    scored = score(estimate, reference, heading_valid=valid, max_gap=max_gap)
-    errors = pose_errors(estimate, reference, heading_valid=valid, max_gap=max_gap)
+    poses = np.array([(estimate.x, estimate.y, estimate.theta) for estimate in estimates]).T[:, chosen]
+    path = Trajectory(seconds(estimated)[chosen], poses)
+    scored = score(path, reference, heading_valid=valid, max_gap=max_gap)
+    errors = pose_errors(path, reference, heading_valid=valid, max_gap=max_gap)
     distance = np.hypot(*errors.errors[:2])[errors.position_valid]
     measures: dict[str, Any] = {
         "position_rmse_m": scored.position_rmse_m,
@@ -69,7 +70,7 @@ def localization(run: RunMessages, estimator: str = "estimator") -> dict[str, An
         "heading_rmse_rad": scored.heading_rmse_rad,
         "lost_fraction": float(np.mean(distance > LOST_M)) if distance.size else np.nan,
     }
-    if verdicts := [one.health.status for one in estimates if one.health]:
+    if verdicts := [estimate.health.status for estimate in estimates if estimate.health]:
         measures["lost_by_verdict"] = verdicts.count("lost") / len(verdicts)
     measures |= _consistency(errors.errors, errors.heading_valid, [estimates[index] for index in chosen])
     measures |= _dead_reckoning(run, estimator, reference, truth)
@@ -79,40 +80,40 @@ def localization(run: RunMessages, estimator: str = "estimator") -> dict[str, An
 def reference_path(run: RunMessages, topic: str) -> tuple[Trajectory, NDArray[np.bool_]]:
     """Return the true path in a topic, and where its heading is valid, (T,)."""
     states = of_type(run.topic(topic), RobotState)
-    poses = np.array([(one.x, one.y, one.theta) for one in states]).reshape(-1, 3).T
-    return Trajectory(seconds(run.topic(topic)), poses), np.array([one.heading_valid for one in states], dtype=bool)
+    poses = np.array([(state.x, state.y, state.theta) for state in states]).reshape(-1, 3).T
+    return Trajectory(seconds(run.topic(topic)), poses), np.array([state.heading_valid for state in states], dtype=bool)
 
 
 def reckoned_path(run: RunMessages, estimator: str = "estimator") -> Trajectory:
     """Return the path by odometry alone; it has no poses in a run from an unknown start."""
     known = run.topic(f"{estimator}/dead_reckoning")
-    return Trajectory(seconds(known), planar_poses(one.pose for one in of_type(known, PoseInFrame)))
+    return Trajectory(seconds(known), planar_poses(message.pose for message in of_type(known, PoseInFrame)))
 
 
 def _scored(estimated: list[Timed], truth: list[Timed]) -> tuple[NDArray[np.intp], float]:
     """Return the indices of the estimates that are scored, and the longest gap of the truth to interpolate, s.
 
-    A truth that is too sparse for that, such as one pose a scan, is compared at its own poses: each with the first
-    estimate of its stamp that follows it.
+    A truth too sparse to interpolate, such as one pose a scan, is compared at its own poses, each with the first
+    estimate of the same stamp that follows it.
     """
     if np.median(np.diff(seconds(truth))) <= _MAX_GAP_S:
         return thin(seconds(estimated), _SCORED_HZ), _MAX_GAP_S
-    poses = iter(sorted(truth, key=lambda timed: timed.place))
+    poses = iter(sorted(truth, key=lambda timed: timed.number))
     pose = next(poses, None)
     due_ns: int | None = None
     chosen: set[int] = set()
-    for timed in sorted(estimated, key=lambda timed: timed.place):
-        while pose is not None and pose.place < timed.place:
+    for timed in sorted(estimated, key=lambda timed: timed.number):
+        while pose is not None and pose.number < timed.number:
             due_ns, pose = pose.stamp_ns, next(poses, None)
         if timed.stamp_ns == due_ns:
-            chosen.add(timed.place)
+            chosen.add(timed.number)
             due_ns = None
-    return np.flatnonzero([timed.place in chosen for timed in estimated]), np.inf
+    return np.flatnonzero([timed.number in chosen for timed in estimated]), np.inf
 
 
 def _consistency(errors: FloatArray, valid: NDArray[np.bool_], estimates: list[Estimate]) -> dict[str, float]:
-    covariances = np.array([one.covariance for one in estimates]).reshape(-1, 3, 3)
-    # A heading that is measured rather than estimated has no variance: the position alone is then judged.
+    covariances = np.array([estimate.covariance for estimate in estimates]).reshape(-1, 3, 3)
+    # A measured heading has no variance: then only the position is judged.
     dimension = 3 if np.all(covariances[:, 2, 2] > 0.0) else 2
     values = nees(errors[:dimension, valid], covariances[valid][:, :dimension, :dimension])
     if np.isnan(values).all():

@@ -1,4 +1,4 @@
-"""Messages of rooms: what is in the way."""
+"""Messages of rooms: obstacles."""
 
 from typing import Annotated
 
@@ -9,13 +9,15 @@ __all__ = ["Barrier", "Disc", "Obstacles"]
 
 
 class Disc(Piece, frozen=True, kw_only=True):
+    """A disc in the map, such as a person."""
+
     x: float  # m
     y: float  # m
     radius: Positive  # m
 
 
 class Barrier(Piece, frozen=True, kw_only=True):
-    """A straight piece from one end to the other."""
+    """A line segment between two points."""
 
     x1: float  # m
     y1: float  # m
@@ -24,7 +26,7 @@ class Barrier(Piece, frozen=True, kw_only=True):
 
 
 class Obstacles(Message, frozen=True, kw_only=True):
-    """What stands in the way just now and is in no map: people as discs, and the doors that are closed."""
+    """Obstacles that are in no map: people as discs, and the doors that are closed now."""
 
     schema_name = "dynpf.Obstacles"
     people: Annotated[tuple[Disc, ...], Meta(max_length=256)] = ()

@@ -1,4 +1,4 @@
-"""The waypoint controller: heads for one waypoint after the other by the estimated pose."""
+"""The waypoint controller: drives to the waypoints in order, by the estimated pose."""
 
 from dynpf_protocol.messages import Command, Estimate
 from dynpf_runtime.node import Output, Result, State, Step
@@ -14,7 +14,7 @@ __all__ = ["WaypointController", "build"]
 class WaypointController:
     """Heading control with limits (``steer``), by the estimate.
 
-    Commands mode "drive", vx being the forward speed, once for each step with an estimate.
+    Sends one command of mode "drive", with vx the forward speed, for each step with an estimate.
     """
 
     def __init__(self, *, config: WaypointsConfig, name: str = "controller") -> None:
@@ -24,6 +24,7 @@ class WaypointController:
         self._stamp_ns = -1
 
     def step(self, step: Step) -> Result:
+        """Return the command towards the next waypoint, or the end of the run after the last."""
         estimate = self._newest(step)
         if estimate is None:
             return Result()
@@ -44,9 +45,11 @@ class WaypointController:
         return newest
 
     def freeze(self) -> State:
+        """Return the number of waypoints reached."""
         return {"reached": self._reached, "stamp_ns": self._stamp_ns}
 
     def thaw(self, state: State) -> None:
+        """Continue from what freeze returned."""
         self._reached = state["reached"]
         self._stamp_ns = state["stamp_ns"]
 

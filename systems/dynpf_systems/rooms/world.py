@@ -53,9 +53,9 @@ DOOR_COLOR = Color(r=0.6, g=0.4, b=0.2)
 class RoomSimulator:
     """True world of a room with landmarks; the source of its run.
 
-    Each step is one tick. The twist in truth/robot is the one that holds from its stamp to the next: the last command
-    and the motion's noise. The next step finds the robot at the end of that arc. A robot that would leave the room, or
-    run into a wall of the map or a closed door, is held there while its wheels turn on. Raises ScenarioError for a
+    Each step is one tick. The twist in truth/robot is that of the last command with the motion's noise; it holds from
+    its stamp to the next, and the next step finds the robot at the end of that arc. A robot that would leave the room,
+    or run into a wall of the map or a closed door, is held there while its wheels turn on. Raises ScenarioError for a
     start where it does not fit, and for people or doors without a map.
     """
 
@@ -96,6 +96,7 @@ class RoomSimulator:
         return self._people is not None or bool(self.config.doors)
 
     def step(self, step: Step) -> Result:
+        """Advance the world by one tick under the last command; return the true state, obstacles and pictures."""
         self._move()
         self._doors = closed_doors(self.config.doors, step.stamp_ns * 1e-9, self._pose[:2])
         if self._people is not None:
@@ -130,7 +131,7 @@ class RoomSimulator:
                 self._finished = self._finished or command.finished
 
     def _drive(self, driver: Driver) -> None:
-        """Head for the next waypoint, but not into what stands in the way."""
+        """Head for the next waypoint; stop before people and closed doors."""
         waypoint = driver.waypoint(self._reached)
         if waypoint is not None and dist(self._pose[:2], waypoint) <= driver.arrival_radius:
             self._reached += 1
@@ -147,7 +148,7 @@ class RoomSimulator:
         ways = [float(ray_segments(np.array([x, y]), np.array([theta]), self._doors)[0]) - radius]
         if self._people is not None:
             sine, cosine = sincos(theta)
-            for dx, dy in (self._people.places - [x, y]).tolist():
+            for dx, dy in (self._people.positions - [x, y]).tolist():
                 along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
                 touching = radius + self._people.params.radius
                 if along > 0.0 and abs(across) < touching:
@@ -175,7 +176,7 @@ class RoomSimulator:
         )
 
     def _held(self, x: float, y: float, theta: float) -> tuple[float, float, float]:
-        """Return the pose that the robot comes to: before a wall of the map it stays, along the rectangle it slides."""
+        """Return the robot's next pose: a wall of the map stops it, and it slides along the rectangle's sides."""
         if self._clearance is None:
             return *self._inside(x, y), theta
         here_x, here_y, _ = self._pose
@@ -194,10 +195,10 @@ class RoomSimulator:
         return _clip(x, self.config.width / 2 - radius), _clip(y, self.config.height / 2 - radius)
 
     def _obstacles(self) -> Obstacles:
-        places = [] if self._people is None else self._people.places.tolist()
+        people = [] if self._people is None else self._people.positions.tolist()
         radius = 0.0 if self._people is None else self._people.params.radius
         return Obstacles(
-            people=tuple(Disc(x=x, y=y, radius=radius) for x, y in places),
+            people=tuple(Disc(x=x, y=y, radius=radius) for x, y in people),
             doors=tuple(Barrier(x1=x1, y1=y1, x2=x2, y2=y2) for x1, y1, x2, y2 in self._doors.tolist()),
         )
 
@@ -211,11 +212,11 @@ class RoomSimulator:
         doors = LinePrimitive(
             type=PAIRS, pose=_at(0.0, 0.0, 0.0), thickness=0.05, scale_invariant=False, points=ends, color=DOOR_COLOR
         )
-        people = tuple(_cylinder(one.x, one.y, one.radius, 1.7, PERSON_COLOR) for one in obstacles.people)
+        people = tuple(_cylinder(person.x, person.y, person.radius, 1.7, PERSON_COLOR) for person in obstacles.people)
         return SceneEntity(timestamp=now, frame_id=frames.MAP, id="company", cylinders=people, lines=(doors,))
 
     def _room_shape(self, now: Timestamp) -> SceneEntity:
-        """Draw the map's segments, or the rectangle; a grid's cells would be too many."""
+        """Return the map's segments or the rectangle as lines; a grid has too many cells to draw."""
         kind, points = LOOP, tuple[Point3, ...]()
         if self._segments is not None:
             kind, points = PAIRS, tuple(Point3(x=x, y=y) for x, y in self._segments.reshape(-1, 2).tolist())
@@ -257,6 +258,7 @@ class RoomSimulator:
         return SceneEntity(timestamp=now, frame_id=frames.MAP, id="robot", cylinders=(body,), arrows=(nose,))
 
     def freeze(self) -> State:
+        """Return pose, command, route progress and people."""
         return {
             "pose": list(self._pose),
             "command": list(self._command),
@@ -269,6 +271,7 @@ class RoomSimulator:
         }
 
     def thaw(self, state: State) -> None:
+        """Continue from what freeze returned."""
         x, y, theta = state["pose"]
         v, w = state["command"]
         true_v, true_w, spin = state["twist"]

@@ -166,7 +166,7 @@ def _tags(info: Any) -> list[str]:
         ),
         ({"filter": "unscented_kalman", "adaptation": "kld"}, "estimator.adaptation has no place in the filter 'unsc"),
         ({"proposal": "optimal", "measurement": "polar_lines"}, "the proposal 'optimal' needs a GaussianMeasurement"),
-        ({"measurement": ["range_bearing", "unknown_landmarks"]}, "takes what sensors/landmarks says already"),
+        ({"measurement": ["range_bearing", "unknown_landmarks"]}, "already uses the messages of sensors/landmarks"),
         ({"adaptation": ["kld", "kld"]}, "expected at most one rule for the number of particles and one recovery"),
         ({"motion": "velocity", "calibration": {}}, "estimator.calibration goes with the motion of kind 'arcs' alone"),
         ({"motion": {"kind": "linear_gaussian", "transition": [[1.0]], "noise": [[1.0]]}}, "motion of x, y and theta"),

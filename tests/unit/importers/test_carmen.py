@@ -114,7 +114,7 @@ def test_a_robotlaser_line_tells_its_own_geometry_and_is_taken_before_the_same_f
     assert scan.message.ranges == (1.0, 2.0, 30.0, 30.0, 30.0)
     mount = scan.message.pose.position
     assert (mount.x, mount.y) == pytest.approx((0.3, -0.2), abs=1e-3)
-    assert {reason: lost.count for reason, lost in log.losses.told().items()} == {
+    assert {reason: lost.count for reason, lost in log.losses.summary().items()} == {
         "FLASER lines, the same scans again": 1,
         "beams that are not a number": 1,
         "beams below the least range": 1,
@@ -142,7 +142,7 @@ def test_lines_that_cannot_be_read_are_left_out_and_counted(tmp_path: Path) -> N
     path.write_text(RAW + bad + "FLASER 2 1.0 x 0 0 0 0 0 0 1 h 1\n")
     log = import_carmen(path)
     assert len(list(log.records)) == 4
-    (lost,) = log.losses.told().values()
+    (lost,) = log.losses.summary().values()
     assert (lost.count, lost.first) == (5, "log.txt:7: y is 'nan'; expected a finite number")
 
 

@@ -3,17 +3,23 @@
 import json
 import lzma
 import math
+from collections import Counter
 from pathlib import Path
 
 import pytest
 from dynpf_formats.importers.errors import ImportFailedError
-from dynpf_formats.importers.log import Record
+from dynpf_formats.importers.log import ImportedLog, Record
 from dynpf_formats.importers.mrclam import import_mrclam
+from dynpf_formats.recording.attachments import landmarks_of
 from dynpf_formats.recording.reader import read_recording
 from dynpf_lab.cli.main import main
 from dynpf_protocol.codec import decode
 from dynpf_protocol.landmarks import Landmark
 from dynpf_protocol.messages import LandmarkReading, LandmarkReadings, Odometry, RobotState
+
+ROBOTS = "readings of other robots"
+BARCODES = "readings of unknown barcodes"
+UNMAPPED = "readings of landmarks without a position"
 
 REAL = Path(__file__).parents[3] / "../shared/data/mrclam"
 
@@ -50,6 +56,16 @@ def problems(path: Path, robot: int | None = None) -> tuple[str, ...]:
     return caught.value.problems
 
 
+def dropped(log: ImportedLog) -> Counter[str]:
+    """Return how much a log leaves out, by reason."""
+    return Counter({reason: lost.count for reason, lost in log.losses.summary().items()})
+
+
+def counts(log: ImportedLog) -> Counter[str]:
+    """Return how many records a log has, by topic."""
+    return Counter(record.topic for record in log.records)
+
+
 def test_records_come_in_time_order_with_everything_where_it_belongs(tmp_path: Path) -> None:
     log = import_mrclam(folder(tmp_path))
     assert log.records == (
@@ -74,23 +90,22 @@ def test_records_come_in_time_order_with_everything_where_it_belongs(tmp_path: P
         ),
         Record("log/odometry", 100_200_000_000, Odometry(v=0.2, w=0.0)),
     )
-    assert log.landmarks == (Landmark(id=6, x=1.5, y=-2.5), Landmark(id=7, x=3.0, y=4.0))
+    assert landmarks_of(log.attachments) == (Landmark(id=6, x=1.5, y=-2.5), Landmark(id=7, x=3.0, y=4.0))
 
 
-def test_the_summary_counts_what_was_taken_and_what_was_dropped_and_why(tmp_path: Path) -> None:
-    summary = import_mrclam(folder(tmp_path)).summary
-    assert (summary.robot, summary.odometry, summary.landmark_messages, summary.landmark_readings) == (1, 3, 2, 3)
-    assert (summary.references, summary.landmarks) == (2, 2)
-    assert (summary.dropped_robots, summary.dropped_unknown_barcodes, summary.dropped_unmapped) == (1, 1, 1)
-    assert (summary.start_ns, summary.duration_s) == (99_999_999_999, pytest.approx(0.200000001))
-    assert summary.reference_gaps == summary.heading_faults == ()
+def test_the_log_counts_what_was_taken_and_what_was_dropped_and_why(tmp_path: Path) -> None:
+    log = import_mrclam(folder(tmp_path))
+    assert (log.settings["robot"], log.settings["landmarks"], log.settings["landmark_readings"]) == (1, 2, 3)
+    assert counts(log) == {"log/odometry": 3, "log/landmarks": 2, "log/truth": 2}
+    assert dropped(log) == {ROBOTS: 1, BARCODES: 1, UNMAPPED: 1}
+    assert log.settings["reference_gaps_s"] == log.settings["heading_faults_s"] == []
 
 
 def test_rows_whose_clock_goes_backwards_are_put_in_order_and_counted(tmp_path: Path) -> None:
     log = import_mrclam(folder(tmp_path, Robot1_Odometry__dat="100.2 0.3 0\n100.0 0.1 0\n100.1 0.2 0\n"))
     speeds = [record.message.v for record in log.records if isinstance(record.message, Odometry)]
     assert speeds == [0.1, 0.2, 0.3]
-    assert log.summary.clock_backwards == 2  # that of the odometry, and of the reference
+    assert log.settings["clock_backwards"] == 2  # that of the odometry, and of the reference
 
 
 def test_other_robots_are_landmarks_that_move_where_their_reference_has_them(
@@ -110,10 +125,10 @@ def test_other_robots_are_landmarks_that_move_where_their_reference_has_them(
         LandmarkReading(landmark=7, range=2.5, bearing=4.0 - math.tau),
     ]
     # In a gap of the other's reference, or after its end, nobody knows where it was.
-    assert (log.summary.robot_readings, log.summary.dropped_robots) == (2, 2)
-    assert import_mrclam(source, 1).summary.dropped_robots == 4
+    assert (log.settings["robot_readings"], dropped(log)[ROBOTS]) == (2, 2)
+    assert dropped(import_mrclam(source, 1))[ROBOTS] == 4
     assert main(["import", "mrclam", str(source), "--robot", "1", "--robots", "-o", str(tmp_path / "log.mcap")]) == 0
-    assert "of other robots   2" in capsys.readouterr().out
+    assert "robot readings: 2" in capsys.readouterr().out
     (source / "Robot3_Groundtruth.dat").unlink()
     with pytest.raises(ImportFailedError, match=r"Robot3_Groundtruth\.dat: no such file"):
         import_mrclam(source, 1, robots=True)
@@ -122,7 +137,7 @@ def test_other_robots_are_landmarks_that_move_where_their_reference_has_them(
 def test_a_gap_of_the_reference_is_told_in_seconds_from_the_start(tmp_path: Path) -> None:
     references = "100.0 0 0 0\n100.5 0 0 0\n101.1 0 0 0\n"
     log = import_mrclam(folder(tmp_path, Robot1_Groundtruth__dat=references))
-    assert log.summary.reference_gaps == (pytest.approx((0.5, 1.1)),)
+    assert log.settings["reference_gaps_s"] == [pytest.approx((0.5, 1.1))]
 
 
 def test_compressed_tables_and_a_single_robot_under_another_prefix_are_the_same_log(tmp_path: Path) -> None:
@@ -133,8 +148,8 @@ def test_compressed_tables_and_a_single_robot_under_another_prefix_are_the_same_
         target = "ds1_" + name.replace("Robot1_", "")
         (tmp_path / "packed" / f"{target}.xz").write_bytes(lzma.compress(text.encode()))
     packed = import_mrclam(tmp_path / "packed")
-    assert (packed.records, packed.landmarks) == (plain.records, plain.landmarks)
-    assert packed.summary.robot is None
+    assert (packed.records, packed.attachments) == (plain.records, plain.attachments)
+    assert packed.settings["robot"] is None
     (line,) = problems(tmp_path / "packed", robot=1)
     assert line.endswith("robot 1 asked for, but its one robot has no number; ask for none")
 
@@ -145,8 +160,8 @@ def test_a_robot_is_chosen_by_number(tmp_path: Path) -> None:
     for name, text in other.items():
         (tmp_path / name).write_text(text)
     folder(tmp_path)
-    assert import_mrclam(tmp_path, 3).summary.odometry == 1
-    assert import_mrclam(tmp_path, 1).summary.odometry == 3
+    assert counts(import_mrclam(tmp_path, 3))["log/odometry"] == 1
+    assert counts(import_mrclam(tmp_path, 1))["log/odometry"] == 3
     assert problems(tmp_path) == (f"{tmp_path}: has robots 1, 3; choose one",)
     assert problems(tmp_path, 2) == (f"{tmp_path}: no robot 2; it has 1, 3",)
 
@@ -155,7 +170,7 @@ def test_a_marker_swap_is_told_in_the_summary_and_on_each_reference(tmp_path: Pa
     rows = [(100 + k / 20, 0.01 * k, 2.0 if 100 <= k < 300 else 0.0) for k in range(400)]
     references = "".join(f"{t:.3f} {x:.4f} 0.0 {theta}\n" for t, x, theta in rows)
     log = import_mrclam(folder(tmp_path, Robot1_Groundtruth__dat=references))
-    assert log.summary.heading_faults == (pytest.approx((4.5, 15.5), abs=0.1),)
+    assert log.settings["heading_faults_s"] == [pytest.approx((4.5, 15.5), abs=0.1)]
     poses = [record.message for record in log.records if isinstance(record.message, RobotState)]
     bad = [pose for pose in poses if not pose.heading_valid]
     assert len(bad) == pytest.approx(220, abs=3)
@@ -217,7 +232,7 @@ def test_the_command_writes_every_record_in_order_and_prints_the_summary(
 ) -> None:
     source, output = folder(tmp_path), tmp_path / "log.mcap"
     assert main(["import", "mrclam", str(source), "--robot", "1", "-o", str(output), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["landmark_readings"] == 3
+    assert json.loads(capsys.readouterr().out)["settings"]["landmark_readings"] == 3
     log, recording = import_mrclam(source, 1), read_recording(output)
     found = [Record(one.topic, one.stamp_ns, decode(one.topic, one.payload)) for one in recording.messages(node="log")]
     assert tuple(found) == log.records
@@ -243,28 +258,26 @@ def test_the_command_overwrites_nothing_and_tells_faults_in_one_line(
 @pytest.mark.skipif(not REAL.is_dir(), reason=f"the MRCLAM data sets are not at {REAL}")
 def test_the_real_slice_has_its_counts() -> None:
     log = import_mrclam(REAL / "ds1_seed_60s")
-    summary = log.summary
-    assert (summary.odometry, summary.landmark_readings, summary.dropped_robots, summary.references) == (
-        499,
-        216,
-        6,
-        5972,
-    )
-    assert [landmark.id for landmark in log.landmarks] == list(range(6, 21))
-    assert (summary.reference_gaps, summary.heading_faults) == ((), ())
+    assert (counts(log)["log/odometry"], counts(log)["log/truth"]) == (499, 5972)
+    assert (log.settings["landmark_readings"], dropped(log)) == (216, {ROBOTS: 6})
+    assert [landmark.id for landmark in landmarks_of(log.attachments)] == list(range(6, 21))
+    assert log.settings["reference_gaps_s"] == log.settings["heading_faults_s"] == []
     stamps = [record.stamp_ns for record in log.records]
     assert stamps == sorted(stamps)
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason=f"the MRCLAM data sets are not at {REAL}")
 def test_the_real_log_shows_its_two_marker_swaps_and_a_clean_one_none() -> None:
-    summary = import_mrclam(REAL / "ds1_Dataset9_Robot3").summary
-    assert (summary.odometry, summary.landmark_readings, summary.references) == (11524, 5114, 125925)
-    assert summary.landmark_readings + summary.dropped_robots == 6167
-    assert len(summary.reference_gaps) == 9
+    log = import_mrclam(REAL / "ds1_Dataset9_Robot3")
+    assert (counts(log)["log/odometry"], counts(log)["log/truth"]) == (11524, 125925)
+    assert (log.settings["landmark_readings"], dropped(log)) == (5114, {ROBOTS: 6167 - 5114})
+    assert len(log.settings["reference_gaps_s"]) == 9
     # The heading itself jumps at 757.5, 835.6, 991.2 and 1045.4 s; half a chord is added.
-    assert summary.heading_faults == (pytest.approx((757.0, 836.1), abs=0.6), pytest.approx((991.2, 1046.0), abs=0.6))
-    assert import_mrclam(REAL / "ds7_5robots_30s", 2).summary.heading_faults == ()
+    assert log.settings["heading_faults_s"] == [
+        pytest.approx((757.0, 836.1), abs=0.6),
+        pytest.approx((991.2, 1046.0), abs=0.6),
+    ]
+    assert import_mrclam(REAL / "ds7_5robots_30s", 2).settings["heading_faults_s"] == []
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason=f"the MRCLAM data sets are not at {REAL}")
@@ -300,12 +313,11 @@ def test_a_real_log_comes_over_row_by_row(name: str, robot: int | None, prefix: 
     assert readings == [
         (nanoseconds(row[0]), subjects[row[1]], float(row[2]), math.remainder(float(row[3]), math.tau)) for row in kept
     ]
-    summary = log.summary
-    assert len(seen) - len(kept) == summary.dropped_robots + summary.dropped_unknown_barcodes + summary.dropped_unmapped
-    assert summary.dropped_unknown_barcodes == sum(row[1] not in subjects for row in seen)
+    assert len(seen) - len(kept) == dropped(log).total()
+    assert dropped(log)[BARCODES] == sum(row[1] not in subjects for row in seen)
     stamps = [nanoseconds(row[0]) for rows in (odometry, kept, truth) for row in (rows[0], rows[-1])]
-    assert summary.start_ns == min(stamps)
-    assert summary.duration_s == (max(stamps) - min(stamps)) / 1e9
+    assert log.records[0].stamp_ns == min(stamps)
+    assert log.records[-1].stamp_ns == max(stamps)
 
 
 def rows_of(folder: Path, name: str) -> list[list[str]]:

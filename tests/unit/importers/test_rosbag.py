@@ -13,9 +13,8 @@ import pytest
 pytest.importorskip("rosbags", reason="the package rosbags is not installed")
 
 from dynpf_formats.importers.errors import ImportFailedError
-from dynpf_formats.importers.log import Record
+from dynpf_formats.importers.log import ImportedLog, Record
 from dynpf_formats.importers.rosbag import BagChoice, import_rosbag
-from dynpf_formats.importers.stream import LogStream
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import read_recording
 from dynpf_lab.cli.main import main
@@ -51,12 +50,12 @@ def bag(tmp_path: Path, said: Sequence[Said] = LOG, name: str = "log") -> Path:
     return write_ros1(tmp_path / f"{name}.bag", said)
 
 
-def taken(log: LogStream) -> list[Record]:
+def taken(log: ImportedLog) -> list[Record]:
     return list(log.records)
 
 
-def lost(log: LogStream) -> dict[str, int]:
-    return {reason: dropped.count for reason, dropped in log.losses.told().items()}
+def lost(log: ImportedLog) -> dict[str, int]:
+    return {reason: dropped.count for reason, dropped in log.losses.summary().items()}
 
 
 def test_records_come_in_the_order_of_their_own_stamps(tmp_path: Path) -> None:
@@ -138,7 +137,7 @@ def test_a_map_whose_origin_is_not_a_number_is_left_out_and_told(tmp_path: Path)
     said = [("/map", S, bags.grid(GRID, 0.5, float("nan"), 2.0, 0.5)), *LOG[2:]]
     log = import_rosbag(bag(tmp_path, said))
     assert log.attachments == ()
-    assert log.losses.told()["maps"].first == "/map: its origin is not a pose of finite numbers"
+    assert log.losses.summary()["maps"].first == "/map: its origin is not a pose of finite numbers"
 
 
 def test_odometry_comes_from_tf_where_there_is_no_topic_of_it(tmp_path: Path) -> None:
@@ -155,7 +154,7 @@ def test_odometry_comes_from_tf_where_there_is_no_topic_of_it(tmp_path: Path) ->
     assert first == Record("log/odometry_pose", S, OdometryPose(x=1.0, y=0.0, theta=pytest.approx(0.25)))
     assert isinstance(scan.message, LaserScan)
     assert scan.message.pose.position.x == pytest.approx(0.2)
-    assert lost(log) == {"odometry told again": 1}
+    assert lost(log) == {"repeated odometry": 1}
 
 
 def test_a_scanner_that_hangs_upside_down_turns_the_other_way(tmp_path: Path) -> None:

@@ -32,9 +32,9 @@ def test_poses_keep_their_nanoseconds_and_headings_and_what_is_wrong_is_counted(
         Record("log/truth", 1305031102_175304123, RobotState(x=1.5, y=-2.0, theta=pytest.approx(math.pi / 2))),
         Record("log/truth", 1305031102_200000000, RobotState(x=1.5, y=-1.0, theta=pytest.approx(-math.pi / 2))),
     ]
-    told = log.losses.told()
-    assert told["poses whose clock went backwards"].first == "truth.txt:4: 1305031102.1 s"
-    assert (told["lines that cannot be read"].count, told["lines that cannot be read"].first) == (
+    dropped = log.losses.summary()
+    assert dropped["poses whose clock went backwards"].first == "truth.txt:4: 1305031102.1 s"
+    assert (dropped["lines that cannot be read"].count, dropped["lines that cannot be read"].first) == (
         3,
         "truth.txt:5: quaternion is 0 0 0 0; expected one of length 1",
     )

@@ -90,7 +90,7 @@ def test_a_killed_recorder_is_named(tmp_path: Path, simulate: Simulate) -> None:
     simulation.kill("recorder")
     simulation.run()
     assert str(simulation.ended["simulator"]).startswith("recorder is gone")
-    assert str(simulation.ended["router"]) == "everybody has left before the run was recorded"
+    assert str(simulation.ended["router"]) == "all processes left before the run was recorded"
 
 
 def test_a_full_disk_ends_the_run(tmp_path: Path, simulate: Simulate) -> None:
@@ -184,7 +184,7 @@ def test_asked_to_stop_before_the_run_has_begun_a_process_ends_at_once(
     lacks = "sensors" if name != "sensors" else "estimator"
     simulation = simulate(PLAN, tmp_path / "run.mcap", without=[lacks])
     simulation.run(until=lambda: simulation.now_ns > 2 * 10**9)
-    assert simulation.told(name) == ([] if name == "router" else [f"waiting for {lacks}"])
+    assert simulation.notices(name) == ([] if name == "router" else [f"waiting for {lacks}"])
     simulation.ask_to_stop(name, "stopped by the user")
     simulation.run(until=lambda: name in simulation.ended)
     assert type(simulation.ended[name]) is KeyboardInterrupt
@@ -254,11 +254,11 @@ def test_what_a_stranger_says_changes_nothing(tmp_path: Path, simulate: Simulate
     simulation.run()
     assert set(simulation.ended.values()) == {None}
     assert content_digest(read_recording(path)) == undisturbed
-    told = simulation.told("simulator")
-    assert sum("control/stop: message refused: unknown sender" in text for text in told) == 2
-    assert sum("control/recorded: message refused: unknown sender 'recorder'" in text for text in told) == 2
-    assert sum("message refused" in text for text in simulation.told("router")) == 4  # of control/recorded alone
-    refusals = [text for text in simulation.told("recorder") if f"{JOURNAL}estimator: message refused" in text]
+    notices = simulation.notices("simulator")
+    assert sum("control/stop: message refused: unknown sender" in text for text in notices) == 2
+    assert sum("control/recorded: message refused: unknown sender 'recorder'" in text for text in notices) == 2
+    assert sum("message refused" in text for text in simulation.notices("router")) == 4  # of control/recorded alone
+    refusals = [text for text in simulation.notices("recorder") if f"{JOURNAL}estimator: message refused" in text]
     assert refusals == [f"{JOURNAL}estimator: message refused: unknown sender 'estimator' with boot 'another'"]
 
 

@@ -259,7 +259,7 @@ def test_a_strangers_scenario_is_refused_and_nothing_that_it_names_is_touched(
     monkeypatch.syspath_prepend(str(tmp_path))
     one = Scripted()
     one.give(Started())
-    with pytest.raises(DynpfError, match=r"differs from the router's in|tells a scenario that cannot be read"):
+    with pytest.raises(DynpfError, match=r"differs from the router's in|sent a scenario that cannot be read"):
         one.give(Answered(answer))
     assert not mark.exists()
     assert not one.machine.joined

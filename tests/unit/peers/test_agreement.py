@@ -49,9 +49,9 @@ def linear() -> dict[str, Any]:
 
 def landmarks() -> dict[str, Any]:
     """Return the first steps of the benchmark's problem, whose headings do not come near pi."""
-    told = LandmarkProblem().told()
-    readings = np.concatenate((told["ranges"], told["bearings"]), axis=1)[:STEPS]
-    return {**told, "mean": told["start"], "P": np.diag(np.square(told["start_sigma"])), "readings": readings}
+    problem = LandmarkProblem().as_request()
+    readings = np.concatenate((problem["ranges"], problem["bearings"]), axis=1)[:STEPS]
+    return {**problem, "mean": problem["start"], "P": np.diag(np.square(problem["start_sigma"])), "readings": readings}
 
 
 def weighted() -> dict[str, Any]:

@@ -23,7 +23,7 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
         parser = argparse.ArgumentParser()
         subparsers = parser.add_subparsers(required=True)
         for command in (info, doctor, recover, diff):
-            command.add_parser(subparsers)
+            command.add_arguments(subparsers.add_parser(command.__name__.rpartition(".")[2]))
         args = parser.parse_args([str(word) for word in words])
         code = args.run(args)
         return code, capsys.readouterr().out

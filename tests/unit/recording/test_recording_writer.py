@@ -11,7 +11,7 @@ import pytest
 from dynpf_formats.recording.errors import RecordingError, RecordingExistsError
 from dynpf_formats.recording.header import Provenance
 from dynpf_formats.recording.mcap_records import Region, scan
-from dynpf_formats.recording.provenance import code_digest, collect, told_where_bytes_differ
+from dynpf_formats.recording.provenance import code_digest, collect, explain_different_bytes
 from dynpf_formats.recording.reader import load, read_recording
 from dynpf_formats.recording.recover import recover
 from dynpf_formats.recording.writer import CHUNK_BYTES, FLUSH_NS, MAX_PAYLOAD, RecordingWriter
@@ -270,6 +270,6 @@ MADE = Provenance(dynpf_version="1", code_digest="c", packages={"numpy": "2.4"},
     ],
 )
 def test_where_bytes_differ_the_first_difference_of_what_made_them_is_told(changes: dict, told: str) -> None:
-    found = told_where_bytes_differ(MADE, msgspec.structs.replace(MADE, **changes))
+    found = explain_different_bytes(MADE, msgspec.structs.replace(MADE, **changes))
     assert re.search(told, found)
     assert bool(found) == bool(told)

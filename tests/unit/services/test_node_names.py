@@ -128,11 +128,11 @@ KINDS = (
         ),
         (
             {"nodes": {"other": {**ESTIMATOR, "remap": {"estimator/state": "log/odometry"}}}},
-            "nodes.other: writes log/odometry, which is not for nodes to write",
+            "nodes.other: writes log/odometry, which nodes must not write",
         ),
         (
             {"nodes": {"other": {**ESTIMATOR, "remap": {"estimator/state": "journal/other"}}}},
-            "nodes.other: writes journal/other, which is not for nodes to write",
+            "nodes.other: writes journal/other, which nodes must not write",
         ),
         (
             {"nodes": {"other": {**ESTIMATOR, "remap": {"sensors/landmarks": "sensor/landmarks"}}}},
@@ -151,7 +151,7 @@ KINDS = (
         *(
             (
                 {"nodes": {name: ESTIMATOR}},
-                f"run.toml: nodes: {name!r} is no name for a node; {RESERVED}; {name!r} stands for something else",
+                f"run.toml: nodes: {name!r} is no name for a node; {RESERVED}; {name!r} is reserved",
             )
             for name in ("estimator", "log", "recorder", "router", "event", "journal", "diagnostics", "truth", "camera")
         ),

@@ -79,7 +79,7 @@ def test_paths_are_seen_from_where_they_were_written(drawings: Path) -> None:
 
 
 def test_bitmaps_need_a_tube_to_be() -> None:
-    with pytest.raises(ScenarioError, match=r"maps: bitmaps for the tube of \[colon\], which this run has not"):
+    with pytest.raises(ScenarioError, match=r"maps: bitmaps for the tube of \[colon\], which this run lacks"):
         load_scenario("landmark-room", overrides=["maps=['a.png']"])
 
 

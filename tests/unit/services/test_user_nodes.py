@@ -183,7 +183,7 @@ def test_what_is_no_node_is_told_before_a_run(room: Any, name: str, settings: li
 @pytest.mark.parametrize(
     ("name", "told"),
     [
-        ("Twice", "said a Count, which 2 of its topics take; it writes one, other; say (topic, message)"),
+        ("Twice", "returned a Count, which 2 of its topics carry; it writes one, other; return (topic, message)"),
         ("Forgetful", "step returned a state of type NoneType; expected State"),
         ("Loud", "returned messages for elsewhere, which it does not declare"),
     ],

@@ -12,7 +12,7 @@ from dynpf_experiments.study import run_study, settings_from
 from dynpf_lab.cli.main import main
 from dynpf_systems.colon.messages import CapsuleEstimate, CapsuleReading, CapsuleState
 from dynpf_systems.colon.studies.experiments import CASES_STUDY, PRINTED_CASES, change_of
-from dynpf_systems.colon.studies.worlds import Change, Filter, Place, Trial, follow, run, scenario_of
+from dynpf_systems.colon.studies.worlds import Change, Filter, Trial, Tube, follow, run, scenario_of
 from PIL import Image
 
 from dynpf.colon.outline import Bulge, Family, tube
@@ -86,7 +86,7 @@ def test_the_same_rows_on_one_process_and_on_two() -> None:
 )
 def test_a_trial_is_the_run_of_its_scenario(name: Filter, known: bool) -> None:
     change = Change("end 105.0", ("end 120.0",), "end 105.0") if name == "end_radius" else change_of(5)
-    trial = Trial(Place(Family.FOLDS, 1), change, "robot_3px_5pct", name, 60, known, 11)
+    trial = Trial(Tube(Family.FOLDS, 1), change, "robot_3px_5pct", name, 60, known, 11)
     happened = run(trial)
     track = follow(trial, happened)[0]
     ran = drive(scenario_of(trial), {"truth/capsule", "sensors/capsule", "estimator/capsule"})
@@ -164,7 +164,7 @@ def test_rows_and_figures_are_written(capsys: pytest.CaptureFixture[str], tmp_pa
         (["colon-cases", "--set", "tubes"], "--set tubes: expected KEY=VALUE"),
         (["colon-cases", "--set", "maps=['a.png']"], "maps of 1 files"),
         (["colon-cases", "--jobs", "1", "--set", "maps=['no.png','no.png']"], "no.png: No such file"),
-        (["colon-growth", "--set", "maps=['a.png','b.png']"], "made, not drawn"),
+        (["colon-growth", "--set", "maps=['a.png','b.png']"], "leave maps out"),
     ],
 )
 def test_bad_usage_is_told(capsys: pytest.CaptureFixture[str], words: list[str], said: str) -> None:

@@ -36,8 +36,8 @@ def test_it_is_found_from_the_first_of_five_scans_that_are_near_if_it_is_near_at
 
 
 def test_the_verdict_is_told_with_its_delay() -> None:
-    assert kidnap._told([moment(3.0, 7), moment(3.0, 8, "uncertain"), moment(3.0, 9, "lost")], 6) == 3.0
-    assert math.isnan(kidnap._told([moment(3.0, 7)], 6))
+    assert kidnap._detected([moment(3.0, 7), moment(3.0, 8, "uncertain"), moment(3.0, 9, "lost")], 6) == 3.0
+    assert math.isnan(kidnap._detected([moment(3.0, 7)], 6))
 
 
 @pytest.fixture(scope="module", name="log")
@@ -120,5 +120,5 @@ def test_a_log_that_is_absent_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path:
 
 def test_only_a_scan_of_known_place_can_be_where_it_is_carried_off() -> None:
     one = Record(3, "log/scan", 5, OdometryPose(x=0.0, y=0.0, theta=0.0), None)
-    with pytest.raises(ValueError, match="record 0 is no scan"):
+    with pytest.raises(ValueError, match="record 0 is not a scan"):
         kidnapped([one], 0, 1.0)

@@ -8,7 +8,8 @@ from dynpf_experiments.catalogue import study_named
 from dynpf_experiments.rows import Sample
 from dynpf_experiments.study import run_study, settings_from
 from dynpf_services.scenario.load import load_scenario
-from dynpf_systems.parts.studies.runs import LAYOUTS, NOISE, RADII, Conditions, layout_task, measured, run_parts
+from dynpf_systems.parts.studies.runs import LAYOUTS, RADII, Conditions, layout_task, measured, run_parts
+from dynpf_systems.parts.task import NOISE
 
 
 def gap(name):
@@ -36,11 +37,11 @@ def test_without_noise_parts_come_home_almost_straight():
 
 
 def test_a_filter_lowers_the_error_and_a_seed_fixes_the_run():
-    given = {"variance": NOISE["high"], "max_ticks": 150}
+    given = {"variance": NOISE["high"].measurement, "max_ticks": 150}
     task = layout_task("3I")
     raw, filtered = run(task, 1, **given), run(task, 1, particles=100, **given)
     # The mean length of a two-dimensional Gaussian is sqrt(pi / 2) standard deviations.
-    assert raw["rpee_m"] == pytest.approx(math.sqrt(NOISE["high"] * math.pi / 2.0), rel=0.2)
+    assert raw["rpee_m"] == pytest.approx(math.sqrt(NOISE["high"].measurement * math.pi / 2.0), rel=0.2)
     assert filtered["rpee_m"] < 0.7 * raw["rpee_m"]
     assert filtered["ppee_m"] < 0.7 * raw["ppee_m"]
     assert run(task, 1, particles=100, **given) == filtered
@@ -60,7 +61,7 @@ def test_scenarios_are_the_layouts():
 
 def test_the_robots_error_is_near_its_bound_and_raw_measurements_are_not():
     task = layout_task("3I")
-    filtered, raw = (run(task, 2, variance=NOISE["high"], particles=n, max_ticks=200) for n in (100, 0))
+    filtered, raw = (run(task, 2, variance=NOISE["high"].measurement, particles=n, max_ticks=200) for n in (100, 0))
     assert filtered["crlb_ratio"] < 1.3 < raw["crlb_ratio"]
     assert 1.2 < filtered["robot_nees"] < 3.0
     assert 2.5 < filtered["kurtosis"] < 3.2
@@ -69,7 +70,7 @@ def test_the_robots_error_is_near_its_bound_and_raw_measurements_are_not():
 
 
 def test_what_is_known_of_the_robot_doubles_with_a_part_in_its_gripper():
-    course = run_parts(layout_task("3E"), 3, Conditions(NOISE["low"], 49, max_ticks=150))
+    course = run_parts(layout_task("3E"), 3, Conditions(NOISE["low"].measurement, 49, max_ticks=150))
     held = course.held >= 0
     assert held.any()
     assert not held.all()

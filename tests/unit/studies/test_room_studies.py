@@ -10,7 +10,7 @@ from dynpf_experiments.study import run_study, settings_from
 from dynpf_lab.cli.main import main
 from dynpf_systems.rooms.studies.indoor import IndoorSettings, fitted
 from dynpf_systems.rooms.studies.turtlebot import STUDY
-from dynpf_systems.rooms.studies.ways import dead_reckoning, measures, record, world
+from dynpf_systems.rooms.studies.ways import dead_reckoning, load_world, measures, record
 
 
 def rows_of(capsys: pytest.CaptureFixture[str], *words: str) -> list[dict[str, Any]]:
@@ -54,8 +54,8 @@ def test_turtlebot_gives_the_same_rows_on_one_process_and_on_two() -> None:
 
 
 def test_another_seed_drives_elsewhere_and_odometry_goes_the_same_way() -> None:
-    place = world("turtlebot-room")
-    first, again, other = (record(place, seed, 12).epochs for seed in (1, 1, 2))
+    world = load_world("turtlebot-room")
+    first, again, other = (record(world, seed, 12).epochs for seed in (1, 1, 2))
     assert all(np.array_equal(a.truth, b.truth) for a, b in zip(first, again, strict=True))
     assert math.dist(first[0].truth[:2], other[0].truth[:2]) > 0.05
     truth = np.stack([epoch.truth for epoch in first], axis=1)
@@ -63,7 +63,7 @@ def test_another_seed_drives_elsewhere_and_odometry_goes_the_same_way() -> None:
 
 
 def test_success_is_to_be_right_at_the_end_and_errors_count_from_convergence() -> None:
-    epochs = record(world("turtlebot-room"), 1, 30).epochs
+    epochs = record(load_world("turtlebot-room"), 1, 30).epochs
     truth = np.stack([epoch.truth for epoch in epochs], axis=1)
     late = truth.copy()
     late[0, :8] += 2.0

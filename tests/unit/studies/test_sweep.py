@@ -87,7 +87,7 @@ def test_bad_usage_is_told(capsys: pytest.CaptureFixture[str], words: list[str],
 
 
 def test_a_sweep_that_asks_or_varies_nothing_is_refused() -> None:
-    with pytest.raises(UsageError, match="measures nothing"):
+    with pytest.raises(UsageError, match="needs measures"):
         sweep(scenario="landmark-room", grid={}, measures=[])
     with pytest.raises(UsageError, match=r"estimator\.n has no values"):
         sweep(scenario="landmark-room", grid={"estimator.n": ()}, measures=["npl"])

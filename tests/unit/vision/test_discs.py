@@ -184,11 +184,11 @@ def test_finds_the_discs_of_drawn_scenes_and_invents_none(kind: str) -> None:
     scenes = [draw_scene(kind, 4, number) for number in range(5)]
     scores = [score(scene, detect_discs(scene.image, DetectionParams())) for scene in scenes]
     found = np.concatenate([one.found for one in scores])
-    errors = np.concatenate([one.centre_error_px for one in scores])[found]
+    errors = np.concatenate([scene_score.centre_error_px for scene_score in scores])[found]
     cut = np.concatenate([scene.cut for scene in scenes])
     assert found[~cut].all()
     assert found[cut].mean() > 0.8  # of some there is a sliver left, and a neighbour touches that
-    assert sum(one.invented for one in scores) == 0
+    assert sum(scene_score.false_discs for scene_score in scores) == 0
     assert np.sqrt((errors**2).mean()) < (0.25 if kind == "photograph" else 0.08)
     assert sum(int(scene.touching.sum()) for scene in scenes) >= 8
     assert sum(int(scene.cut.sum()) for scene in scenes) >= 4
@@ -198,7 +198,7 @@ def test_a_disc_in_another_place_or_of_another_size_does_not_count() -> None:
     scene = draw_scene("both", 3, 0)
     x, y, radius = (float(value) for value in scene.discs[0])
     for wrong in (Disc(x + 0.3 * radius, y, radius, 50.0, 0.0, 1.0), Disc(x, y, 0.7 * radius, 50.0, 0.0, 1.0)):
-        assert score(scene, (wrong,)).invented == 1
+        assert score(scene, (wrong,)).false_discs == 1
     right = Disc(x, y, radius, 50.0, 0.0, 1.0)
-    assert score(scene, (right, right)).invented == 1
+    assert score(scene, (right, right)).false_discs == 1
     assert int(score(scene, (right, right)).found.sum()) == 1

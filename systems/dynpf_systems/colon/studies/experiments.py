@@ -1,4 +1,4 @@
-"""COLON's experiments: particles, cases, growth of the area, and the map as something that is estimated."""
+"""COLON's experiments: numbers of particles, cases, growth of the area, and estimation of the map."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -19,11 +19,12 @@ from dynpf.metrics.colon import capsule_errors, first_visible, map_errors
 from dynpf.metrics.quantiles import chi_square_quantile
 from dynpf.motion.capsule import CapsuleMotion
 from dynpf.se2 import wrap_angle
+from dynpf.types import Count
 from dynpf_systems.colon.measures import radius_error
 from dynpf_systems.colon.studies.figures import draw
-from dynpf_systems.colon.studies.worlds import RADII, Change, Filter, Noise, Place, Track, Trial, caster, follow, run
+from dynpf_systems.colon.studies.worlds import RADII, Change, Filter, Noise, Track, Trial, Tube, caster, follow, run
 
-__all__ = ["CASES_STUDY", "GROWTH", "HYPOTHESES", "PARTICLES", "CasesSettings", "change_of", "places"]
+__all__ = ["CASES_STUDY", "GROWTH", "HYPOTHESES", "PARTICLES", "CasesSettings", "change_of", "tubes"]
 
 PRINTED_CASES = {
     1: (1.0732, 1.5973, 6.2108),
@@ -44,18 +45,22 @@ PRINTED_PARTICLES = {
 PRINTED_GROWTH = {"M_1": (0.169, 1.0182, 4.1656), "M_2": (1.2715, 1.3064, 6.2652), "M_3": (2.647, 3.5147, 5.8579)}
 """COLON, Table 5.3."""
 
-_SAID = ((0.99, "99 to 100 %"), (0.95, "95 to 99 %"), (0.85, "85 to 95 %"), (0.7, "70 to 85 %"), (0.0, "up to 70 %"))
+_PROBABILITIES = (
+    (0.99, "99 to 100 %"),
+    (0.95, "95 to 99 %"),
+    (0.85, "85 to 95 %"),
+    (0.7, "70 to 85 %"),
+    (0.0, "up to 70 %"),
+)
 """Intervals of the probability of the likeliest map, from the highest down."""
-
-Count = Annotated[int, Meta(ge=1)]
 
 
 class _Common(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     families: tuple[Family, ...] = tuple(Family)
-    tubes: Count = 10  # of a family, in turn
-    maps: tuple[str, ...] = ()  # bitmaps of a, b and, if given, c, in place of the families
-    # Through bitmaps, a route of one's own: the pose at the start (px, rad), motions (px, rad), and how many of them
-    # come before the change: half of them, if not given.
+    tubes: Count = 10  # of each family, used in turn
+    maps: tuple[str, ...] = ()  # bitmaps of a, b and optionally c, instead of the families
+    # Through bitmaps, a route of the user's own: the pose at the start (px, rad), the motions (px, rad), and the number
+    # of motions before the change, by default half of them.
     start: tuple[float, float, float] = ROUTE.start
     route: tuple[tuple[float, float], ...] = ()
     change: int | None = None
@@ -71,35 +76,44 @@ class _Common(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
             raise ValueError(f"change = {self.change}: expected fewer motions than the route has, and not below 0")
 
     def route_through(self) -> Route:
+        """Return the route of the trials."""
         motions = tuple(CapsuleMotion(*motion) for motion in self.route) or ROUTE.motions
         half = len(motions) // 2 if self.route else ROUTE.change
         return Route(self.start, motions, half if self.change is None else self.change)
 
 
 class CasesSettings(_Common, frozen=True, kw_only=True):
+    """Settings of the study of COLON's cases."""
+
     n: Count = 100
     cases: tuple[int, ...] = tuple(CASES)
     filters: tuple[Filter, ...] = ("seed", "scheduled", "told", "hypotheses")
 
 
 class ParticlesSettings(_Common, frozen=True, kw_only=True):
+    """Settings of the study of the number of particles."""
+
     n: tuple[Count, ...] = (20, 100, 500, 1000, 5000)
-    n_ours: Count = 1000  # the most that ours is run with
+    n_ours: Count = 1000  # the most particles of our filter
 
 
 class GrowthSettings(_Common, frozen=True, kw_only=True):
+    """Settings of the study of a growing end."""
+
     n: Count = 100
     unlisted: tuple[float, ...] = (112.0, 127.5, 143.0)  # radii in px
 
 
 class HypothesesSettings(_Common, frozen=True, kw_only=True):
+    """Settings of the study of estimated maps."""
+
     n: Count = 100
     noises: tuple[Noise, ...] = ("none", "3px_5pct", "10px", "robot", "robot_3px_5pct")
-    global_trials: Annotated[int, Meta(ge=0)] = 20  # of a family, at most
+    global_trials: Annotated[int, Meta(ge=0)] = 20  # of each family, at most
 
 
 class Task(NamedTuple):
-    """Trials under the same factors in one place; each has its own seed. A "?" in the name of a map stands for it."""
+    """Trials with the same factors and tube, each with its own seed, for which "?" stands in a map's name."""
 
     case: str
     trial: Trial
@@ -107,24 +121,25 @@ class Task(NamedTuple):
 
 
 def change_of(case: int) -> Change:
+    """Return the change of maps in one of COLON's cases."""
     return Change("a", (CASES[case].true,), CASES[case].told)
 
 
-def places(settings: _Common, trials: int, seed: int) -> Iterator[tuple[Place, tuple[int, ...]]]:
-    """Yield each place and the numbers of its trials; tubes of a family take turns."""
+def tubes(settings: _Common, trials: int, seed: int) -> Iterator[tuple[Tube, tuple[int, ...]]]:
+    """Yield each tube and the numbers of its trials; tubes of a family take turns."""
     if settings.maps:
-        yield Place(None, 0, settings.maps, settings.route_through()), tuple(range(trials))
+        yield Tube(None, 0, settings.maps, settings.route_through()), tuple(range(trials))
         return
     for family in settings.families:
         for number in range(min(settings.tubes, trials)):
-            yield Place(family, seed + number), tuple(range(number, trials, settings.tubes))
+            yield Tube(family, seed + number), tuple(range(number, trials, settings.tubes))
 
 
 def _cases(settings: _Common) -> tuple[int, ...]:
     return tuple(case for case in CASES if CASES[case].true != "c" or len(settings.maps) != 2)
 
 
-# What a trial measures.
+# Measures of a trial.
 
 
 def _run_task(task: Task, calibration: bool = False) -> list[Sample]:
@@ -150,17 +165,19 @@ def _run_task(task: Task, calibration: bool = False) -> list[Sample]:
 
 
 def _calibration(task: Task, name: str, happened: Run, track: Track, measures: dict[str, float | bool]) -> list[Sample]:
-    """Return samples for all cases together: whether the pose is in its 90 % region at the end, and, at every reading,
-    whether the likeliest map is the true one, by the probability that the filter gives it.
+    """Return the samples of calibration, pooled over all cases.
+
+    They are whether the pose is in its 90 % region at the end and, at every reading, whether the likeliest map is the
+    true one, by the probability that the filter gives it.
     """
     pooled = _factors(task, name) | {"case": "all"}
     samples = [Sample(pooled, {"covered_90_percent": measures["covered_90_percent"]})]
     for true, maps in zip(happened.maps, track.maps, strict=True):
         likeliest = max(maps, key=maps.__getitem__)
-        said = next(label for least, label in _SAID if maps[likeliest] >= least)
+        label = next(label for least, label in _PROBABILITIES if maps[likeliest] >= least)
         right = likeliest == (true if true in maps else UNLISTED)
         found = {"said_percent": 100.0 * maps[likeliest], "right_percent": right}
-        samples.append(Sample(pooled | {"said": said}, found))
+        samples.append(Sample(pooled | {"said": label}, found))
     return samples
 
 
@@ -168,7 +185,7 @@ def _factors(task: Task, name: str) -> dict[str, str | int]:
     trial = task.trial
     return {
         "case": task.case,
-        "tube": trial.place.name,
+        "tube": trial.tube.name,
         "filter": name,
         "n": trial.n,
         "start": "known" if trial.known else "global",
@@ -190,7 +207,7 @@ def _pose_measures(happened: Run, track: Track) -> dict[str, float | bool]:
 def _map_measures(trial: Trial, happened: Run, track: Track) -> dict[str, float | bool]:
     if not track.maps:
         return {}
-    visible = first_visible(happened.maps, happened.poses, lambda name: caster(trial.place, name))
+    visible = first_visible(happened.maps, happened.poses, lambda name: caster(trial.tube, name))
     measures = map_errors(happened.maps, track.maps, visible)
     for name in ("false_alarm", "missed"):
         measures[f"{name}_percent"] = measures.pop(name)
@@ -200,10 +217,10 @@ def _map_measures(trial: Trial, happened: Run, track: Track) -> dict[str, float 
 
 
 def _is_told_apart(trial: Trial, happened: Run) -> bool:
-    """Return whether some range after the change is unlike that of each listed map."""
+    """Return whether some range after the change differs from that of each listed map."""
     since = next(step for step, name in enumerate(happened.maps) if name != happened.maps[0])
     maps, poses = happened.maps[since:], happened.poses[:, since:]
-    of = partial(caster, trial.place)
+    of = partial(caster, trial.tube)
     return all(first_visible((listed, *maps), poses[:, [0, *range(len(maps))]], of) is not None for listed in "ab")
 
 
@@ -213,9 +230,10 @@ def _is_told_apart(trial: Trial, happened: Run) -> bool:
 def _beside(
     printed: dict[str, tuple[float, float, float]], factor: str, start: str
 ) -> Callable[[list[Sample]], list[Row]]:
-    """Return what summarizes samples and puts COLON's figures beside them, by the value of a factor."""
+    """Return a function that summarizes samples and adds COLON's figures by the value of a factor."""
 
     def rows(samples: list[Sample]) -> list[Row]:
+        """Return the summarized rows with COLON's figures."""
         found = summarized(samples, "tube")
         for row in found:
             figures = printed.get(str(row[factor]))
@@ -229,8 +247,8 @@ def _beside(
 
 def _case_tasks(settings: CasesSettings, trials: int, seed: int) -> list[Task]:
     return [
-        Task(str(case), Trial(place, change_of(case), "none", name, settings.n, True, seed), numbers)
-        for place, numbers in places(settings, trials, seed)
+        Task(str(case), Trial(tube, change_of(case), "none", name, settings.n, True, seed), numbers)
+        for tube, numbers in tubes(settings, trials, seed)
         for case in settings.cases
         if case in _cases(settings)
         for name in settings.filters
@@ -240,8 +258,8 @@ def _case_tasks(settings: CasesSettings, trials: int, seed: int) -> list[Task]:
 def _particle_tasks(settings: ParticlesSettings, trials: int, seed: int) -> list[Task]:
     kinds: tuple[tuple[Filter, bool], ...] = (("seed", True), ("seed", False), ("told", True))
     return [
-        Task("3", Trial(place, change_of(3), "none", name, n, known, seed), numbers)
-        for place, numbers in places(settings, trials, seed)
+        Task("3", Trial(tube, change_of(3), "none", name, n, known, seed), numbers)
+        for tube, numbers in tubes(settings, trials, seed)
         for n in settings.n
         for name, known in kinds
         if name == "seed" or n <= settings.n_ours
@@ -254,29 +272,29 @@ def _hypothesis_tasks(settings: HypothesesSettings, trials: int, seed: int) -> l
         changes["random"] = Change("a", ("other ?",), "a")
         changes["growing"] = Change("a", (*(f"b {step / 6:.3f}" for step in range(1, 6)), "b"), "a")
     tasks = []
-    for place, numbers in places(settings, trials, seed):
+    for tube, numbers in tubes(settings, trials, seed):
         searching = tuple(number for number in numbers if number < settings.global_trials)
         for case, change in changes.items():
-            trial = Trial(place, change, "none", "hypotheses", settings.n, True, seed)
+            trial = Trial(tube, change, "none", "hypotheses", settings.n, True, seed)
             tasks += [Task(case, trial._replace(noise=noise), numbers) for noise in settings.noises]
-            if searching and case not in {"3", "4"}:  # untold, they are 2 and 1 again
+            if searching and case not in {"3", "4"}:  # without a schedule they equal 2 and 1
                 tasks.append(Task(case, trial._replace(known=False), searching))
     return tasks
 
 
 def _growth_tasks(settings: GrowthSettings, trials: int, seed: int) -> list[Task]:
     if settings.maps:
-        raise UsageError("--set maps: the round ends of colon-growth are made, not drawn")
+        raise UsageError("--set maps: colon-growth needs generated tubes with round ends; leave maps out")
     before = f"end {RADII['M_1']:g}"
     kinds: tuple[Filter, ...] = ("seed", "end_radius")
     radii = RADII | {f"{radius:g} px": radius for radius in settings.unlisted}
     return [
         Task(
             case,
-            Trial(place, Change(before, (f"end {radius:g}",), before), "none", name, settings.n, True, seed),
+            Trial(tube, Change(before, (f"end {radius:g}",), before), "none", name, settings.n, True, seed),
             numbers,
         )
-        for place, numbers in places(settings, trials, seed)
+        for tube, numbers in tubes(settings, trials, seed)
         for case, radius in radii.items()
         for name in kinds
     ]
@@ -301,7 +319,7 @@ _MAPS = (
     ("in 90 %", ".0f", "covered_90_percent"),
 )
 _CALIBRATION = (
-    ("said of maps", "", "said"),
+    ("probability of map", "", "said"),
     ("mean", ".1f", "said_percent_mean"),
     ("right %", ".1f", "right_percent"),
 )
@@ -309,7 +327,7 @@ _START = ("start", "", "start")
 
 
 def _hypothesis_rows(samples: list[Sample]) -> list[Row]:
-    """Return rows, and those of calibration for all kinds of noise together too."""
+    """Return the rows, with rows of calibration pooled over all kinds of noise."""
     pooled = [sample._replace(factors=sample.factors | {"noise": "all"}) for sample in samples if _is_pooled(sample)]
     return summarized([*samples, *pooled], "tube")
 
@@ -319,7 +337,7 @@ def _is_pooled(sample: Sample) -> bool:
 
 
 def _figures(settings: _Common, seed: int, rows: list[Row], folder: Path) -> list[Path]:
-    return draw(next(places(settings, 1, seed))[0], seed, rows, folder)
+    return draw(next(tubes(settings, 1, seed))[0], seed, rows, folder)
 
 
 PARTICLES = Study(
@@ -334,7 +352,7 @@ PARTICLES = Study(
 )
 
 CASES_STUDY = Study(
-    about="COLON's Table 6.1: five cases of maps that change or do not, and models that follow or do not",
+    about="COLON's Table 6.1: five cases of maps that change or not, and of schedules that follow or not",
     trials=100,
     settings=CasesSettings,
     tasks=_case_tasks,
@@ -345,7 +363,7 @@ CASES_STUDY = Study(
 )
 
 GROWTH = Study(
-    about="COLON's Table 5.3: the end of the tube grows; its radius is found",
+    about="COLON's Table 5.3: the end of the tube grows; its radius is estimated",
     trials=100,
     settings=GrowthSettings,
     tasks=_growth_tasks,
@@ -361,7 +379,7 @@ GROWTH = Study(
 )
 
 HYPOTHESES = Study(
-    about="The map is estimated, and nobody tells the filter anything",
+    about="The map is estimated, without a schedule for the filter",
     trials=100,
     settings=HypothesesSettings,
     tasks=_hypothesis_tasks,

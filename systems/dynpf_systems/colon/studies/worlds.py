@@ -30,7 +30,7 @@ from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.maps.raycast import RayCaster
 from dynpf.maps.timeline import MapTimeline
 from dynpf.rng import Stream, generator
-from dynpf.se2 import FloatArray, Floats
+from dynpf.types import FloatArray, Floats
 from dynpf_systems.colon.config import (
     CapsuleConfig,
     CapsuleEstimatorConfig,
@@ -47,9 +47,9 @@ __all__ = [
     "Change",
     "Filter",
     "Noise",
-    "Place",
     "Track",
     "Trial",
+    "Tube",
     "caster",
     "follow",
     "grid",
@@ -62,7 +62,7 @@ Noise = Literal["none", "3px_5pct", "10px", "robot", "robot_3px_5pct"]
 
 
 class Setup(NamedTuple):
-    """What the capsule is like, and what the filter knows of that."""
+    """The capsule, and the noise that the filter assumes."""
 
     capsule: Capsule
     sigma_range: float
@@ -81,8 +81,8 @@ RADII = {"M_1": 3.5 * UNIT, "M_2": 4.0 * UNIT, "M_3": 4.5 * UNIT}
 _MEMBERS = tuple(float(radius) for radius in range(90, 166, 5))
 
 
-class Place(NamedTuple):
-    """Where trials take place: a tube of a family, or the bitmaps of a user for maps a, b and c; and by what route."""
+class Tube(NamedTuple):
+    """The tube and route of trials: a tube of a family, or a user's bitmaps of maps a, b and c."""
 
     family: Family | None
     seed: int
@@ -91,23 +91,26 @@ class Place(NamedTuple):
 
     @property
     def name(self) -> str:
+        """The name of the family, or "own" for a user's bitmaps."""
         return self.family.value if self.family else "own"
 
 
 class Change(NamedTuple):
-    """The map at the start; those that become true, one a reading; and the one that the filter is then told of."""
+    """The map at the start; those that become true, one at each reading; and the map then given to the filter."""
 
     before: str
     true: tuple[str, ...]
     told: str
 
     def true_maps(self, route: Route) -> MapTimeline[str]:
+        """Return the schedule of the true maps."""
         return timeline(self.before, *self.true, route=route)
 
 
 class Track(NamedTuple):
-    """What a filter found at each reading: poses (3, T + 1), the posterior over maps, particles (3, N); and at the last
-    reading only: the pose's covariance (3, 3), and the radius of the end.
+    """A filter's estimates at each reading: poses (3, T + 1), the posterior over maps, particles (3, N).
+
+    The pose's covariance (3, 3) and the radius of the end are those of the last reading.
     """
 
     poses: FloatArray
@@ -118,14 +121,14 @@ class Track(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def grid(place: Place, name: str) -> OccupancyGrid:
-    """Return a map of a place by its name: see ``tube_map``; of a user's, a, b and c.
+def grid(tube: Tube, name: str) -> OccupancyGrid:
+    """Return a map of a tube by its name: see ``tube_map``; of a user's bitmaps, a, b and c.
 
-    Raises UsageError for a user's file that is no map.
+    Raises UsageError for a user's file that is not a map.
     """
-    if place.family is None:
-        return _drawn(place.files["abc".index(name)], place.route)
-    return tube_map(place.family, place.seed, name, place.route.poses())
+    if tube.family is None:
+        return _drawn(tube.files["abc".index(name)], tube.route)
+    return tube_map(tube.family, tube.seed, name, tube.route.poses())
 
 
 def _drawn(file: str, route: Route) -> OccupancyGrid:
@@ -138,14 +141,15 @@ def _drawn(file: str, route: Route) -> OccupancyGrid:
 
 
 @lru_cache(maxsize=64)
-def caster(place: Place, name: str) -> RayCaster:
-    return RayCaster(grid(place, name))
+def caster(tube: Tube, name: str) -> RayCaster:
+    """Return a ray caster in a map of a tube."""
+    return RayCaster(grid(tube, name))
 
 
 class Trial(NamedTuple):
-    """One run of the capsule, and one filter that follows it; ``known``: the filter is told where it starts."""
+    """A run of the capsule and a filter that follows it; with ``known`` the filter is given the start pose."""
 
-    place: Place
+    tube: Tube
     change: Change
     noise: Noise
     filter: Filter
@@ -155,9 +159,9 @@ class Trial(NamedTuple):
 
 
 def scenario_of(trial: Trial) -> Scenario:
-    """Return the scenario whose run is the trial: its nodes do what ``run`` and ``follow`` do."""
-    place, change, setup = trial.place, trial.change, NOISES[trial.noise]
-    route, capsule = place.route, setup.capsule
+    """Return the scenario whose run is the trial: its nodes compute the same as ``run`` and ``follow``."""
+    tube, change, setup = trial.tube, trial.change, NOISES[trial.noise]
+    route, capsule = tube.route, setup.capsule
     noise: dict[str, Any] = {"n": trial.n, "sigma_range": setup.sigma_range, "outliers": setup.outliers}
     schedules: dict[Filter, Literal["ignored", "hint", "obeyed"]] = {"scheduled": "obeyed", "told": "hint"}
     chosen: ClassicFilter | EndRadiusFilter | HypothesesFilter
@@ -168,13 +172,13 @@ def scenario_of(trial: Trial) -> Scenario:
             chosen = EndRadiusFilter(**noise, radii_px=_MEMBERS)
         case name:
             chosen = HypothesesFilter(**noise, maps=("a", "b"), schedule=schedules.get(name, "ignored"))
-    files = {Path(file).name: Path(file).read_bytes() for file in place.files}
+    files = {Path(file).name: Path(file).read_bytes() for file in tube.files}
     return load_scenario("colon-case-1").changed(
         seed=trial.seed,
         colon=ColonConfig(
-            family=place.family.value if place.family else "haustra",
-            tube=place.seed,
-            route=RouteConfig(start=route.start, motions=tuple((one.rho, one.turn) for one in route.motions)),
+            family=tube.family.value if tube.family else "haustra",
+            tube=tube.seed,
+            route=RouteConfig(start=route.start, motions=tuple((motion.rho, motion.turn) for motion in route.motions)),
             true=_holding(change.true_maps(route)),
             told=_holding(timeline(change.before, change.told, route=route)),
         ),
@@ -191,16 +195,16 @@ def _holding(maps: MapTimeline[str]) -> tuple[MapHolds, ...]:
 
 
 def run(trial: Trial) -> Run:
-    """Return what happens in a trial: the true poses and the readings of its scenario's run.
+    """Return the true poses and the readings of a trial, which are those of its scenario's run.
 
-    Maps and filters are made once a process instead of once a run; they are most of what a run costs.
+    Maps and filters are cached in each process, since making them takes most of the time of a run.
     """
-    route, true, capsule = trial.place.route, trial.change.true_maps(trial.place.route), NOISES[trial.noise].capsule
+    route, true, capsule = trial.tube.route, trial.change.true_maps(trial.tube.route), NOISES[trial.noise].capsule
     goals = route.poses()
     noisy = capsule.sigma > 0.0 or capsule.sigma_theta > 0.0
     pose, poses, motions, ranges, maps = goals[:, 0], [], [], [], []
     for step in range(len(route.motions) + 1):
-        here = caster(trial.place, true.at(step))
+        here = caster(trial.tube, true.at(step))
         if step > 0:
             motion = steered(pose, goals[:, step]) if noisy else route.motions[step - 1]
             motions.append(motion)
@@ -213,45 +217,45 @@ def run(trial: Trial) -> Run:
 
 
 def follow(trial: Trial, happened: Run) -> tuple[Track, ...]:
-    """Return what the filter finds; of the seed's, by its mean, and as its program reports."""
+    """Return the filter's track; for COLON's filter two: by its mean, and as its program reports."""
     if trial.filter == "seed":
         return _follow_seed(trial, happened)
     if trial.filter == "end_radius":
         return (_follow_radius(trial, happened),)
-    hypotheses = _hypotheses(trial.place, trial.noise, trial.n, trial.filter == "scheduled")
+    hypotheses = _hypotheses(trial.tube, trial.noise, trial.n, trial.filter == "scheduled")
     start = _start_stream(trial.seed)
     belief = hypotheses.start(_known(trial)) if trial.known else hypotheses.anywhere(start)
     change = trial.change
     told = change.told if trial.filter in {"scheduled", "told"} and change.told != change.before else None
     found, clouds = [], []
     for step, ranges in enumerate(happened.ranges.T):
-        said = told if step == trial.place.route.change + 1 else None
+        announced = told if step == trial.tube.route.change + 1 else None
         motion = happened.motions[step - 1] if step else None
-        belief, finding = hypotheses.update(belief, motion, ranges, _stream(trial.seed, step), said)
+        belief, finding = hypotheses.update(belief, motion, ranges, _stream(trial.seed, step), announced)
         found.append(finding)
         clouds.append(belief.cloud.particles)
     poses = np.stack([finding.pose for finding in found], axis=1)
     maps = [finding.maps for finding in found]
-    # A filter that obeys a schedule estimates no map.
+    # A filter that obeys the schedule does not estimate the map.
     return (Track(poses, () if trial.filter == "scheduled" else maps, clouds, found[-1].covariance),)
 
 
 @lru_cache(maxsize=8)
-def _hypotheses(place: Place, noise: Noise, n: int, scheduled: bool) -> Hypotheses:
+def _hypotheses(tube: Tube, noise: Noise, n: int, scheduled: bool) -> Hypotheses:
     setup = NOISES[noise]
     params = HypothesesParams(n=n, sigma_range=setup.sigma_range, outliers=setup.outliers)
     if scheduled:
         params = params.obedient()
-    return Hypotheses(params, {name: grid(place, name) for name in "ab"})
+    return Hypotheses(params, {name: grid(tube, name) for name in "ab"})
 
 
 def _follow_seed(trial: Trial, happened: Run) -> tuple[Track, Track]:
     change = trial.change
     classic, told = (
-        _classic(trial.place, change.before, change.told),
-        timeline(change.before, change.told, route=trial.place.route),
+        _classic(trial.tube, change.before, change.told),
+        timeline(change.before, change.told, route=trial.tube.route),
     )
-    anywhere, start = Uniform(UniformStart(), grid(trial.place, change.before)), _start_stream(trial.seed)
+    anywhere, start = Uniform(UniformStart(), grid(trial.tube, change.before)), _start_stream(trial.seed)
     poses = _known(trial) if trial.known else anywhere.draw(trial.n, (), start)
     cloud = classic.start(poses, _start_stream(trial.seed).part("cloud"))
     found, clouds = [], []
@@ -266,12 +270,12 @@ def _follow_seed(trial: Trial, happened: Run) -> tuple[Track, Track]:
 
 
 @lru_cache(maxsize=8)
-def _classic(place: Place, *names: str) -> Classic:
-    return Classic({name: grid(place, name) for name in names})
+def _classic(tube: Tube, *names: str) -> Classic:
+    return Classic({name: grid(tube, name) for name in names})
 
 
 def _follow_radius(trial: Trial, happened: Run) -> Track:
-    family = _family(trial.place, trial.noise, trial.n)
+    family = _family(trial.tube, trial.noise, trial.n)
     cloud, poses = family.start(_known(trial), RADII["M_1"]), []
     for step, ranges in enumerate(happened.ranges.T):
         motion = happened.motions[step - 1] if step else None
@@ -281,18 +285,18 @@ def _follow_radius(trial: Trial, happened: Run) -> Track:
 
 
 @lru_cache(maxsize=2)
-def _family(place: Place, noise: Noise, n: int) -> EndRadius:
+def _family(tube: Tube, noise: Noise, n: int) -> EndRadius:
     setup = NOISES[noise]
     params = EndRadiusParams(n=n, sigma_range=setup.sigma_range, outliers=setup.outliers)
-    return EndRadius(params, {radius: grid(place, f"end {radius}") for radius in _MEMBERS})
+    return EndRadius(params, {radius: grid(tube, f"end {radius}") for radius in _MEMBERS})
 
 
 def _known(trial: Trial) -> FloatArray:
-    return np.repeat(np.array(trial.place.route.start)[:, None], trial.n, axis=1)
+    return np.repeat(np.array(trial.tube.route.start)[:, None], trial.n, axis=1)
 
 
 def _stream(seed: int, step: int) -> Stream:
-    """Return the estimator's random numbers for a reading, which comes in the step of its number."""
+    """Return the estimator's random numbers for a reading, whose number is that of its step."""
     return Stream.of(seed, "estimator", step, "update").part(step)
 
 

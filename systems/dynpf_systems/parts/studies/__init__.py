@@ -1,1 +1,1 @@
-"""PARTS's experiments, and some that it does not have."""
+"""PARTS's experiments, and further ones."""

@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, get_args
 
 import msgspec
 import numpy as np
@@ -13,22 +13,13 @@ from msgspec import Meta
 from dynpf.metrics.consistency import nees
 from dynpf.metrics.quantiles import chi_square_quantile
 from dynpf.metrics.rearrangement import bound_ratio, robot_bound
-from dynpf.se2 import FloatArray
+from dynpf.types import Count, FloatArray
 from dynpf_systems.parts.config import FilterName
 from dynpf_systems.parts.measures import Course
 from dynpf_systems.parts.studies.figures import draw_bounds
-from dynpf_systems.parts.studies.runs import NOISE, Conditions, layout_task, run_parts
-from dynpf_systems.parts.studies.trials import (
-    FACTOR_COLUMNS,
-    GAUSSIAN,
-    Count,
-    Goals,
-    Noisy,
-    Parts,
-    Start,
-    run_seed,
-    samples_of,
-)
+from dynpf_systems.parts.studies.runs import Conditions, layout_task, run_parts
+from dynpf_systems.parts.studies.trials import FACTOR_COLUMNS, GAUSSIAN, Goals, Parts, Start, run_seed, samples_of
+from dynpf_systems.parts.task import NOISE, NoisyLevel
 
 __all__ = ["STUDY", "BoundsSettings"]
 
@@ -36,16 +27,18 @@ APART = 20
 """Ticks between instants whose errors count as independent."""
 
 FIGURE_RUNS = 20
-"""Runs over which the figure of the bound over time is drawn, as PARTS's."""
+"""Number of runs in the figure of the bound over time, as in PARTS."""
 
 
 class BoundsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The layouts, the noise levels, the filters, and the length of a run."""
+
     parts: tuple[Parts, ...] = (3, 6)
     goals: tuple[Goals, ...] = ("E", "I", "H")
-    noises: tuple[Noisy, ...] = ("low", "medium", "high")
+    noises: tuple[NoisyLevel, ...] = get_args(NoisyLevel)
     n: Count = 100
     filters: tuple[FilterName, ...] = ("optimal",)
-    ticks: Annotated[int, Meta(gt=20)] = 400  # of each run, from its start
+    ticks: Annotated[int, Meta(gt=20)] = 400  # of each run
 
 
 def _bounds_parts(settings: BoundsSettings, trials: int, seed: int) -> list[Start]:
@@ -61,10 +54,10 @@ def _run_bounds(start: Start) -> list[Sample]:
     settings: BoundsSettings = start.settings
     samples = []
     for noise in settings.noises:
-        # Other noise in each cell: so the rows of a study are independent of one another.
+        # Each cell has its own noise, so that the rows of a study are independent.
         seed = run_seed(start.seed, f"{start.layout} {noise}", start.trial)
         for name in settings.filters:
-            conditions = Conditions(NOISE[noise], settings.n, name, max_ticks=settings.ticks)
+            conditions = Conditions(NOISE[noise].measurement, settings.n, name, max_ticks=settings.ticks)
             course = run_parts(layout_task(start.layout), seed, conditions)
             factors = {
                 **start.factors,
@@ -77,7 +70,7 @@ def _run_bounds(start: Start) -> list[Sample]:
 
 
 def _stages(course: Course) -> dict[str, dict[str, float | bool]]:
-    """Return what the settled filter does while the robot is alone, with a part in its gripper, and all the time."""
+    """Return the measures of the settled filter with an empty gripper, with a held part, and over all ticks."""
     errors = np.linalg.norm(course.errors, axis=1)
     bound = robot_bound(course.information, course.noise.process)
     squares = nees(course.errors.T, course.covariances)
@@ -99,7 +92,7 @@ def _stages(course: Course) -> dict[str, dict[str, float | bool]]:
 
 
 def _bounds_rows(samples: list[Sample]) -> list[Row]:
-    """Summarize, and put beside NEES, over all instants of all runs, the band that holds it if the filter is honest."""
+    """Summarize; add the NEES over all instants of all runs, and its 95 % band for a consistent filter."""
     rows = summarized(samples, "goals")
     for row in rows:
         group = [measures for measures in samples_of(row, samples) if not math.isnan(measures["nees"])]
@@ -107,7 +100,7 @@ def _bounds_rows(samples: list[Sample]) -> list[Row]:
         if instants:
             row["nees_mean"] = sum(measures["nees"] * measures["instants"] for measures in group) / instants
             row["nees_low"], row["nees_high"] = (
-                chi_square_quantile(place, 2.0 * instants) / instants for place in (0.025, 0.975)
+                chi_square_quantile(probability, 2.0 * instants) / instants for probability in (0.025, 0.975)
             )
         for suffix in ("mean", "median", "p95", "ci_low", "ci_high"):
             row.pop(f"instants_{suffix}", None)
@@ -123,7 +116,7 @@ def _figures(settings: BoundsSettings, seed: int, rows: list[Row], folder: Path)
     layout = f"{settings.parts[0]}{settings.goals[-1]}"
     runs: dict[str, list[Course]] = {}
     for noise in settings.noises:
-        conditions = Conditions(NOISE[noise], settings.n, settings.filters[0], max_ticks=settings.ticks)
+        conditions = Conditions(NOISE[noise].measurement, settings.n, settings.filters[0], max_ticks=settings.ticks)
         runs[noise] = [
             run_parts(layout_task(layout), run_seed(seed, f"{layout} {noise}", trial), conditions)
             for trial in range(FIGURE_RUNS)

@@ -1,7 +1,7 @@
-"""Grey images of discs whose centres and radii are known: what the chain of vision is measured on.
+"""Synthetic grey images of discs with known centres and radii, to evaluate the detection of discs.
 
-Each is drawn from a seed: discs apart, touching and cut by the border, on a lighter or a darker ground or both, in
-uneven light, with noise and, as in a photograph, shaded, with a glint and a shadow; other shapes lie among them.
+Each is drawn from a seed: discs apart, touching and cut by the border, darker or lighter than the ground or both, in
+uneven light, with noise and, as in a photograph, with shading, a glint and a shadow; other shapes lie among them.
 """
 
 import math
@@ -20,12 +20,12 @@ KINDS = ("dark on light", "light on dark", "both", "photograph")
 
 _SHAPE = (256, 320)
 _FINE = 4  # samples a pixel and axis
-_LEAST_SEEN = 0.38  # of the rim of a disc that the border cuts
-_PLACES = 60  # tried for each disc
+_LEAST_SEEN = 0.38  # least visible share of the rim of a disc cut by the border
+_ATTEMPTS = 60  # attempts to place each disc
 
 
 class Scene(NamedTuple):
-    """An image (H, W), its discs (K, 3) as x, y, radius in pixels, and which touch another or are cut (K,)."""
+    """An image (H, W), its discs (K, 3) as x, y, radius in pixels, and whether they touch another or are cut (K,)."""
 
     image: NDArray[np.uint8]
     discs: NDArray[np.float64]
@@ -34,12 +34,12 @@ class Scene(NamedTuple):
 
 
 class Score(NamedTuple):
-    """What was found of a scene: for each disc whether, and how far off (K,), NaN where not; and what is invented."""
+    """The detections of a scene: whether each disc was found, its errors (K,) or NaN, and the number of false discs."""
 
     found: NDArray[np.bool_]
     centre_error_px: NDArray[np.float64]
     radius_error_px: NDArray[np.float64]
-    invented: int
+    false_discs: int
 
 
 def draw_scene(kind: str, seed: int, number: int) -> Scene:
@@ -48,7 +48,7 @@ def draw_scene(kind: str, seed: int, number: int) -> Scene:
         raise ValueError(f"kind {kind!r}: expected one of {', '.join(KINDS)}")
     random = generator(seed, "scene", number, kind)
     ground, levels = _greys(kind, random)
-    discs, touching = _places(random)
+    discs, touching = _draw_discs(random)
     shapes = [] if kind == "photograph" else _other_shapes(discs, random)
     image = _painted(ground, discs, random.choice(levels, len(discs)), shapes, random, photograph=kind == "photograph")
     image = cv2.GaussianBlur(image, (0, 0), float(random.uniform(0.5, 0.9))) * _light(random)
@@ -60,10 +60,10 @@ def draw_scene(kind: str, seed: int, number: int) -> Scene:
 
 
 def score(scene: Scene, found: tuple[Disc, ...]) -> Score:
-    """Match what was found to the truth: the same disc is less than a fifth of its radius off, in place and size."""
+    """Match detections to true discs: a match is off by less than a fifth of the radius, in position and in radius."""
     count = len(scene.discs)
     hit, centre, radius = np.zeros(count, dtype=bool), np.full(count, np.nan), np.full(count, np.nan)
-    invented = 0
+    false_discs = 0
     for disc in found:
         offset = np.hypot(*(scene.discs[:, :2] - [disc.x_px, disc.y_px]).T)
         wrong = np.maximum(offset, np.abs(scene.discs[:, 2] - disc.radius_px)) / scene.discs[:, 2]
@@ -73,12 +73,12 @@ def score(scene: Scene, found: tuple[Disc, ...]) -> Score:
             hit[best], centre[best] = True, offset[best]
             radius[best] = abs(scene.discs[best, 2] - disc.radius_px)
         else:
-            invented += 1
-    return Score(hit, centre, radius, invented)
+            false_discs += 1
+    return Score(hit, centre, radius, false_discs)
 
 
 def _greys(kind: str, random: Draws) -> tuple[float, NDArray[np.float64]]:
-    """The ground's grey level, and those that discs may have."""
+    """Return the ground's grey level, and the possible levels of discs."""
     if kind == "light on dark":
         ground = float(random.uniform(25.0, 80.0))
         return ground, ground + random.uniform(60.0, 140.0, 4)
@@ -89,29 +89,29 @@ def _greys(kind: str, random: Draws) -> tuple[float, NDArray[np.float64]]:
     return ground, ground - random.uniform(60.0, 150.0, 4)
 
 
-def _places(random: Draws) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Discs that do not overlap: a third in the open, a third beside another and a third across the border."""
+def _draw_discs(random: Draws) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return discs that do not overlap, a third free, a third beside another and a third across the border."""
     height, width = _SHAPE
     discs: list[tuple[float, float, float]] = []
     touching: list[bool] = []
     for index in range(int(random.integers(3, 13))):
-        for _ in range(_PLACES):
+        for _ in range(_ATTEMPTS):
             radius = float(random.uniform(7.0, 26.0))
             partner = int(random.integers(len(discs))) if index % 3 == 1 and discs else -1
             if partner >= 0:
                 x, y, other = discs[partner]
                 angle, reach = random.uniform(0.0, math.tau), radius + other + random.uniform(0.0, 0.6)
-                place = (x + reach * math.cos(angle), y + reach * math.sin(angle), radius)
+                candidate = (x + reach * math.cos(angle), y + reach * math.sin(angle), radius)
             elif index % 3 == 2:
-                place = _across_the_border(radius, random)
+                candidate = _across_the_border(radius, random)
             else:
-                place = (random.uniform(radius, width - radius), random.uniform(radius, height - radius), radius)
-            gaps = [math.dist(place[:2], disc[:2]) - radius - disc[2] for disc in discs]
+                candidate = (random.uniform(radius, width - radius), random.uniform(radius, height - radius), radius)
+            gaps = [math.dist(candidate[:2], disc[:2]) - radius - disc[2] for disc in discs]
             clear = all(gap >= (0.0 if i == partner else 3.0) for i, gap in enumerate(gaps))
-            if clear and _share_of_rim_seen(place) >= _LEAST_SEEN:
+            if clear and _share_of_rim_seen(candidate) >= _LEAST_SEEN:
                 if partner >= 0:
                     touching[partner] = True
-                discs.append(place)
+                discs.append(candidate)
                 touching.append(partner >= 0)
                 break
     return np.array(discs), np.array(touching)
@@ -135,7 +135,7 @@ def _share_of_rim_seen(disc: tuple[float, float, float]) -> float:
 
 
 def _other_shapes(discs: NDArray[np.float64], random: Draws) -> list[NDArray[np.float64]]:
-    """Corners of rectangles that keep away from the discs."""
+    """Return the corners of rectangles apart from the discs."""
     shapes = []
     for _ in range(3):
         centre = random.uniform(0.1, 0.9, 2) * _SHAPE[::-1]
@@ -157,7 +157,7 @@ def _painted(
     *,
     photograph: bool,
 ) -> NDArray[np.float64]:
-    """The scene in even light (H, W), each pixel the mean of its area."""
+    """Return the scene in even light (H, W); each pixel is the mean over its area."""
     canvas: NDArray[np.float64] = np.full((_FINE * _SHAPE[0], _FINE * _SHAPE[1]), ground)
     if photograph:
         for disc in discs:
@@ -179,7 +179,7 @@ def _painted(
 def _window(
     canvas: NDArray[np.float64], disc: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """The samples around a disc, and where they lie from its centre, in radii, to the right (1, w) and down (h, 1)."""
+    """Return the samples around a disc, and their offsets from its centre, in radii, right (1, w) and down (h, 1)."""
     cx, cy, radius = disc
     first = np.floor(_FINE * (disc[:2] - 2.2 * radius)).astype(int)
     last = np.ceil(_FINE * (disc[:2] + 2.2 * radius)).astype(int)
@@ -191,7 +191,7 @@ def _window(
 
 
 def _light(random: Draws) -> NDArray[np.float64]:
-    """Relative illumination (H, W): falls off towards the corners and slopes, to as little as a half."""
+    """Return the relative illumination (H, W), with falloff towards the corners and a slope, down to a half."""
     y, x = np.mgrid[-1 : 1 : _SHAPE[0] * 1j, -1 : 1 : _SHAPE[1] * 1j]
     slope: Any = random.uniform(-0.15, 0.15, 2)
     light = (1.0 - random.uniform(0.0, 0.2) * (x**2 + y**2)) * (1.0 + slope[0] * x + slope[1] * y)

@@ -1,15 +1,16 @@
 """Figures of the parts studies. They need matplotlib, which the extra ``figures`` installs."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from dynpf_experiments.extras import plotting
 from dynpf_experiments.rows import Row
 
 from dynpf.metrics.rearrangement import robot_bound
-from dynpf.se2 import FloatArray
+from dynpf.types import FloatArray
 from dynpf_systems.parts.measures import Course
+from dynpf_systems.parts.task import NoisyLevel
 
 __all__ = ["draw_bounds", "draw_measures", "draw_times"]
 
@@ -20,16 +21,17 @@ _MEASURES = (
     ("rpee_cm", "rpee (cm)"),
     ("ppee_cm", "ppee (cm)"),
 )
-_NOISES = ("low", "medium", "high")
-# Dark to light, so that they can be told apart without colours, too.
+_NOISES = get_args(NoisyLevel)
+# Dark to light, so that they can also be distinguished without colours.
 _COLOURS = ("#222222", "#b2182b", "#2166ac", "#e08214", "#1b7837", "#762a83", "#5aae9b")
 _MARKS = "osD^vPX"
 
 
 def draw_measures(rows: list[Row], runs: dict[str, list[Course]], folder: Path) -> list[Path]:
-    """Draw measures and success against packing density, and the ways of robot and parts; return the files.
+    """Draw measures and success against packing density, and the paths of robot and parts; return the files.
 
-    ``runs``: by goals, one without a filter and one with. Raises UsageError where matplotlib is not installed.
+    ``runs`` are, for each layout of goals, a run without a filter and a run with one. Raises UsageError where
+    matplotlib is not installed.
     """
     pyplot = plotting()
     return [
@@ -46,15 +48,15 @@ def draw_bounds(rows: list[Row], runs: dict[str, list[Course]], folder: Path) ->
 
 
 def draw_times(rows: list[Row], folder: Path) -> list[Path]:
-    """Draw what a step costs against the number of particles."""
+    """Draw the time of a step against the number of particles."""
     pyplot = plotting()
     figure, axes = pyplot.subplots(1, 2, figsize=(8, 3.6), sharey=True, layout="constrained")
     for axis, stage in zip(axes, ("mate", "move"), strict=True):
         chosen = [row for row in rows if row["stage"] == stage]
         numbers = [row["n"] for row in chosen]
         series = (("printed_filter_ms", "filter, printed"), ("estimator_ms_median", "estimator step, median"))
-        for place, (key, label) in enumerate((*series, ("filter_ms_median", "filter alone, median"))):
-            axis.plot(numbers, [row[key] for row in chosen], color=_COLOURS[place], marker=_MARKS[place], label=label)
+        for index, (key, label) in enumerate((*series, ("filter_ms_median", "filter alone, median"))):
+            axis.plot(numbers, [row[key] for row in chosen], color=_COLOURS[index], marker=_MARKS[index], label=label)
         axis.set(title=f"{stage}-part", xlabel="particles", yscale="log", xticks=numbers)
         axis.grid(alpha=0.3, which="both")
     axes[0].set_ylabel("time of a step (ms)")
@@ -63,7 +65,7 @@ def draw_times(rows: list[Row], folder: Path) -> list[Path]:
 
 
 def _measures(pyplot: Any, rows: list[Row], path: Path) -> Path:
-    """A row of panels a noise, a column a measure: means with intervals against comp, a line a number of particles."""
+    """Draw means with intervals against comp: a row for each noise, a column for each measure, a line a filter."""
     noises = [noise for noise in _NOISES if any(row["noise"] == noise for row in rows)]
     size = (3.0 * len(_MEASURES), 2.5 * len(noises) + 0.5)
     figure, axes = pyplot.subplots(
@@ -76,11 +78,11 @@ def _measures(pyplot: Any, rows: list[Row], path: Path) -> Path:
         axis.set_xlabel("packing density comp")
     for panels, noise in zip(axes, noises, strict=False):
         for axis, (name, _) in zip(panels, _MEASURES, strict=True):
-            for place, (title, group) in enumerate(_lines(rows, noise).items()):
+            for index, (title, group) in enumerate(_lines(rows, noise).items()):
                 means = np.array([row[f"{name}_mean"] for row in group])
                 ends = [[row[f"{name}_ci_{end}"] or row[f"{name}_mean"] for row in group] for end in ("low", "high")]
-                style = {"color": _COLOURS[place], "marker": _MARKS[place], "markersize": 4, "capsize": 2}
-                density = np.array([row["comp"] for row in group]) + 0.08 * (place - 1.5)  # side by side
+                style = {"color": _COLOURS[index], "marker": _MARKS[index], "markersize": 4, "capsize": 2}
+                density = np.array([row["comp"] for row in group]) + 0.08 * (index - 1.5)  # side by side
                 axis.errorbar(density, means, np.abs(np.array(ends) - means), label=title, linewidth=1, **style)
             axis.grid(alpha=0.3)
         panels[0].set_ylabel(f"{noise} noise")
@@ -89,21 +91,21 @@ def _measures(pyplot: Any, rows: list[Row], path: Path) -> Path:
 
 
 def _success(pyplot: Any, rows: list[Row], path: Path) -> Path:
-    """Runs that were completed without a collision, against comp, and PARTS's that were without one."""
+    """Draw the share of runs completed without a collision against comp, and PARTS's share without a collision."""
     noises = [noise for noise in _NOISES if any(row["noise"] == noise for row in rows)]
     figure, axes = pyplot.subplots(
         1, max(len(noises), 1), figsize=(3.6 * len(noises) + 0.4, 3.8), sharey=True, squeeze=False, layout="constrained"
     )
     for axis, noise in zip(axes[0], noises, strict=False):
-        for place, (title, group) in enumerate(_lines(rows, noise).items()):
+        for index, (title, group) in enumerate(_lines(rows, noise).items()):
             shares = np.array([row["succeeded_25mm_percent"] for row in group])
             ends = [[row[f"succeeded_25mm_percent_ci_{end}"] for row in group] for end in ("low", "high")]
-            style = {"color": _COLOURS[place], "marker": _MARKS[place], "markersize": 5, "capsize": 2}
-            density = np.array([row["comp"] for row in group]) + 0.08 * (place - 1.5)
+            style = {"color": _COLOURS[index], "marker": _MARKS[index], "markersize": 5, "capsize": 2}
+            density = np.array([row["comp"] for row in group]) + 0.08 * (index - 1.5)
             axis.errorbar(density, shares, np.abs(np.array(ends) - shares), label=title, linewidth=1, **style)
             printed = [100.0 - row.get("printed_collided_percent", np.nan) for row in group]
             if not np.isnan(printed).all():
-                hollow = {"facecolors": "none", "edgecolors": _COLOURS[place], "marker": _MARKS[place], "s": 45}
+                hollow = {"facecolors": "none", "edgecolors": _COLOURS[index], "marker": _MARKS[index], "s": 45}
                 axis.scatter(density, printed, label=f"{title}: PARTS", **hollow)
         axis.set(title=f"{noise} noise", xlabel="packing density comp", ylim=(-3, 103))
         axis.grid(alpha=0.3)
@@ -125,7 +127,7 @@ def _lines(rows: list[Row], noise: str) -> dict[str, list[Row]]:
 
 
 def _trajectories(pyplot: Any, runs: dict[str, list[Course]], path: Path) -> Path:
-    """The ways of the robot and of the parts, a column a layout: without filter above, with one below."""
+    """Draw the paths of robot and parts, a column for each layout: without a filter above, with a filter below."""
     figure, axes = pyplot.subplots(
         2, len(runs), figsize=(3.6 * len(runs), 7.2), sharex=True, sharey=True, squeeze=False, layout="constrained"
     )
@@ -158,7 +160,7 @@ def _ways(pyplot: Any, axis: Any, course: Course) -> None:
 
 
 def _bound(pyplot: Any, runs: dict[str, list[Course]], path: Path) -> Path:
-    """RMS over runs of the error and of the bound at each tick, a panel a noise."""
+    """Draw the RMS over runs of the error and of the bound at each tick, a panel for each noise."""
     figure, axes = pyplot.subplots(
         len(runs), 1, figsize=(8, 2.3 * len(runs) + 0.4), sharex=True, squeeze=False, layout="constrained"
     )
@@ -184,18 +186,18 @@ def _bound(pyplot: Any, runs: dict[str, list[Course]], path: Path) -> Path:
 
 
 def _ratios(pyplot: Any, rows: list[Row], path: Path) -> Path:
-    """The RMS error over the bound in each cell and stage, with intervals."""
+    """Draw the ratio of RMS error and bound in each cell and stage, with intervals."""
     chosen = [row for row in rows if row["goals"] != "all"]
     cells = list(dict.fromkeys((row["parts"], row["goals"], row["noise"], row["filter"]) for row in chosen))
     figure, axis = pyplot.subplots(figsize=(6, 0.3 * len(cells) + 1.2), layout="constrained")
-    for place, stage in enumerate(("mate", "move", "all")):
+    for index, stage in enumerate(("mate", "move", "all")):
         group = [row for row in chosen if row["stage"] == stage]
         at = [
-            cells.index((row["parts"], row["goals"], row["noise"], row["filter"])) + 0.2 * (place - 1) for row in group
+            cells.index((row["parts"], row["goals"], row["noise"], row["filter"])) + 0.2 * (index - 1) for row in group
         ]
         means = np.array([row["crlb_ratio_mean"] for row in group])
         ends = [[row[f"crlb_ratio_ci_{end}"] or row["crlb_ratio_mean"] for row in group] for end in ("low", "high")]
-        style = {"color": _COLOURS[place], "marker": _MARKS[place], "markersize": 4, "linestyle": "none"}
+        style = {"color": _COLOURS[index], "marker": _MARKS[index], "markersize": 4, "linestyle": "none"}
         axis.errorbar(means, at, xerr=np.abs(np.array(ends) - means), label=stage, **style)
     axis.axvline(1.0, color="0.4", linewidth=0.8)
     axis.set_yticks(range(len(cells)), [f"{parts} {goals}, {noise}, {name}" for parts, goals, noise, name in cells])
@@ -207,7 +209,7 @@ def _ratios(pyplot: Any, rows: list[Row], path: Path) -> Path:
 
 
 def _rms(values: FloatArray) -> FloatArray:
-    """Return the root mean square over runs, shape (T,), in cm of metres (runs, T)."""
+    """Return the root mean square over runs, (T,) in cm, of values (runs, T) in metres."""
     return np.asarray(100.0 * np.sqrt(np.mean(values**2, axis=0)))
 
 

@@ -1,52 +1,53 @@
-"""Layouts that the thesis does not have: goals anywhere, parts in one another's goals, rings that have to be opened."""
+"""Layouts beyond those of PARTS: random goals, parts in each other's goals, and rings that have to be opened."""
 
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import msgspec
 import numpy as np
 from dynpf_experiments.extras import plotting
 from dynpf_experiments.rows import Row, Sample, summarized
 from dynpf_experiments.study import Study
-from msgspec import Meta
-from numpy.typing import NDArray
 
 from dynpf.rng import Draws, generator
-from dynpf_systems.parts.studies.runs import NOISE, RADII, Conditions, measured, run_parts
-from dynpf_systems.parts.task import PartSpec, RearrangementTask
+from dynpf.types import Count, FloatArray
+from dynpf_systems.parts.studies.runs import RADII, Conditions, measured, run_parts
+from dynpf_systems.parts.task import NOISE, NoiseLevel, PartSpec, RearrangementTask
 
 __all__ = ["CASES", "STUDY", "case_task"]
 
-FloatArray = NDArray[np.float64]
 Case = Literal["random-3", "random-6", "swap", "cycle", "ringed", "walled-in"]
-Noise = Literal["none", "low", "medium", "high"]
 
 GAP = 0.04  # metres between goals, and from them to the walls
 MOST_NPL = 2.0
 
 
 class LayoutsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    cases: tuple[Case, ...] = ("random-3", "random-6", "swap", "cycle", "ringed", "walled-in")
-    noises: tuple[Noise, ...] = ("none", "high")
-    n: Annotated[int, Meta(ge=1)] = 100
+    """The cases, the noise levels, and the number of particles."""
+
+    cases: tuple[Case, ...] = get_args(Case)
+    noises: tuple[NoiseLevel, ...] = ("none", "high")
+    n: Count = 100
 
 
 class Task(NamedTuple):
+    """A run of a case with a noise level."""
+
     case: Case
-    noise: Noise
+    noise: NoiseLevel
     n: int
     seed: int
 
 
 def case_task(case: Case, seed: int) -> RearrangementTask:
-    """Return one layout of a case: another for each seed."""
+    """Return a random layout of a case, drawn from the seed."""
     return CASES[case](generator(seed, "layouts", 0, case))
 
 
 def _random(random: Draws, count: int) -> RearrangementTask:
-    """Goals anywhere, with gaps of at least ``GAP``; starts as the simulator draws them."""
+    """Return random goals, with gaps of at least ``GAP``; the simulator draws the starts."""
     radii = np.array(RADII[count])
     while True:
         goals = random.uniform(-1.0, 1.0, (count, 2)) * (1.0 - radii[:, None] - GAP)
@@ -56,7 +57,7 @@ def _random(random: Draws, count: int) -> RearrangementTask:
 
 
 def _swap(random: Draws) -> RearrangementTask:
-    """Two parts in each other's goals, 4 to 34 cm apart."""
+    """Return two parts in each other's goals, 4 to 34 cm apart."""
     radii = random.permutation(RADII[6])[:2]
     apart = radii.sum() + random.uniform(GAP, 0.34)
     goals = _around(random.uniform(-0.4, 0.4, 2), 0.5 * apart, 2, random)
@@ -64,14 +65,14 @@ def _swap(random: Draws) -> RearrangementTask:
 
 
 def _cycle(random: Draws) -> RearrangementTask:
-    """Three parts, each in the next one's goal."""
+    """Return three parts, each in the goal of the next."""
     radii = random.permutation(RADII[6])[:3]
     goals = _around(random.uniform(-0.3, 0.3, 2), random.uniform(0.17, 0.3), 3, random)
     return _task(radii, goals, np.roll(goals, 1, axis=0))
 
 
 def _ring(random: Draws, *, inside: bool) -> RearrangementTask:
-    """Five parts that are home, a ring that the robot cannot pass; one more that belongs into it, or out of it."""
+    """Return five parts at home, in a ring that the robot cannot pass, and a part to be moved into or out of it."""
     radii = np.array([RADII[6][0], *random.permutation(RADII[6][1:])])
     centre, radius = random.uniform(-0.4, 0.4, 2), random.uniform(0.24, 0.28)
     ring = _around(centre, radius, 5, random)
@@ -93,7 +94,7 @@ CASES: dict[Case, Callable[[Draws], RearrangementTask]] = {
 
 
 def _around(centre: FloatArray, radius: float, count: int, random: Draws) -> FloatArray:
-    """Return points (count, 2) evenly on a circle."""
+    """Return points (count, 2), evenly spaced on a circle."""
     angles = random.uniform(0.0, math.tau) + np.linspace(0.0, math.tau, count, endpoint=False)
     points: FloatArray = centre + radius * np.column_stack([np.cos(angles), np.sin(angles)])
     return points
@@ -107,7 +108,12 @@ def _task(radii: FloatArray, goals: FloatArray, starts: FloatArray | None = None
 
 def _tasks(settings: LayoutsSettings, trials: int, seed: int) -> list[Task]:
     seeds = [int(generator(seed, "trial", number).integers(2**62)) for number in range(trials)]
-    return [Task(case, noise, settings.n, one) for case in settings.cases for noise in settings.noises for one in seeds]
+    return [
+        Task(case, noise, settings.n, run_seed)
+        for case in settings.cases
+        for noise in settings.noises
+        for run_seed in seeds
+    ]
 
 
 def _run_task(task: Task) -> list[Sample]:
@@ -129,11 +135,11 @@ def _run_task(task: Task) -> list[Sample]:
 
 
 def _conditions(task: Task) -> Conditions:
-    return Conditions(NOISE[task.noise], 0 if task.noise == "none" else task.n)
+    return Conditions(NOISE[task.noise].measurement, 0 if task.noise == "none" else task.n)
 
 
 def _figures(settings: LayoutsSettings, seed: int, rows: list[Row], folder: Path) -> list[Path]:  # noqa: ARG001
-    """Draw the first layout of each case, without noise: where the parts begin, how they go, and their goals."""
+    """Draw a noise-free run of the first layout of each case: starts, paths and goals of the parts."""
     pyplot = plotting()
 
     columns = min(len(settings.cases), 3)
@@ -148,7 +154,7 @@ def _figures(settings: LayoutsSettings, seed: int, rows: list[Row], folder: Path
     ):
         _draw(axis, task)
     figure.suptitle(
-        "Noise-free runs: starts dashed, goals filled; ways of the parts, and of the robot in grey", fontsize=11
+        "Noise-free runs: starts dashed, goals filled; paths of the parts, and of the robot in grey", fontsize=11
     )
     path = folder / "parts-layouts.png"
     figure.savefig(path, dpi=90)
@@ -182,7 +188,7 @@ def _disc(centre: Any, radius: float, **style: Any) -> Any:
 
 
 STUDY = Study(
-    about="Layouts that the thesis does not have: random goals, swaps, cycles, rings; with and without noise",
+    about="Layouts beyond those of PARTS: random goals, swaps, cycles, rings; with and without noise",
     trials=20,
     settings=LayoutsSettings,
     tasks=_tasks,

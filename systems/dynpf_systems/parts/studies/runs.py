@@ -1,4 +1,4 @@
-"""The rearrangement task for studies: its layouts, the scenario of a run under some conditions, and its measures."""
+"""The rearrangement task for studies: its layouts, the scenario of a run under given conditions, and its measures."""
 
 import math
 from functools import lru_cache
@@ -17,12 +17,10 @@ from dynpf_systems.parts.config import FilterName, RearrangementConfig, Workspac
 from dynpf_systems.parts.controller_config import RearrangementControllerConfig
 from dynpf_systems.parts.measures import TOPICS, Course, course_of, filter_measures, rearrangement
 from dynpf_systems.parts.messages import PartEstimate, PartsEstimate, PartsState
-from dynpf_systems.parts.task import NOISE as LEVELS
-from dynpf_systems.parts.task import Noise, PartSpec, RearrangementTask
+from dynpf_systems.parts.task import NOISE, Noise, PartSpec, RearrangementTask
 
 __all__ = [
     "LAYOUTS",
-    "NOISE",
     "PROCESS",
     "RADII",
     "Conditions",
@@ -33,12 +31,10 @@ __all__ = [
 ]
 
 SCENARIO = "parts-3-tracked"
-"""What the runs are made of; task, noise and filter are the study's."""
+"""The scenario of the runs; the study sets task, noise and filter."""
 
-NOISE = {level: noise.measurement for level, noise in LEVELS.items()}
-"""Measurement variance in m^2 (PARTS chapter 4)."""
-PROCESS = LEVELS["low"].process
-"""Variance of the robot's motion, m^2 a tick and coordinate, where there is noise."""
+PROCESS = NOISE["low"].process
+"""Variance of the robot's motion with noise, m^2 for each tick and coordinate."""
 MAX_TICKS = 6000
 
 
@@ -61,35 +57,36 @@ LAYOUTS = {
 
 
 class Conditions(NamedTuple):
-    """Under what a task is done.
+    """The conditions of a run.
 
-    ``variance`` (m^2) is that of the measured positions; 0: they are true, and so is the motion. ``particles``: those
-    of the robot's filter, which for a Kalman filter may be any number; 0: measured positions are used as they come.
+    ``variance`` (m^2) is that of the measured positions; with 0 neither they nor the motion have noise. ``particles``
+    are those of the robot's filter, any positive number for a Kalman filter; with 0 there is no filter.
     """
 
     variance: float = 0.0
     particles: int = 0
     robot_filter: FilterName = "optimal"
-    process_variance: float | None = None  # of the motion, if it is to be another than the usual
+    process_variance: float | None = None  # of the motion; absent: the usual
     controller: RearrangementControllerConfig | None = None
     max_ticks: int = MAX_TICKS
 
     @property
     def motion_variance(self) -> float:
+        """The variance of the motion, m^2 for each tick and coordinate."""
         if self.process_variance is not None:
             return self.process_variance
         return PROCESS if self.variance > 0.0 else 0.0
 
 
 def layout_task(name: str) -> RearrangementTask:
-    """Return the task of a layout, with starts that the seed draws."""
+    """Return the task of a layout, with random starts."""
     goals = LAYOUTS[name]
     parts = zip(RADII[len(goals)], goals, strict=True)
     return RearrangementTask(parts=tuple(PartSpec(radius=radius, goal=goal) for radius, goal in parts))
 
 
 def parts_scenario(task: RearrangementTask, seed: int, conditions: Conditions) -> Scenario:
-    """Return the scenario of a run; without a filter it has no sensors, and ``run_parts`` gives it its estimator."""
+    """Return the scenario of a run; without a filter it has no sensors, and ``run_parts`` supplies the estimator."""
     variance, motion = conditions.variance, conditions.motion_variance
     base = _base()
     overhead = msgspec.structs.replace(base.sensors.overhead, variance=variance)
@@ -125,7 +122,7 @@ def run_parts(
     conditions: Conditions,
     others: dict[str, Node] | None = None,
 ) -> Course:
-    """Run the task to its end and return its course; ``others`` take the place of the nodes of their names."""
+    """Run the task to its end and return its course; ``others`` replace the nodes of their names."""
     others = dict(others or {})
     if not conditions.particles:
         others.setdefault("estimator", MeasuredPositions(seed, conditions.variance))
@@ -141,7 +138,7 @@ def measured(course: Course, conditions: Conditions) -> dict[str, Any]:
 
 
 class MeasuredPositions:
-    """An estimator without a filter: positions as measured, with the measurement's variance."""
+    """An estimator without a filter: measured positions with the measurement's variance."""
 
     name = "estimator"
     reads = ("truth/robot", "truth/parts")
@@ -150,10 +147,10 @@ class MeasuredPositions:
         self._seed, self._variance = seed, variance
 
     def step(self, step: Step) -> Result:
-        """Answer each true state with what is measured of it."""
-        messages = [one.message for one in step.inputs]
-        robot = next(one for one in messages if isinstance(one, RobotState))
-        parts = next(one for one in messages if isinstance(one, PartsState))
+        """Return estimates that are noisy measurements of the true state."""
+        messages = [received.message for received in step.inputs]
+        robot = next(message for message in messages if isinstance(message, RobotState))
+        parts = next(message for message in messages if isinstance(message, PartsState))
         variance = self._variance
         noise = np.zeros((len(parts.parts) + 1, 2))
         if variance > 0.0:
@@ -174,7 +171,7 @@ class MeasuredPositions:
         return Result((Output("estimator/parts", beside), Output("estimator/state", estimate)))
 
     def freeze(self) -> State:
-        """Return nothing: each measurement is for itself."""
+        """Return no state: measurements are independent."""
         return {}
 
     def thaw(self, state: State) -> None:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, get_args
 
 import msgspec
 import numpy as np
@@ -12,16 +12,15 @@ from dynpf_experiments.study import Study
 from msgspec import Meta
 
 from dynpf.metrics.rearrangement import packing_density
+from dynpf.types import Count
 from dynpf_systems.parts.config import FilterName
 from dynpf_systems.parts.measures import Course
 from dynpf_systems.parts.studies.figures import draw_measures
-from dynpf_systems.parts.studies.runs import LAYOUTS, NOISE, RADII, Conditions, layout_task, measured, run_parts
-from dynpf_systems.parts.studies.trials import FACTOR_COLUMNS, GAUSSIAN, Count, Goals, Start, run_seed
-from dynpf_systems.parts.task import RearrangementTask
+from dynpf_systems.parts.studies.runs import LAYOUTS, RADII, Conditions, layout_task, measured, run_parts
+from dynpf_systems.parts.studies.trials import FACTOR_COLUMNS, GAUSSIAN, Goals, Start, run_seed
+from dynpf_systems.parts.task import NOISE, NoiseLevel, RearrangementTask
 
 __all__ = ["SIX", "THREE", "TaskSettings"]
-
-Noise = Literal["none", "low", "medium", "high"]
 
 _LENGTHS = ("npl", "nrl", "pi")
 
@@ -39,15 +38,17 @@ PRINTED_COLLIDED = {
     ("high", 100): (0, 20, 30),
     ("high", 225): (0, 10, 20),
 }
-"""PARTS, Table 4.2: collisions with six parts in % of 10 runs, easy, intermediate and hard."""
+"""PARTS, Table 4.2: runs with collisions with six parts, in % of 10 runs, for easy, intermediate and hard goals."""
 
 
 class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The layouts of goals, the noise levels, the filters, and the length of a run."""
+
     goals: tuple[Goals, ...] = ("E", "I", "H")
-    noises: tuple[Noise, ...] = ("none", "low", "medium", "high")
+    noises: tuple[NoiseLevel, ...] = get_args(NoiseLevel)
     n: tuple[Annotated[int, Meta(ge=0)], ...] = (0, 49, 100, 225)  # 0: no filter
     filters: tuple[FilterName, ...] = ("optimal",)
-    ticks: Count = 4000  # after which a run is given up; one that is completed takes 500 to 1400
+    ticks: Count = 4000  # after which a run is given up; a completed run takes 500 to 1400
 
 
 def _task_parts(count: int) -> Callable[[TaskSettings, int, int], list[Start]]:
@@ -57,7 +58,7 @@ def _task_parts(count: int) -> Callable[[TaskSettings, int, int], list[Start]]:
 
 
 def _run_start(start: Start) -> list[Sample]:
-    """Return a sample for each noise and filter; what is normalized is so by the run without noise."""
+    """Return a sample for each noise and filter; normalized measures are relative to the run without noise."""
     settings: TaskSettings = start.settings
     task = layout_task(start.layout)
     seed = run_seed(start.seed, start.layout, start.trial)
@@ -67,9 +68,11 @@ def _run_start(start: Start) -> list[Sample]:
         for n, name in [(0, None)] if noise == "none" else _filters(settings):
             run = perfect
             if noise != "none":
-                # The number of particles is nothing to a Kalman filter, nor the filter's name to raw measurements.
+                # A Kalman filter ignores the number of particles, and raw measurements ignore the filter's name.
                 particles = 0 if name is None else n or 1
-                conditions = Conditions(NOISE[noise], particles, name or "optimal", max_ticks=settings.ticks)
+                conditions = Conditions(
+                    NOISE[noise].measurement, particles, name or "optimal", max_ticks=settings.ticks
+                )
                 run = _measured(task, seed, conditions)
             factors = {**start.factors, "noise": noise, "n": n, "filter": name or "none"}
             samples.append(Sample(factors, _measures(run, perfect)))
@@ -77,7 +80,7 @@ def _run_start(start: Start) -> list[Sample]:
 
 
 def _filters(settings: TaskSettings) -> list[tuple[int, FilterName | None]]:
-    """Return the numbers of particles and the filters to be run; none with zero particles is no filter."""
+    """Return the numbers of particles with the filters to be run; the filter None is no filter."""
     chosen: list[tuple[int, FilterName | None]] = [(0, None)] if 0 in settings.n else []
     chosen += [(0, name) for name in settings.filters if name in GAUSSIAN]
     return chosen + [(n, name) for name in settings.filters if name not in GAUSSIAN for n in settings.n if n]
@@ -122,10 +125,13 @@ def _comp(layout: str) -> float:
 
 def _figures(count: int) -> Callable[[TaskSettings, int, list[Row], Path], list[Path]]:
     def figures(settings: TaskSettings, seed: int, rows: list[Row], folder: Path) -> list[Path]:
+        """Draw the measures, and runs of each layout with and without a filter."""
         runs: dict[str, list[Course]] = {
             goals: [
                 run_parts(
-                    layout_task(f"{count}{goals}"), run_seed(seed, f"{count}{goals}", 0), Conditions(NOISE["high"], n)
+                    layout_task(f"{count}{goals}"),
+                    run_seed(seed, f"{count}{goals}", 0),
+                    Conditions(NOISE["high"].measurement, n),
                 )
                 for n in (0, 100)
             ]

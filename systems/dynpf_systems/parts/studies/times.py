@@ -1,4 +1,4 @@
-"""PARTS's Table 4.3: what a step of the robot's filter costs, and one of estimator and controller."""
+"""PARTS's Table 4.3: times of a step of the robot's filter, of the estimator and of the controller."""
 
 import math
 import time
@@ -12,13 +12,14 @@ from dynpf_runtime.node import Node, Result, State, Step
 from dynpf_services.scenario.build import build_node
 
 from dynpf.rng import Stream
+from dynpf.types import Count
 from dynpf_systems.parts.config import RearrangementConfig
 from dynpf_systems.parts.messages import PartsCommand, PartsEstimate
 from dynpf_systems.parts.robot_filters import Seen, fused, robot_filter
 from dynpf_systems.parts.studies.figures import draw_times
-from dynpf_systems.parts.studies.runs import NOISE, PROCESS, Conditions, layout_task, parts_scenario, run_parts
-from dynpf_systems.parts.studies.trials import FACTOR_COLUMNS, Count, Goals, Noisy, Parts, run_seed, samples_of
-from dynpf_systems.parts.task import RearrangementTask
+from dynpf_systems.parts.studies.runs import PROCESS, Conditions, layout_task, parts_scenario, run_parts
+from dynpf_systems.parts.studies.trials import FACTOR_COLUMNS, Goals, Parts, run_seed, samples_of
+from dynpf_systems.parts.task import NOISE, NoisyLevel, RearrangementTask
 
 __all__ = ["STUDY", "TimeSettings"]
 
@@ -34,25 +35,27 @@ PRINTED_MS = {
 
 
 class TimeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The layout, the noise level, and the numbers of particles."""
+
     parts: Parts = 6
     goals: Goals = "H"
-    noise: Noisy = "medium"
+    noise: NoisyLevel = "medium"
     n: tuple[Count, ...] = (49, 100, 225)
 
 
 def _time_parts(settings: TimeSettings, trials: int, seed: int) -> list[tuple[TimeSettings, int, int]]:
-    """Return one task: two that run side by side would disturb each other's times."""
+    """Return a single task, since parallel tasks would disturb each other's times."""
     return [(settings, trials, seed)]
 
 
 def _run_times(task: tuple[TimeSettings, int, int]) -> list[Sample]:
-    """Return a sample for each step of the estimator and the controller, and for each of the filter by itself."""
+    """Return a sample for each step of estimator and controller, and for each step of the filter alone."""
     settings, trials, seed = task
     layout = layout_task(f"{settings.parts}{settings.goals}")
-    variance = NOISE[settings.noise]
+    variance = NOISE[settings.noise].measurement
     samples = []
     for n in settings.n:
-        run_parts(layout, seed, Conditions(variance, n, max_ticks=40))  # warms up
+        run_parts(layout, seed, Conditions(variance, n, max_ticks=40))  # warm-up
         common = {"parts": settings.parts, "goals": settings.goals, "noise": settings.noise, "n": n}
         for stage in ("mate", "move"):
             factors = {**common, "filter": "optimal", "stage": stage}
@@ -68,7 +71,7 @@ def _run_times(task: tuple[TimeSettings, int, int]) -> list[Sample]:
 
 
 class _Clocked:
-    """A node whose steps are timed, in seconds, with what they returned."""
+    """A node whose steps are timed, in seconds, with their results."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -76,7 +79,7 @@ class _Clocked:
         self.step_times: list[tuple[float, Result]] = []
 
     def step(self, step: Step) -> Result:
-        """Do the node's step."""
+        """Execute the node's step."""
         begun = time.perf_counter()
         result = self._node.step(step)
         self.step_times.append((time.perf_counter() - begun, result))
@@ -87,25 +90,27 @@ class _Clocked:
         return self._node.freeze()
 
     def thaw(self, state: State) -> None:
-        """Put the node's state back."""
+        """Restore the node's state."""
         self._node.thaw(state)
 
 
 def _step_times(layout: RearrangementTask, seed: int, variance: float, n: int) -> Iterator[tuple[str, float, float]]:
-    """Yield the stage and the seconds of each step of estimator and controller in which the robot had work."""
+    """Yield stage and seconds of each step of estimator and controller in which the robot is not idle."""
     conditions = Conditions(variance, n)
     scenario = parts_scenario(layout, seed, conditions)
     estimator, controller = (_Clocked(build_node(scenario, name)) for name in ("estimator", "controller"))
     run_parts(layout, seed, conditions, {"estimator": estimator, "controller": controller})
     for (filtering, estimated), (deciding, decided) in zip(estimator.step_times, controller.step_times, strict=True):
-        estimate = next((one.message for one in estimated.outputs if isinstance(one.message, PartsEstimate)), None)
-        command = next(one.message for one in decided.outputs if isinstance(one.message, PartsCommand))
+        estimate = next(
+            (output.message for output in estimated.outputs if isinstance(output.message, PartsEstimate)), None
+        )
+        command = next(output.message for output in decided.outputs if isinstance(output.message, PartsCommand))
         if estimate is not None and (command.mode != "idle" or estimate.held >= 0):
             yield "move" if estimate.held >= 0 else "mate", filtering, deciding
 
 
 def _filter_times(n: int, variance: float, *, held: bool, steps: int = 400) -> list[float]:
-    """Return the times in ms of steps of the robot's filter by itself, with one disc in view or two."""
+    """Return the times in ms of steps of the robot's filter alone, with one disc in view or, if ``held``, two."""
     particles = robot_filter(RearrangementConfig(n=n, measurement_variance=variance))
     sight = Seen(np.zeros(2), variance)
     belief = particles.start(sight, Stream.of(0, "time", 0))
@@ -134,7 +139,7 @@ def _time_rows(samples: list[Sample]) -> list[Row]:
 _TIMES = "{0}_ms_best {0}_ms_median {0}_ms_p99"
 
 STUDY = Study(
-    about="PARTS's Table 4.3: what a step of the filter costs, and one of the controller",
+    about="PARTS's Table 4.3: times of a step of the filter and of the controller",
     trials=3,
     settings=TimeSettings,
     tasks=_time_parts,

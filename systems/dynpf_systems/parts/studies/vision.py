@@ -1,7 +1,7 @@
-"""PARTS with a camera: what the chain of vision finds and how exactly, and the task done from its frames alone."""
+"""PARTS with a camera: the accuracy of the detection of discs, and the task executed from camera frames only."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import cv2
 import msgspec
@@ -15,10 +15,10 @@ from dynpf_protocol.messages import CompressedImage, Log, timestamp
 from dynpf_runtime.node import Received, Step
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.schema import Scenario
-from msgspec import Meta
 from numpy.typing import NDArray
 
 from dynpf.rng import generator
+from dynpf.types import Count
 from dynpf.vision import Board, DetectionParams, detect_discs
 from dynpf_systems.parts.camera import CAMERA_FRAME, DrawnDisc, board_discs, encode, render
 from dynpf_systems.parts.camera_model import CameraParams
@@ -28,13 +28,15 @@ from dynpf_systems.parts.messages import Detections
 from dynpf_systems.parts.simulator import draw_starts
 from dynpf_systems.parts.studies.disc_scenes import KINDS, draw_scene, score
 from dynpf_systems.parts.studies.runs import LAYOUTS, RADII, layout_task
+from dynpf_systems.parts.studies.trials import Goals
+from dynpf_systems.parts.task import NoiseLevel, NoisyLevel
 from dynpf_systems.parts.vision import SUBSAMPLING, VisionNode
 from dynpf_systems.parts.vision_config import VisionConfig
 
 __all__ = ["CAMERAS", "PHOTOGRAPH", "STUDY", "VisionSettings", "calibrated_node", "frame_errors", "photograph"]
 
 SCENARIO = "parts-3-lens"
-"""What the runs are made of: its camera distorts, its light is uneven, and it is calibrated from a board."""
+"""The scenario of the runs: its lens distorts, its light is uneven, and it is calibrated from a board."""
 
 _LENS = -0.15
 CAMERAS = {
@@ -46,29 +48,28 @@ CAMERAS = {
         ("lens and light", _LENS, 0.35, 0.3),
     )
 }
-"""What single frames are taken with; the last is the scenario's."""
-FRAMES = 5  # a trial and camera
-SCENES = 5  # a trial and kind
-_SAME_M = 0.02  # what is found farther than this from every disc, at its place or size, is none of them
+"""The cameras of single frames; the last is the scenario's."""
+FRAMES = 5  # for each trial and camera
+SCENES = 5  # for each trial and kind
+_SAME_M = 0.02  # m, greatest error of position or radius at which a detection matches a disc
 
 PHOTOGRAPH = DetectionParams(max_radius_px=60.0)
 
-Goals = Literal["E", "I", "H"]
-Noise = Literal["none", "low", "medium", "high"]
-
 
 class VisionSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The layouts, the noise levels, and which frames and photographs are analysed."""
+
     goals: tuple[Goals, ...] = ("E", "I", "H")
-    noises: tuple[Noise, ...] = ("low", "medium", "high")  # added to what the camera sees; none: nothing is
-    n: Annotated[int, Meta(ge=1)] = 100
-    ticks: Annotated[int, Meta(ge=1)] = 6000  # after which a run is given up
+    noises: tuple[NoiseLevel, ...] = get_args(NoisyLevel)  # added to the detections
+    n: Count = 100
+    ticks: Count = 6000  # after which a run is given up
     frames: bool = True  # also single frames of four cameras, and drawn scenes
     photographs: tuple[str, ...] = ()  # image files to look for discs in
 
 
 class _Run(NamedTuple):
     goals: Goals
-    noise: Noise
+    noise: NoiseLevel
     n: int
     ticks: int
     seed: int
@@ -121,7 +122,7 @@ def _run_part(part: Any) -> list[Sample]:
 def _rows(samples: list[Sample]) -> list[Row]:
     runs = [sample for sample in samples if "goals" in sample.factors]
     rows = summarized(runs, "goals")
-    views: dict[str, list[Sample]] = {}  # what is measured differs from view to view: they are not pooled
+    views: dict[str, list[Sample]] = {}  # measures differ between views, so views are not pooled
     for sample in samples:
         if "view" in sample.factors:
             views.setdefault(sample.factors["view"], []).append(sample)
@@ -132,7 +133,7 @@ def _rows(samples: list[Sample]) -> list[Row]:
 
 
 def _run(part: _Run) -> Sample:
-    """Run the scenario to its end and measure it."""
+    """Run the scenario to its end and return its measures."""
     scenario = _scenario(part)
     factors = {"parts": 3, "goals": part.goals, "noise": part.noise, "n": part.n}
     return Sample(factors, _measures(drive(scenario, (*TOPICS, "vision/detections"))))
@@ -154,7 +155,7 @@ def _scenario(part: _Run) -> Scenario:
 
 
 def _measures(run: RunMessages) -> dict[str, float | bool]:
-    """Return the measures of a run; those of vision from the second tick on, as the first frame shows the board."""
+    """Return the measures of a run; those of vision without the first tick, whose frame shows the board."""
     course = course_of(run)
     assert course is not None
     found = rearrangement(course)
@@ -165,10 +166,10 @@ def _measures(run: RunMessages) -> dict[str, float | bool]:
     seen = run.topic("vision/detections")[1:]
     missed, distances = 0, []
     for timed, detections in zip(seen, of_type(seen, Detections), strict=True):
-        placed = truth[timed.stamp_ns]
+        positions = truth[timed.stamp_ns]
         discs = np.array([(disc.x, disc.y) for disc in detections.discs]).reshape(-1, 2)
-        missed += max(len(placed) - len(discs), 0)
-        distances += np.hypot(*(discs[:, None] - placed).transpose(2, 0, 1)).min(axis=1).tolist()
+        missed += max(len(positions) - len(discs), 0)
+        distances += np.hypot(*(discs[:, None] - positions).transpose(2, 0, 1)).min(axis=1).tolist()
     return {
         "completed_25mm_percent": found["completed"],
         "collided_percent": course.contacts > 0,
@@ -189,19 +190,19 @@ def _measures(run: RunMessages) -> dict[str, float | bool]:
 
 
 def calibrated_node(camera: CameraParams, seed: int) -> VisionNode:
-    """Return a vision node that has looked at the board; raises UsageError when it did not find it."""
+    """Return a vision node calibrated from the board; raises UsageError if it did not find the board."""
     node = VisionNode(config=VisionConfig(calibration=Board()), seed=seed)
     assert camera.board is not None
-    _, said = _shown(node, render(board_discs(camera.board, camera), camera, seed, 0), camera, 0)
-    if not said.startswith("calibrated"):
-        raise UsageError(f"the camera cannot be calibrated: {said}")
+    _, message = _shown(node, render(board_discs(camera.board, camera), camera, seed, 0), camera, 0)
+    if not message.startswith("calibrated"):
+        raise UsageError(f"the camera cannot be calibrated: {message}")
     return node
 
 
 def frame_errors(node: VisionNode, camera: CameraParams, seed: int, number: int) -> tuple[NDArray[np.float64], int]:
-    """Look at three parts and a robot somewhere on the table.
+    """Detect three parts and a robot at random positions on the table.
 
-    Returns the errors of those that were found, (K, 3) in metres: x, y and radius, and how many discs were invented.
+    Returns the errors of x, y and radius of the discs found, (K, 3) in metres, and the number of false discs.
     """
     task = layout_task("3H")
     robot, parts = draw_starts(task, WorkspaceConfig(start_gap=0.0), generator(seed, "vision frame", number))
@@ -221,7 +222,7 @@ def frame_errors(node: VisionNode, camera: CameraParams, seed: int, number: int)
 
 
 def _shown(node: VisionNode, frame: NDArray[np.uint8], camera: CameraParams, number: int) -> tuple[Detections, str]:
-    """Return what the node makes of a frame, and what it says."""
+    """Return the node's detections in a frame, and its log message or an empty string."""
     image = CompressedImage(timestamp=timestamp(0), frame_id=CAMERA_FRAME, data=encode(frame, camera), format="jpeg")
     received = Received("camera/image", "simulator", "", number, number, image)
     messages = [output.message for output in node.step(Step(number, number, number, (received,))).outputs]
@@ -251,15 +252,15 @@ def _look(part: _Frames) -> Sample:
 def _look_at_scenes(part: _Scenes) -> Sample:
     scenes = [draw_scene(part.kind, part.seed, part.trial * SCENES + number) for number in range(SCENES)]
     scores = [score(scene, detect_discs(scene.image, DetectionParams())) for scene in scenes]
-    found = np.concatenate([one.found for one in scores])
-    centre = np.concatenate([one.centre_error_px for one in scores])[found]
-    radius = np.concatenate([one.radius_error_px for one in scores])[found]
+    found = np.concatenate([score_of_scene.found for score_of_scene in scores])
+    centre = np.concatenate([score_of_scene.centre_error_px for score_of_scene in scores])[found]
+    radius = np.concatenate([score_of_scene.radius_error_px for score_of_scene in scores])[found]
     return Sample(
         {"view": f"drawn: {part.kind}"},
         {
             "discs": float(len(found)),
             "missed_discs_percent": 100.0 * float(1.0 - found.mean()),
-            "invented_discs": float(sum(one.invented for one in scores)),
+            "invented_discs": float(sum(score_of_scene.false_discs for score_of_scene in scores)),
             "centre_error_px": float(np.sqrt((centre**2).mean())),
             "radius_error_px": float(np.sqrt((radius**2).mean())),
         },
@@ -267,7 +268,7 @@ def _look_at_scenes(part: _Scenes) -> Sample:
 
 
 def photograph(path: str) -> NDArray[np.uint8]:
-    """Return an image file as grey levels (H, W); raises UsageError when it is none."""
+    """Return an image file as grey levels (H, W); raises UsageError if it is not an image."""
     image = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise UsageError(f"{path}: no image")
@@ -281,7 +282,7 @@ def _figures(settings: VisionSettings, seed: int, rows: list[Row], folder: Path)
 
 
 STUDY = Study(
-    about="PARTS with a camera: three parts brought home by its frames; how exact vision is, and what it finds",
+    about="PARTS with a camera: the task with three parts from camera frames only; accuracy of the detection of discs",
     trials=10,
     settings=VisionSettings,
     tasks=_parts,
@@ -302,7 +303,7 @@ STUDY = Study(
         ("ppee cm", ".2f", "ppee_cm_mean"),
         ("discs a trial", ".0f", "discs_mean"),
         ("missed %", ".2f", "missed_discs_percent_mean"),
-        ("invented", ".2f", "invented_discs_mean"),
+        ("false", ".2f", "invented_discs_mean"),
         ("centre mm", ".2f", "centre_error_mm_mean"),
         ("radius mm", ".2f", "radius_error_mm_mean"),
         ("centre px", ".3f", "centre_error_px_mean"),

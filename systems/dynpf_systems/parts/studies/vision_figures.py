@@ -20,13 +20,13 @@ from dynpf_systems.parts.studies.vision import CAMERAS, PHOTOGRAPH, calibrated_n
 
 __all__ = ["draw"]
 
-_FRAMES = 25  # of each camera, for the distribution of its errors
+_FRAMES = 25  # of each camera, for the distribution of errors
 _FOUND = "#d55e00"
 _STYLES = ("-", "--", "-.", ":")
 
 
 def draw(photographs: Sequence[str], seed: int, rows: list[Row], folder: Path) -> list[Path]:
-    """Draw the stages of the chain, what is found in scenes and photographs, and the errors; return the files.
+    """Draw the stages of the detection, the discs found in scenes and photographs, and the errors; return the files.
 
     Raises UsageError where matplotlib is not installed.
     """
@@ -45,7 +45,7 @@ def draw(photographs: Sequence[str], seed: int, rows: list[Row], folder: Path) -
 
 
 def _stages(pyplot: Any, seed: int, path: Path) -> Path:
-    """PARTS's Figure 5.3, by the camera whose lens distorts: from the frame to the circles."""
+    """Draw PARTS's Figure 5.3 for the camera with lens distortion: the stages from the frame to the circles."""
     camera = CAMERAS["lens and light"]
     assert camera.board is not None
     board = render(board_discs(camera.board, camera), camera, seed, 0)
@@ -79,7 +79,7 @@ def _stages(pyplot: Any, seed: int, path: Path) -> Path:
 
 
 def _scene(camera: CameraParams, seed: int) -> NDArray[np.uint8]:
-    """The robot with a part in its gripper, a part in a corner and one by itself."""
+    """Return a frame with the robot and a part in its gripper, a part in a corner and a free part."""
     discs = [
         DrawnDisc(0.36, 0.18, 0.06, camera.part_colour),
         DrawnDisc(-0.84, 0.86, 0.11, camera.part_colour),
@@ -102,18 +102,18 @@ def _scenes(pyplot: Any, seed: int, path: Path) -> Path:
 
 def _photographs(pyplot: Any, paths: Sequence[str], path: Path) -> Path:
     figure, axes = pyplot.subplots(1, len(paths), figsize=(5.5 * len(paths), 5), layout="constrained", squeeze=False)
-    for axis, one in zip(axes[0], paths, strict=True):
-        found = detect_discs(photograph(one), PHOTOGRAPH)
-        colour = cv2.imread(one, cv2.IMREAD_COLOR)
+    for axis, image_path in zip(axes[0], paths, strict=True):
+        found = detect_discs(photograph(image_path), PHOTOGRAPH)
+        colour = cv2.imread(image_path, cv2.IMREAD_COLOR)
         assert colour is not None
         axis.imshow(colour[..., ::-1])
         _circles(axis, found)
-        axis.set(title=f"{Path(one).name}: {len(found)} discs", xticks=[], yticks=[])
+        axis.set(title=f"{Path(image_path).name}: {len(found)} discs", xticks=[], yticks=[])
     return _saved(pyplot, figure, path)
 
 
 def _errors(pyplot: Any, seed: int, path: Path) -> Path:
-    """Cumulative distributions of the errors in single frames, a line a camera, and what the lens does to a grid."""
+    """Draw cumulative distributions of the errors in single frames by camera, and the lens distortion of a grid."""
     figure, axes = pyplot.subplots(1, 3, figsize=(12, 3.9), layout="constrained")
     for style, name in zip(_STYLES, CAMERAS, strict=True):
         camera = CAMERAS[name]
@@ -136,8 +136,8 @@ def _bent_grid(axis: Any) -> None:
     line, across = np.linspace(-1.0, 1.0, 50), np.linspace(-1.0, 1.0, 9)
     for name, colour, style in (("plain", "#888888", "--"), ("lens", _FOUND, "-")):
         camera = CAMERAS[name]
-        for number, place in enumerate(across):
-            for points in (np.stack([line, 0 * line + place], 1), np.stack([0 * line + place, line], 1)):
+        for number, offset in enumerate(across):
+            for points in (np.stack([line, 0 * line + offset], 1), np.stack([0 * line + offset, line], 1)):
                 label = name if number == 0 and points[0, 0] == -1.0 and points[1, 0] > -1.0 else None
                 axis.plot(*project(points, camera).T, style, color=colour, lw=0.9, label=label)
     axis.set(title="the workspace in the frame", xlabel="u (px)", ylabel="v (px)", aspect="equal")
@@ -146,16 +146,16 @@ def _bent_grid(axis: Any) -> None:
 
 
 def _task(pyplot: Any, rows: list[Row], path: Path) -> Path:
-    """What is left of the errors at the end and on the way, a group of bars a layout, a bar a noise."""
+    """Draw errors at the end and during the run: a group of bars for each layout, a bar for each noise."""
     runs = [row for row in rows if row.get("goals") not in {None, "all"}]
     goals, noises = (list(dict.fromkeys(row[key] for row in runs)) for key in ("goals", "noise"))
     columns = (("final_error_cm", "final error (cm)"), ("rpee_cm", "rpee (cm)"), ("npl", "npl"))
     figure, axes = pyplot.subplots(1, 3, figsize=(11, 3.4), layout="constrained")
     for axis, (key, title) in zip(axes, columns, strict=True):
-        for place, noise in enumerate(noises):
+        for index, noise in enumerate(noises):
             chosen = [row for row in runs if row["noise"] == noise]
-            at = np.array([goals.index(row["goals"]) for row in chosen]) + 0.8 * (place + 0.5) / len(noises) - 0.4
-            shade = str(0.25 + 0.5 * place / max(len(noises) - 1, 1))
+            at = np.array([goals.index(row["goals"]) for row in chosen]) + 0.8 * (index + 0.5) / len(noises) - 0.4
+            shade = str(0.25 + 0.5 * index / max(len(noises) - 1, 1))
             axis.bar(at, [row[f"{key}_mean"] for row in chosen], 0.8 / len(noises), color=shade, label=noise)
         axis.set(title=title, xticks=range(len(goals)), xticklabels=goals, xlabel="goals")
         axis.grid(alpha=0.3, axis="y")

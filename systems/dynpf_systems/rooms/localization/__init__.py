@@ -1,1 +1,1 @@
-"""Localization in a map: filters put together from motion and measurement models."""
+"""Localization in a map by filters composed of motion and measurement models."""

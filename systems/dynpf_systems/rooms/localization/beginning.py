@@ -1,4 +1,4 @@
-"""Where the belief begins: at a known pose, anywhere, or where the first readings say."""
+"""The initial belief: a known pose, anywhere, or poses proposed by the first readings."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,7 +9,7 @@ from dynpf_protocol.errors import ScenarioError
 from dynpf.filters.models import Models
 from dynpf.filters.start import FromReadingsStart, KnownStart, Start, UniformStart, around, pose_source
 from dynpf.rng import Stream
-from dynpf.se2 import FloatArray, Floats
+from dynpf.types import FloatArray, Floats
 from dynpf_systems.rooms.maps import Maps
 
 __all__ = ["Beginning"]
@@ -18,7 +18,7 @@ REHEARSED_PARTICLES = 64
 
 
 class Beginning:
-    """The start that a scenario asks for; raises ScenarioError, below a node's ``key``, where the run lacks a map."""
+    """The start that a scenario asks for; raises ScenarioError, at the node's ``key``, where the run lacks a map."""
 
     def __init__(self, start: Start, maps: Maps, models: Models, key: str) -> None:
         self._start, self._grid = start, maps.grid
@@ -29,12 +29,12 @@ class Beginning:
 
     @property
     def pose(self) -> FloatArray | None:
-        """The pose (3,) that is known, None where there is none."""
+        """The known pose (3,), or None."""
         start = self._start
         return np.array([start.x, start.y, start.theta]) if isinstance(start, KnownStart) else None
 
     def possible(self, readings: Sequence[Any]) -> bool:
-        """Return whether these readings are enough to begin with: a start from readings waits until there are some."""
+        """Return whether these readings suffice to begin: a start from readings waits for the first ones."""
         return isinstance(self._start, KnownStart | UniformStart) or bool(readings)
 
     def poses(self, count: int, readings: Sequence[Any], stream: Stream) -> Floats:
@@ -45,7 +45,7 @@ class Beginning:
         return self._source.draw(count, readings, stream)
 
     def rehearsed(self, stream: Stream) -> Floats:
-        """Return poses (3, N), all at one place where a robot may be."""
+        """Return poses (3, N), all equal, where a robot may be."""
         start = self._start
         if isinstance(start, KnownStart):
             poses = around(start, REHEARSED_PARTICLES, stream)
@@ -57,6 +57,6 @@ class Beginning:
         return poses
 
     def rehearse(self, readings: Sequence[Any], stream: Stream) -> None:
-        """Do once all that ``poses`` may ever do."""
+        """Execute every code path of ``poses`` once, so that kernels are compiled."""
         if self._source is not None:
             self._source.draw(REHEARSED_PARTICLES, readings, stream)

@@ -1,4 +1,4 @@
-"""From the tables of a scenario to the library's objects: the one place that knows which class answers to which."""
+"""Builds the library's objects from the tables of a scenario; no other module knows which class a table stands for."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -55,25 +55,25 @@ __all__ = ["Motion", "Moved", "localizer_of", "measurements_of", "motion_of"]
 Measurements = dict[type, MeasurementModel[Any]]
 
 ESTIMATOR = "estimator"
-"""The key of a scenario at which the estimator stands that has its usual name."""
+"""The scenario's key of an estimator with the usual name."""
 
 
 class Moved(NamedTuple):
-    """A displacement that odometry has measured, and how long it took, in seconds."""
+    """A displacement measured by odometry, and its duration in seconds."""
 
     displacement: Displacement
     duration: float
 
 
 class Motion(NamedTuple):
-    """A motion model, and how its control is made of a twist that was held for a while or of a displacement."""
+    """A motion model, and the function that makes its control from a held twist or a displacement."""
 
     model: MotionModel[Any]
     control: Callable[[Twist | Moved], Any]
 
 
 def motion_of(config: LocalizationConfig, maps: Maps, classes: Classes, key: str = ESTIMATOR) -> Motion:
-    """Return the motion model; raises ScenarioError, below the node's ``key``, where a table does not fit the rest."""
+    """Return the motion model; raises ScenarioError, at the node's ``key``, where a table does not fit the others."""
     table = config.motion
     if config.calibration is not None and not isinstance(table, ArcsParams):
         raise ScenarioError(f"{key}.calibration goes with the motion of kind 'arcs' alone")
@@ -106,12 +106,12 @@ def measurements_of(config: LocalizationConfig, maps: Maps, classes: Classes, ke
     """Return the measurement models by the type of reading that each takes; raises ScenarioError."""
     models: Measurements = {}
     rows = None if config.calibration is None else SensorRows(BEARING_BIAS, RANGE_SCALE)
-    for place, table in enumerate(config.measurement):
-        where = f"{key}.measurement.{place}"
+    for index, table in enumerate(config.measurement):
+        where = f"{key}.measurement.{index}"
         reading, model = _measurement(table, where, maps, classes, rows)
         if TOPICS.get(reading, reading) in {TOPICS.get(other, other) for other in models}:
             what = TOPICS.get(reading, reading.__name__)
-            raise ScenarioError(f"{where}: another measurement model takes what {what} says already")
+            raise ScenarioError(f"{where}: another measurement model already uses the messages of {what}")
         models[reading] = model
     return models
 
@@ -125,7 +125,7 @@ def localizer_of(
     *,
     key: str = ESTIMATOR,
 ) -> Localizer:
-    """Return the filter; raises ScenarioError where it asks more of the models than they have."""
+    """Return the filter; raises ScenarioError where it needs methods that the models lack."""
     table = config.filter
     proposal: Proposal = _own_or_given(config.proposal, f"{key}.proposal", Proposal, classes)
     resampling: Resampling = _own_or_given(config.resampling, f"{key}.resampling", Resampling, classes)
@@ -177,17 +177,17 @@ _ASKED: Mapping[type, tuple[type, ...]] = {
     Optimal: (GaussianMotion, GaussianMeasurement),
     LocalLinearization: (GaussianMotion, GaussianMeasurement),
 }
-"""What a proposal asks of the models."""
+"""The roles that each proposal needs of the models."""
 
 _OF_PARTICLES = ("proposal", "resampling", "regularization", "adaptation")
 _DEFAULTS = {field.name: field.default for field in msgspec.structs.fields(LocalizationConfig)}
 
 
 def _ask(config: LocalizationConfig, key: str, motion: Any, measurements: Measurements, who: str, *roles: type) -> None:
-    """Raise ScenarioError where a model lacks what is asked of it."""
+    """Raise ScenarioError where a model lacks a method of a role it needs."""
     asked: list[tuple[str, Any, Any, type]] = [(f"{key}.motion", config.motion, motion, GaussianMotion)]
-    for place, (table, model) in enumerate(zip(config.measurement, measurements.values(), strict=True)):
-        asked.append((f"{key}.measurement.{place}", table, model, GaussianMeasurement))
+    for index, (table, model) in enumerate(zip(config.measurement, measurements.values(), strict=True)):
+        asked.append((f"{key}.measurement.{index}", table, model, GaussianMeasurement))
     for where, table, model, role in asked:
         missing = [name for name in required_methods(role) if not hasattr(model, name)]
         if role in roles and missing:
@@ -234,7 +234,7 @@ def _adaptation(
 ) -> tuple[Sizing | None, Recovery | JumpParams | None]:
     sizing: list[Sizing] = []
     recovery: list[Recovery | JumpParams] = []
-    for place, table in enumerate(config.adaptation):
+    for index, table in enumerate(config.adaptation):
         match table:
             case KldParams():
                 sizing.append(Kld(table))
@@ -245,7 +245,7 @@ def _adaptation(
             case JumpParams():
                 recovery.append(table)
             case UserComponent():
-                own = made(table, f"{key}.adaptation.{place}", (Sizing, Recovery), classes, {})
+                own = made(table, f"{key}.adaptation.{index}", (Sizing, Recovery), classes, {})
                 (sizing if hasattr(own, "size") else recovery).append(own)
     if len(sizing) > 1 or len(recovery) > 1:
         raise ScenarioError(f"{key}.adaptation: expected at most one rule for the number of particles and one recovery")
@@ -268,7 +268,7 @@ def _rescue(
 
 
 def _own_or_given(table: Any, key: str, role: type, classes: Classes) -> Any:
-    """Return the user's component, or the table itself: of what has no state and no map, the parameters are it."""
+    """Return the user's component, or the table itself: a component without state and map is its parameters."""
     return made(table, key, (role,), classes, {}) if isinstance(table, UserComponent) else table
 
 
@@ -276,7 +276,7 @@ _NEEDED = {"landmarks": "[[landmarks]]", "grid": "a [map]", "segments": "a [map]
 
 
 def _twist(moved: Twist | Moved) -> Twist:
-    """Return what was held; of a displacement, the arc that has its chord and its turn."""
+    """Return the twist; for a displacement, that of the arc with the same chord and turn."""
     if isinstance(moved, Twist):
         return moved
     (dx, dy, turn), duration = moved
@@ -300,16 +300,17 @@ _CONTROLS: Mapping[type, Callable[[Twist | Moved], Any]] = {Twist: _twist, Displ
 
 
 def _linear(table: LinearGaussianParams, key: str) -> Motion:
-    """The control is what odometry says of the step: way and turn; none, for a model without an input matrix."""
+    """Return the linear model; its control is the step's distance and turn, or empty without an input matrix."""
     model = LinearGaussian(table)
     columns = len(table.input[0]) if table.input else 0
     if len(table.transition) != 3 or columns not in {0, 2}:
         raise ScenarioError(
             f"{key}.motion: expected a linear_gaussian motion of x, y and theta, and two columns in its input if it"
-            " has one: the step's way in m and its turn in rad"
+            " has one: the step's distance in m and its turn in rad"
         )
 
     def control(moved: Twist | Moved) -> Any:
+        """Return distance and turn of the step by odometry."""
         twist = _twist(moved)
         return np.array([twist.v, twist.w][:columns]) * twist.duration
 
@@ -317,4 +318,4 @@ def _linear(table: LinearGaussianParams, key: str) -> Motion:
 
 
 def _names(types: Mapping[type, Any]) -> str:
-    return ", ".join(one.__name__ for one in types)
+    return ", ".join(kind.__name__ for kind in types)

@@ -1,4 +1,4 @@
-"""What a scenario says about the estimator, in the table ``[estimator]``; ``kind`` chooses which one runs; SI units."""
+"""Configuration of the estimator, the table ``[estimator]`` of a scenario; ``kind`` chooses the estimator; SI units."""
 
 from functools import reduce
 from operator import or_
@@ -27,6 +27,7 @@ from dynpf.motion.gradient_flow import GradientFlowParams
 from dynpf.motion.linear import LinearGaussianParams
 from dynpf.motion.odometry import OdometryParams
 from dynpf.motion.velocity import VelocityParams
+from dynpf.types import NonNegative, Positive
 from dynpf_systems.rooms.localization.readings import MODELS
 
 __all__ = [
@@ -34,19 +35,15 @@ __all__ = [
     "SirParams",
 ]
 
-NonNegative = Annotated[float, Meta(ge=0.0)]
-Positive = Annotated[float, Meta(gt=0.0)]
-Ticks = Annotated[int, Meta(ge=1)]
-
 
 class SirParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="sir"):
-    """The particle filter: importance sampling and resampling, with the proposal and the rest given beside it."""
+    """The particle filter: sequential importance sampling with resampling; its components stand beside it."""
 
-    threads: Annotated[int, Meta(ge=1, le=64)] = 1  # that share the work on many particles; the results are the same
+    threads: Annotated[int, Meta(ge=1, le=64)] = 1  # of the kernels; results do not depend on it
 
 
 class GradientFlowTable(GradientFlowParams, frozen=True, kw_only=True, tag="gradient_flow"):
-    """A robot that descends a potential to its goal (PARTS); of its odometry, only the times count."""
+    """Motion down the gradient of a potential to a goal (PARTS); of odometry, only the durations are used."""
 
     field: DescentFlowParams
 
@@ -74,27 +71,27 @@ AdaptationTable = KldParams | AugmentedParams | SensorResettingParams | JumpPara
 class LocalizationConfig(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="localization"
 ):
-    """A filter over the pose of a robot in a known map, put together from components."""
+    """A filter over the pose of a robot in a known map, composed of components."""
 
     filter: FilterTable = SirParams()
     n: Annotated[int, Meta(ge=1, le=1_000_000)] = 1000  # particles
     start: KnownStart | UniformStart | FromReadingsStart | SearchStart = KnownStart()
-    # Seconds between an odometry message and the robot moving as it says.
+    # Seconds between an odometry message and the motion that it describes.
     odometry_delay: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
-    # Way and turn since the last readings were taken in, of which one must be reached before others are. What is seen
-    # twice from one place errs alike, so it would be believed too much.
+    # Distance and turn since the last update; the next update needs either of them. Errors of readings from the same
+    # pose are correlated, so repeated updates there would make the filter overconfident.
     min_travel: NonNegative = 0.0  # m
     min_turn: NonNegative = 0.0  # rad
-    scan_range_min: NonNegative | None = None  # m; a range below it tells nothing; absent: what the scanner says
-    scan_range_max: Positive | None = None  # m, which a beam without return reads; absent: what the scanner says
+    scan_range_min: NonNegative | None = None  # m; shorter ranges are ignored; absent: the scanner's own
+    scan_range_max: Positive | None = None  # m, the reading of a beam without return; absent: the scanner's own
     motion: MotionTable = ArcsParams()
-    calibration: CalibrationParams | None = None  # for arcs; absent: odometry is taken as it comes
+    calibration: CalibrationParams | None = None  # for arcs; absent: odometry is not calibrated
     measurement: Annotated[tuple[MeasurementTable, ...], Meta(min_length=1, max_length=16)] = (RangeBearingParams(),)
     resampling: ResamplingTable = Systematic()
     proposal: ProposalTable = Prior()
-    regularization: RegularizationTable | None = None  # absent: survivors are copies of one another
-    # How many particles there are (one of these), and when some are drawn anew because the filter is lost (another).
+    regularization: RegularizationTable | None = None  # absent: resampled particles are exact copies
+    # At most one rule for the number of particles, and one for drawing new particles when the filter is lost.
     adaptation: Annotated[tuple[AdaptationTable, ...], Meta(max_length=2)] = ()
-    # Where those begin that are drawn anew; absent: anywhere, or for a jump where a search finds them.
+    # Where new particles are drawn; absent: anywhere, or for a jump where a search finds poses.
     restart: UniformStart | FromReadingsStart | SearchStart | None = None
-    health: HealthParams = HealthParams()  # when the estimate counts as uncertain, or as lost
+    health: HealthParams = HealthParams()  # thresholds of the health status

@@ -31,10 +31,10 @@ __all__ = ["LocalizationEstimator", "build"]
 class LocalizationEstimator:
     """The estimator of a robot in a known map.
 
-    Inputs are taken in the order given. Each first brings the belief to its own stamp, under the twist that holds
-    then; one that comes after the belief has passed its stamp counts as if taken now. Readings of one instant correct
-    the belief together. The start pose is that of the first input's stamp. Raises ScenarioError where the components
-    do not fit each other or the run.
+    Inputs are processed in the order given. Each first predicts the belief to its own stamp, under the twist in force;
+    an input older than the belief counts as if taken now. Readings of the same stamp correct the belief together. The
+    start pose holds at the first input's stamp. Raises ScenarioError where the components do not fit each other or the
+    run.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class LocalizationEstimator:
         classes: Classes,
         name: str = "estimator",
     ) -> None:
-        """Take the config, the run's maps and the user's classes by name."""
+        """Build the filter from the config, the run's maps and the user's classes by name."""
         self.name = name
         self._seed, self._config, self._maps = seed, config, maps
         key = key_of(name)
@@ -70,7 +70,7 @@ class LocalizationEstimator:
         self._begin(())
 
     def step(self, step: Step) -> Result:
-        """Take the inputs in; answer with the estimate at the step's stamp, if there were any."""
+        """Process the inputs; return the estimate at the step's stamp, if there were any inputs."""
         if not step.inputs:
             return Result()
         self._number, self._draws, self._found, self._logs = step.number, 0, None, []
@@ -88,9 +88,9 @@ class LocalizationEstimator:
         return Result((*(self._report() if self._belief is not None else ()), *self._logs))
 
     def rehearse(self) -> None:
-        """See Rehearsing; of a user's measurement models, those take part that give a reading by ``example()``."""
+        """See Rehearsing; a user's measurement model takes part if it gives a reading by ``example()``."""
         stream = Stream.of(self._seed, self.name, 0, "rehearsal")
-        poses = self._beginning.rehearsed(stream)  # all in one place: what would be read there is believed
+        poses = self._beginning.rehearsed(stream)  # all equal: then readings expected there pass the gates
         models = self._models.measurements
         readings = list(example_readings(self._config.measurement, models, self._maps, poses[:, 0]))
         self._beginning.rehearse(readings, stream)
@@ -98,7 +98,7 @@ class LocalizationEstimator:
         self._localizer.rehearse(poses, control, readings, stream)
 
     def freeze(self) -> State:
-        """Return the belief, and what odometry, intake, publisher and health keep."""
+        """Return the belief, and the state of odometry, intake, publisher and health."""
         return {
             "belief": None if self._belief is None else self._localizer.freeze(self._belief),
             "odometry": self._odometer.freeze(),
@@ -118,13 +118,13 @@ class LocalizationEstimator:
         self._health.thaw(state["health"])
 
     def _begin(self, readings: Sequence[Any]) -> None:
-        """Begin to believe, if the readings are enough for it."""
+        """Create the initial belief, if the readings suffice."""
         if self._beginning.possible(readings):
             poses = self._beginning.poses(self._config.n, readings, self._stream("start"))
             self._belief = self._localizer.start(poses, self._stream("start"))
 
     def _correct(self) -> None:
-        """Let the belief follow the motion, and correct it by the pending readings, if there are any."""
+        """Predict the belief by the motion, and correct it by the pending readings, if there are any."""
         readings, self._intake.pending = self._intake.pending, []
         if not readings:
             return
@@ -147,7 +147,7 @@ class LocalizationEstimator:
         self._judge(self._found, readings)
 
     def _predict(self) -> None:
-        """Let the belief follow the motion, if there is one."""
+        """Predict the belief by the motion, if the robot moved."""
         motion = self._odometer.release()
         if self._belief is not None:
             self._follow(motion)
@@ -163,7 +163,7 @@ class LocalizationEstimator:
         return moved is None or moved[0] >= self._config.min_travel or moved[1] >= self._config.min_turn
 
     def _judge(self, found: Found, readings: Sequence[Any] = ()) -> None:
-        """Judge the belief by what an update has found."""
+        """Judge the belief by the result of an update."""
         assert self._odometer.stamp_ns is not None
         signs = signs_of(found, readings, self._localizer.modes(self._belief))
         self._logs += self._health.judge(signs, self._odometer.stamp_ns)

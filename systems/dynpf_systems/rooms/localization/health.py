@@ -1,4 +1,4 @@
-"""The estimator's judgement of itself, at each update and, while there is none, once a second."""
+"""Health of the estimate, judged at each update and once a second while there is no update."""
 
 import math
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ JUDGED = Every(1.0)
 
 
 class HealthWatch:
-    """The judge, with what it remembers from step to step; ``report`` is its verdict, None before the first."""
+    """The health monitor with its memory between steps; ``report`` is its last verdict, None before the first."""
 
     def __init__(self, params: HealthParams, name: str) -> None:
         self._judge = Health(params)
@@ -30,16 +30,16 @@ class HealthWatch:
         self.report: FilterHealth | None = None
 
     def due(self, stamp_ns: int) -> bool:
-        """Return whether it is time to judge though there was no update."""
+        """Return whether a judgement without an update is due."""
         return JUDGED.due(stamp_ns, self._judged_ns)
 
     def judge(self, signs: Signs, stamp_ns: int) -> list[Output]:
-        """Take in the signs; return a message if the status is another than before, or not good to begin with."""
+        """Judge by the signs; return a message if the status changed, or if the first status is not tracking."""
         before = Status.TRACKING if self.report is None else self.report.status
         self._memory, verdict = self._judge.assess(self._memory, signs)
         self._judged_ns = stamp_ns
         self.report = _report(verdict)
-        return [] if verdict.status == before else [self._told(verdict, stamp_ns)]
+        return [] if verdict.status == before else [self._warning(verdict, stamp_ns)]
 
     def freeze(self) -> dict[str, Any]:
         """Return the memory and the last verdict."""
@@ -52,14 +52,14 @@ class HealthWatch:
         self._judged_ns = state["judged_ns"]
         self.report = None if state["report"] is None else msgspec.convert(state["report"], FilterHealth)
 
-    def _told(self, verdict: Verdict, stamp_ns: int) -> Output:
+    def _warning(self, verdict: Verdict, stamp_ns: int) -> Output:
         level = LogLevel.INFO if verdict.status in {Status.TRACKING, Status.UNCERTAIN} else LogLevel.WARNING
         text = f"the estimate is {verdict.status}: {verdict.reason}"
         return Output("log", Log(timestamp=timestamp(stamp_ns), level=level, message=text, name=self._name))
 
 
 def signs_of(found: Found, readings: Sequence[Any], modes: tuple[float, ...] | None) -> Signs:
-    """Return the signs of what an update of some readings has found, in a belief with some modes."""
+    """Return the signs for the judge: from the result of an update by ``readings``, and the belief's ``modes``."""
     sizes = [size_of(reading) for reading in readings]
     outright = sum(int(size) for size, outcome in zip(sizes, found.outcomes, strict=True) if outcome is Outcome.REFUSED)
     return Signs(

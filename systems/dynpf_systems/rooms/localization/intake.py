@@ -1,4 +1,4 @@
-"""What has come from the sensors and waits to be taken in: readings of one instant, and what sensors have announced."""
+"""Readings of the same stamp that wait for an update, and what sensors have announced, such as a scanner's limits."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -19,9 +19,9 @@ __all__ = ["Intake"]
 
 
 class Intake:
-    """Makes readings of messages, for measurement models that take certain types; ``pending`` are those to be taken in.
+    """Makes readings, of the types that the measurement models take, from messages; ``pending`` ones await an update.
 
-    What it cannot make a reading of is left out with a warning, the first time.
+    A message that gives no reading is left out, with a warning the first time.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class Intake:
         self.pending: list[Any] = []  # empty between steps
 
     def take(self, received: Received) -> list[Output]:
-        """Take in what concerns a measurement model; return warnings."""
+        """Take a message; keep it if a measurement model uses it; return warnings."""
         message, topic = received.message, received.topic
         if topic in self._announcing:
             self._announced[topic] = self._limited(message) if isinstance(message, Scanner) else message
@@ -57,7 +57,7 @@ class Intake:
         return self._warn_of_landmarks(received, message)
 
     def freeze(self) -> State:
-        """Return what sensors have announced, and what has been warned of."""
+        """Return what sensors have announced, and the warnings already given."""
         return {
             "announced": {topic: msgspec.to_builtins(message) for topic, message in self._announced.items()},
             "unknown": list(self._unknown),
@@ -73,7 +73,7 @@ class Intake:
         self._unannounced = list(state["unannounced"])
 
     def _limited(self, scanner: Scanner) -> Scanner:
-        """Return what a scanner measures between, as far as the scenario does not say otherwise."""
+        """Return the scanner's limits, overridden by those of the scenario."""
         least, greatest = self._limits
         return Scanner(
             range_min=scanner.range_min if least is None else least,
@@ -81,7 +81,7 @@ class Intake:
         )
 
     def _warn_of_order(self, received: Received, missing: str) -> list[Output]:
-        """Return a warning that something was not announced, the first time."""
+        """Return a warning, the first time, that a sensor has not announced itself."""
         if received.topic in self._unannounced:
             return []
         self._unannounced.append(received.topic)
@@ -94,7 +94,7 @@ class Intake:
         return [self._warning(received, text)]
 
     def _warn_of_landmarks(self, received: Received, message: Message) -> list[Output]:
-        """Return a warning for each landmark that is not in the map, the first time that it is seen."""
+        """Return a warning for each landmark that is not in the map, the first time it is seen."""
         if self._landmarks is None or not isinstance(message, LandmarkReadings):
             return []
         seen = dict.fromkeys(reading.landmark for reading in message.readings if reading.x is UNSET)

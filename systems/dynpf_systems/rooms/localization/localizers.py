@@ -1,4 +1,4 @@
-"""The filters as the estimator drives them: what they believe goes in and comes out, and can be kept as plain state."""
+"""The filters as the estimator uses them: the belief is passed in and returned, and can be kept as plain state."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -17,19 +17,19 @@ from dynpf.filters.resampling import systematic
 from dynpf.filters.unscented import UnscentedKalman
 from dynpf.portable import log_determinant
 from dynpf.rng import Stream
-from dynpf.se2 import Floats
+from dynpf.types import Floats
 
 __all__ = ["CloudFilter", "Found", "GaussianLocalizer", "Localizer", "ParticleLocalizer"]
 
 
 MOST_IN_MODES = 10_000
-"""Particles among which modes are looked for."""
+"""Number of particles in which modes are searched."""
 
 
 class Found(NamedTuple):
-    """What is believed of the pose, from how many particles in effect, and what became of each reading.
+    """The estimate of the pose, the effective sample size, and the outcome of each reading.
 
-    ``log_evidence`` is that of the ``readings`` that were used, each of a batch by itself; NaN if none was.
+    ``log_evidence`` is that of the ``readings`` used, counted one by one in a batch; NaN if none was used.
     """
 
     estimate: PoseEstimate
@@ -43,38 +43,38 @@ class Found(NamedTuple):
 
 
 class Localizer(Protocol):
-    """A filter over the pose of a robot; ``belief`` is whatever it started with or gave back last."""
+    """A filter over the pose of a robot; ``belief`` is what ``start`` or the last call returned."""
 
     def start(self, poses: Floats, stream: Stream) -> Any:
-        """Return the belief that poses (3, N) stand for."""
+        """Return the belief represented by poses (3, N)."""
 
     def predict(self, belief: Any, control: Any, stream: Stream) -> Any:
         """Return the belief after a control."""
 
     def update(self, belief: Any, control: Any, readings: Sequence[Any], stream: Stream) -> tuple[Any, Found]:
-        """Return the belief after a control (None: none) and the readings at its end, and what was found."""
+        """Return the belief after a control (None: no motion) and the readings at its end, and the result."""
 
     def find(self, belief: Any) -> Found:
-        """Return what is believed now."""
+        """Return the current estimate."""
 
     def modes(self, belief: Any) -> tuple[float, ...] | None:
-        """Return how much of the belief each of its modes holds, the greatest first; None where there is but one."""
+        """Return the share of the belief in each of its modes, in descending order; None for a single mode."""
 
     def shown(self, belief: Any, most: int) -> Floats:
-        """Return poses (3, M), M <= most, that stand for the belief in a picture."""
+        """Return poses (3, M), M <= most, that represent the belief in a picture."""
 
     def rehearse(self, poses: Floats, control: Any, readings: Sequence[Any], stream: Stream) -> None:
-        """Do once, to a belief that is thrown away, all that the other methods may ever do."""
+        """Execute every code path of the other methods once, on a belief that is thrown away."""
 
     def freeze(self, belief: Any) -> Mapping[str, Any]:
         """Return the belief as plain state."""
 
     def thaw(self, state: Mapping[str, Any]) -> Any:
-        """Return the belief that freeze was given."""
+        """Return the belief from the state that freeze returned."""
 
 
 class CloudFilter(Protocol):
-    """What the estimator asks of a filter of particles, the library's or a user's; see ParticleFilter."""
+    """The methods that the estimator needs of a particle filter, the library's or a user's; see ParticleFilter."""
 
     def start(self, poses: Floats, stream: Stream) -> Cloud:
         """Return the cloud at the given poses (3, N)."""
@@ -83,22 +83,25 @@ class CloudFilter(Protocol):
         """Return the cloud after a control."""
 
     def update(self, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream) -> tuple[Cloud, Any]:
-        """Return the cloud after a control (None: none) and the readings at its end, and a Report of it."""
+        """Return the cloud after a control (None: no motion) and the readings at its end, and the update's Report."""
 
 
 class ParticleLocalizer:
-    """A filter of particles: the library's, or a user's that has its methods."""
+    """A particle filter: the library's, or a user's with the same methods."""
 
     def __init__(self, cloud_filter: CloudFilter | ParticleFilter[PoseEstimate]) -> None:
         self.filter = cloud_filter
 
     def start(self, poses: Floats, stream: Stream) -> Cloud:
+        """See Localizer."""
         return self.filter.start(poses, stream)
 
     def predict(self, belief: Cloud, control: Any, stream: Stream) -> Cloud:
+        """See Localizer."""
         return self.filter.predict(belief, control, stream)
 
     def update(self, belief: Cloud, control: Any, readings: Sequence[Any], stream: Stream) -> tuple[Cloud, Found]:
+        """See Localizer."""
         cloud, report = self.filter.update(belief, control, readings, stream)
         share = report.n_eff / belief.weights.size
         evidence = report.log_evidence if report.readings else math.nan
@@ -107,19 +110,23 @@ class ParticleLocalizer:
         return cloud, found if doubt is None else found._replace(jump=doubt.jumped, unfit=doubt.unfit)
 
     def find(self, belief: Cloud) -> Found:
+        """See Localizer."""
         share = belief.n_eff / belief.weights.size
         return Found(pose_estimate(belief.particles, belief.weights), belief.n_eff, share)
 
     def modes(self, belief: Cloud) -> tuple[float, ...]:
+        """See Localizer."""
         every = math.ceil(belief.weights.size / MOST_IN_MODES)
         weights = np.ascontiguousarray(belief.weights[::every])
         return tuple(mode.mass for mode in modes(belief.particles[:3, ::every], weights))
 
     def shown(self, belief: Cloud, most: int) -> Floats:
-        # Chosen by weight, not by place, so that what is looked at is the posterior.
+        """See Localizer."""
+        # Chosen by weight, not by index, so that the sample represents the posterior.
         return belief.particles[:3, systematic(belief.weights, 0.5, min(most, belief.weights.size))]
 
     def rehearse(self, poses: Floats, control: Any, readings: Sequence[Any], stream: Stream) -> None:
+        """See Localizer."""
         cloud, _ = _rehearsed(self, poses, control, readings, stream)
         if isinstance(self.filter, ParticleFilter):
             rescue, doubt = self.filter.rescue, None
@@ -131,21 +138,23 @@ class ParticleLocalizer:
             self.filter.renew(particles, survivors.missing, doubt, readings, stream)
 
     def freeze(self, belief: Cloud) -> Mapping[str, Any]:
+        """See Localizer."""
         return belief._asdict()
 
     def thaw(self, state: Mapping[str, Any]) -> Cloud:
+        """See Localizer."""
         arrays = {name: np.array(state[name]) for name in ("particles", "weights", "log_weights")}
         return Cloud(**arrays, n_eff=state["n_eff"], moved=state["moved"], memory=tuple(state["memory"]))
 
 
 class GaussianLocalizer:
-    """A Kalman filter; several readings of one instant are taken in one after the other."""
+    """A Kalman filter; several readings of the same stamp correct it one after the other."""
 
     def __init__(self, kalman_filter: ExtendedKalman[Any] | UnscentedKalman[Any]) -> None:
         self.filter = kalman_filter
 
     def start(self, poses: Floats, stream: Stream) -> Gaussian:
-        """Return mean and covariance of the poses, and of what the motion model draws besides."""
+        """Return mean and covariance of the poses, and of the further state that the motion model draws."""
         states = np.asarray(self.filter.motion.particles(poses, stream), dtype=np.float64)
         pose = pose_estimate(states, np.full(states.shape[1], 1.0 / states.shape[1]))
         mean = np.concatenate([pose.mean, states[3:].mean(axis=1)])
@@ -154,9 +163,11 @@ class GaussianLocalizer:
         return Gaussian(mean, weighted_covariance(deviation, np.ones(count)) / count)
 
     def predict(self, belief: Gaussian, control: Any, stream: Stream) -> Gaussian:  # noqa: ARG002
+        """See Localizer."""
         return self.filter.predict(belief, control)
 
     def update(self, belief: Gaussian, control: Any, readings: Sequence[Any], stream: Stream) -> tuple[Gaussian, Found]:
+        """See Localizer; readings correct the belief in the order given."""
         if control is not None:
             belief = self.predict(belief, control, stream)
         outcomes, evidence, numbers = [], 0.0, 0
@@ -170,24 +181,28 @@ class GaussianLocalizer:
         return belief, found._replace(log_evidence=float(evidence)) if numbers else found
 
     def find(self, belief: Gaussian) -> Found:
+        """See Localizer; a Gaussian has no effective sample size."""
         return Found(PoseEstimate(belief.mean[:3], belief.covariance[:3, :3]), 0.0, 1.0)
 
-    def modes(self, belief: Gaussian) -> None:  # noqa: ARG002
-        return None
+    def modes(self, belief: Gaussian) -> None:
+        """Return None: a Gaussian has a single mode."""
 
     def shown(self, belief: Gaussian, most: int) -> Floats:
-        """Return the mean, and points about it that have the belief's covariance."""
+        """Return the mean, and points around it with the belief's covariance."""
         offsets = kalman.symmetric_offsets(belief.covariance, float(belief.mean.size))
         states = np.concatenate([belief.mean[:, None], belief.mean[:, None] + offsets], axis=1)
         return states[:3, :: math.ceil(states.shape[1] / most)]
 
     def rehearse(self, poses: Floats, control: Any, readings: Sequence[Any], stream: Stream) -> None:
+        """See Localizer."""
         _rehearsed(self, poses, control, readings, stream)
 
     def freeze(self, belief: Gaussian) -> Mapping[str, Any]:
+        """See Localizer."""
         return belief._asdict()
 
     def thaw(self, state: Mapping[str, Any]) -> Gaussian:
+        """See Localizer."""
         return Gaussian(np.array(state["mean"]), np.array(state["covariance"]))
 
 

@@ -1,4 +1,4 @@
-"""Odometry on the clock: which twists held for how long, which displacements were measured, and where they lead."""
+"""Odometry over time: twists with their durations, measured displacements, and dead reckoning."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -9,13 +9,14 @@ from dynpf_runtime.node import State
 
 from dynpf.motion.model import Displacement, Twist
 from dynpf.portable import hypot
-from dynpf.se2 import FloatArray, arc_displacement, compose, relative
+from dynpf.se2 import arc_displacement, compose, relative
+from dynpf.types import FloatArray
 from dynpf_systems.rooms.localization.components import Moved
 
 __all__ = ["Odometer"]
 
 NANOSECONDS = 10**9
-SHORTEST_NS = NANOSECONDS // 1000  # that a displacement is said to have taken
+SHORTEST_NS = NANOSECONDS // 1000  # the least duration of a displacement
 
 
 class _Velocity(NamedTuple):
@@ -34,12 +35,12 @@ class _TimedTwist(NamedTuple):
 
 
 class Odometer:
-    """The clock of an estimator, and the robot's motion by its odometry up to now.
+    """The clock of an estimator, and the robot's motion by odometry up to the current time.
 
-    A twist holds from ``delay_s`` after its message until the next; one that a newer message has overtaken is dropped.
-    Odometry that comes as poses moves the robot from pose to pose, whatever their stamps. ``before_moving`` is called
-    before the robot moves on, as long as the time is the one before. ``reckoned`` is where odometry alone puts the
-    robot, (3,), None without a start.
+    A twist holds from ``delay_s`` after its message until the next; a twist overtaken by a newer message is dropped.
+    Odometry given as poses moves the robot from pose to pose, whatever their stamps. ``before_moving`` is called before
+    each movement, while the clock still has the earlier time. ``reckoned`` is the pose (3,) by dead reckoning, None
+    without a start.
     """
 
     def __init__(self, delay_s: float, start: FloatArray | None, before_moving: Callable[[], None]) -> None:
@@ -66,7 +67,7 @@ class Odometer:
                 self._move(stamp_ns, np.array([x, y, theta]))
 
     def advance(self, stamp_ns: int) -> None:
-        """Come to ``stamp_ns``, through every change of twist on the way."""
+        """Advance the clock to ``stamp_ns``, through every change of twist before it."""
         if self.stamp_ns is None:
             self.stamp_ns = stamp_ns
         while self._coming and self._coming[0].from_ns <= max(stamp_ns, self.stamp_ns):
@@ -76,19 +77,19 @@ class Odometer:
         self._hold(stamp_ns)
 
     def release(self) -> list[Twist | Moved]:
-        """Return the motion since it was last handed out."""
+        """Return the motion since the last release."""
         if self._since is not None:
             self._since = self.travelled
         held, self._held = self._held, []
         return held
 
     def mark(self) -> None:
-        """Let the way be counted from here on."""
+        """Count distance and turn from here on."""
         self._since = (0.0, 0.0)
 
     @property
     def travelled(self) -> tuple[float, float] | None:
-        """The way (m) and the turn (rad) since the last mark, back and forth added up; None before the first."""
+        """Distance (m) and turn (rad) since the last mark, as sums of absolute values; None before the first mark."""
         if self._since is None:
             return None
         travel, turn = self._since
@@ -101,7 +102,7 @@ class Odometer:
         return travel, turn
 
     def freeze(self) -> State:
-        """Return the clock, the twists in force and to come, the last pose, the way, and dead reckoning."""
+        """Return the clock, the twists in force and to come, the last pose, the distance, and dead reckoning."""
         return {
             "reckoned": self.reckoned,
             "stamp_ns": self.stamp_ns,
@@ -124,7 +125,7 @@ class Odometer:
         self._since = None if since is None else (since[0], since[1])
 
     def _move(self, stamp_ns: int, pose: FloatArray) -> None:
-        """Move on from the last pose of odometry to this one."""
+        """Move from the last pose of odometry to ``pose``."""
         start, self._pose = self._pose, pose
         since_ns, self._newest_ns = self._newest_ns, max(stamp_ns, self._newest_ns)
         if start is None:
@@ -137,7 +138,7 @@ class Odometer:
             self.reckoned = compose(self.reckoned, step)
 
     def _hold(self, stamp_ns: int) -> None:
-        """Let the twist in force hold up to ``stamp_ns``."""
+        """Apply the twist in force up to ``stamp_ns``."""
         assert self.stamp_ns is not None
         duration = (stamp_ns - self.stamp_ns) / NANOSECONDS
         if duration <= 0.0:
@@ -145,7 +146,7 @@ class Odometer:
         self._before_moving()
         self.stamp_ns = stamp_ns
         if self._pose is not None:
-            return  # poses tell how it moves
+            return  # poses give the motion
         v, w = self._twist
         last = self._held[-1] if self._held else None
         if isinstance(last, Twist) and last[:2] == (v, w):

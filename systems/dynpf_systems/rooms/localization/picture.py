@@ -1,4 +1,4 @@
-"""What the estimator believes, for looking at: the robot's frame in the map, and landmarks and robot as shapes."""
+"""Pictures of the estimate: landmarks and robot as shapes in the map."""
 
 from collections.abc import Sequence
 
@@ -30,7 +30,7 @@ DOUBTED = {"uncertain": Color(r=0.9, g=0.6, b=0.1), "lost": Color(r=0.5, g=0.5, 
 def draw_scene(
     x: float, y: float, theta: float, landmarks: Sequence[Landmark], now: Timestamp, *, status: str = "tracking"
 ) -> SceneUpdate:
-    """Return the landmarks as numbered posts and the estimated robot as an arrow, coloured by how sure it is."""
+    """Return the landmarks as numbered posts and the estimated robot as an arrow, coloured by its health status."""
     arrow = ArrowPrimitive(
         pose=planar_pose(x, y, theta),
         shaft_length=0.2,

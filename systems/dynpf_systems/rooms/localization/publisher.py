@@ -1,4 +1,4 @@
-"""What the estimator says: the estimate at each step, and pictures of it every so often."""
+"""The estimator's output: the estimate at each step, and pictures of it at intervals."""
 
 from collections.abc import Callable, Sequence
 
@@ -15,7 +15,7 @@ from dynpf_runtime.every import Every
 from dynpf_runtime.node import Output, State
 from dynpf_services.estimates import particles_picture, robot_transform
 
-from dynpf.se2 import FloatArray, Floats
+from dynpf.types import FloatArray, Floats
 from dynpf_systems.rooms.localization.localizers import Found
 from dynpf_systems.rooms.localization.picture import draw_scene
 
@@ -27,7 +27,7 @@ SCENE = Every(1.0)
 
 
 class Publisher:
-    """Makes messages of what is found; remembers when it last showed particles and scene."""
+    """Makes messages from estimates; keeps when particles and scene were last published."""
 
     def __init__(self, landmarks: Sequence[Landmark]) -> None:
         self._landmarks = tuple(landmarks)
@@ -42,7 +42,7 @@ class Publisher:
         particles: Callable[[int], Floats],
         stamp_ns: int,
     ) -> list[Output]:
-        """Return what there is to say at a stamp; ``particles`` returns poses (3, M) of at most so many."""
+        """Return the messages of a stamp; ``particles(most)`` returns poses (3, M), M <= most."""
         x, y, theta = found.estimate.mean.tolist()
         when = timestamp(stamp_ns)
         outputs = [
@@ -73,7 +73,7 @@ class Publisher:
         return outputs
 
     def freeze(self) -> State:
-        """Return when particles and scene were last shown."""
+        """Return when particles and scene were last published."""
         return {"shown_ns": self._shown_ns, "scene_ns": self._scene_ns}
 
     def thaw(self, state: State) -> None:

@@ -1,4 +1,4 @@
-"""A user's own components: made from the tables that name them, and held to what their part in the filter asks for."""
+"""A user's own components: built from the tables that name them, and checked against their role in the filter."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,11 +14,11 @@ Classes = Mapping[str, type]
 
 
 def made(table: UserComponent, key: str, roles: tuple[type, ...], classes: Classes, facts: Mapping[str, Any]) -> Any:
-    """Return an object of the user's class that can play one of the ``roles``, Protocols.
+    """Return an object of the user's class that fulfils one of the ``roles``, which are Protocols.
 
-    ``Name(Params(...))`` if the class has a msgspec struct ``Params``, else ``Name(**keys)``; and the facts of the run
-    that its attribute ``uses`` names, such as the map's "grid", as keywords. A class that cannot play any of the roles
-    is not called. Raises ScenarioError that names the key, the value and what is missing.
+    It is ``Name(Params(...))`` if the class has a msgspec struct ``Params``, else ``Name(**keys)``; the facts of the
+    run named by its attribute ``uses``, such as the map's "grid", are passed as keywords. A class that fulfils none of
+    the roles is not called. Raises ScenarioError that names the key, the value and what is missing.
     """
     kind = classes[table.name]
     what = f"{key}.kind: {table.name!r}"
@@ -45,7 +45,7 @@ def made(table: UserComponent, key: str, roles: tuple[type, ...], classes: Class
 
 
 def _check_role(kind: type, what: str, roles: tuple[type, ...]) -> None:
-    """Raise ScenarioError for a class without the methods of any of the roles; nothing of it is called to find out."""
+    """Raise ScenarioError for a class that lacks methods of every role; the class is not called."""
     lacks = [[name for name in required_methods(role) if not _has_method(kind, name)] for role in roles]
     if all(lacks):
         missing = " or ".join(", ".join(names) for names in lacks)
@@ -59,7 +59,7 @@ def _has_method(kind: type, name: str) -> bool:
 
 
 def required_methods(role: type) -> list[str]:
-    """Return the names of what a Protocol asks for."""
+    """Return the names of the methods and attributes that a Protocol requires."""
     protocols = [base for base in reversed(role.__mro__) if getattr(base, "_is_protocol", False)]
     return [name for base in protocols for name in vars(base) if not name.startswith("_")]
 
@@ -79,6 +79,6 @@ def _checked(table: UserComponent, key: str, params: type[msgspec.Struct]) -> ms
     try:
         return msgspec.convert(table.parameters, params)
     except msgspec.ValidationError as error:
-        text, _, place = str(error).partition(" - at `$")
-        path = key + place.rstrip("`")
+        text, _, where = str(error).partition(" - at `$")
+        path = key + where.rstrip("`")
         raise ScenarioError(f"{path}: {text[:1].lower()}{text[1:]}") from error

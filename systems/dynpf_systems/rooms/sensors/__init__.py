@@ -1,4 +1,4 @@
-"""The sensors of robots in rooms: a module for each, and the list of them, in which a step reads them."""
+"""The sensors of robots in rooms: a module for each, and their list in the order in which a step reads them."""
 
 from dynpf_systems.rooms.sensors.landmarks import LANDMARKS
 from dynpf_systems.rooms.sensors.lines import LINES

@@ -12,20 +12,15 @@ from dynpf_protocol.messages import LandmarkReading, LandmarkReadings, Message, 
 from dynpf_services.scenario.context import Context
 from dynpf_services.sensors.kind import Check, ModelKind, Read, ReadingKind, SensorKind, SensorTable, Simulated
 from msgspec import UNSET, Meta
-from numpy.typing import NDArray
 
 from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, RangeBearingReadings
 from dynpf.measurement.unknown_landmarks import UnknownLandmarks, UnknownLandmarksParams, UnlabelledReadings
 from dynpf.portable import atan2, hypot
 from dynpf.rng import Draws
-from dynpf.se2 import FloatArray, Floats
+from dynpf.types import Float32s, FloatArray, Floats, NonNegative, Positive, Share
 
 __all__ = ["LANDMARKS", "LandmarkSensor"]
 
-Float32s = NDArray[np.float32]
-NonNegative = Annotated[float, Meta(ge=0.0)]
-Positive = Annotated[float, Meta(gt=0.0)]
-Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 FieldOfView = Annotated[float, Meta(gt=0.0, le=math.tau)]
 
 
@@ -37,7 +32,7 @@ class LandmarkSensor(SensorTable, frozen=True, forbid_unknown_fields=True, kw_on
     range_std: NonNegative = 0.02  # m
     range_std_per_metre: NonNegative = 0.0
     bearing_std: NonNegative = 0.01  # rad
-    misread_probability: Probability = 0.0  # a reading carries another landmark's number
+    misread_probability: Share = 0.0  # a reading carries another landmark's number
 
 
 def _made(sensor: LandmarkSensor, context: Context) -> Read:
@@ -48,7 +43,7 @@ def _made(sensor: LandmarkSensor, context: Context) -> Read:
 
 
 def _read(sensor: LandmarkSensor, robot: RobotState, landmarks: tuple[Landmark, ...], draws: Draws) -> LandmarkReadings:
-    """Every landmark takes its own draws, so that one that comes into view changes no other's reading."""
+    """Return the readings; each landmark has its own draws, so one that comes into view changes no other reading."""
     noise = draws.standard_normal((len(landmarks), 2)).tolist()
     misread = (draws.random(len(landmarks)) < sensor.misread_probability).tolist()
     swap = draws.integers(1, max(len(landmarks), 2), size=len(landmarks)).tolist()
@@ -71,16 +66,18 @@ def _read(sensor: LandmarkSensor, robot: RobotState, landmarks: tuple[Landmark, 
 
 
 def _checked(context: Context) -> Check:
-    """Return the check of records: a landmark that is not on the map (a misread barcode) has to say where it was."""
+    """Return the check of records: a reading of a landmark not on the map, often misread, must carry its position."""
     known = frozenset(landmark.id for landmark in context.fact("landmarks") or ())
 
     def fault(reading: LandmarkReading) -> str:
+        """Return why a reading is left out, or an empty string."""
         if reading.landmark not in known and reading.x is UNSET:
             return "not on the map"
         good = math.isfinite(reading.range) and math.isfinite(reading.bearing) and reading.range >= 0.0
         return "" if good else "refused"
 
     def check(message: LandmarkReadings) -> tuple[Message | None, Iterable[str]]:
+        """Return the message with its valid readings, None without any, and the reasons for the others."""
         faults = [fault(reading) for reading in message.readings]
         kept = tuple(
             msgspec.structs.replace(reading, bearing=math.remainder(reading.bearing, math.tau))
@@ -94,7 +91,7 @@ def _checked(context: Context) -> Check:
 
 def _labelled(message: LandmarkReadings, _: None) -> RangeBearingReadings:
     ids = np.array([reading.landmark for reading in message.readings], dtype=np.int64)
-    return RangeBearingReadings(ids, *_polar(message.readings), _places(message.readings))
+    return RangeBearingReadings(ids, *_polar(message.readings), _positions(message.readings))
 
 
 def _unlabelled(message: LandmarkReadings, _: None) -> UnlabelledReadings:
@@ -106,14 +103,14 @@ def _polar(readings: Sequence[LandmarkReading]) -> tuple[Float32s, Float32s]:
     return ranges, np.array([reading.bearing for reading in readings], dtype=np.float32)
 
 
-def _places(readings: Sequence[LandmarkReading]) -> FloatArray | None:
-    """Return where landmarks that move were, shape (2, K), NaN for others; None where none moves."""
+def _positions(readings: Sequence[LandmarkReading]) -> FloatArray | None:
+    """Return the positions of moving landmarks, shape (2, K), NaN for fixed ones; None where no landmark moves."""
     if all(reading.x is UNSET or reading.y is UNSET for reading in readings):
         return None
-    places = (
+    positions = (
         (reading.x, reading.y) if UNSET not in (reading.x, reading.y) else (np.nan, np.nan) for reading in readings
     )
-    return np.array(list(places), dtype=np.float64).T
+    return np.array(list(positions), dtype=np.float64).T
 
 
 def _example(maps: Any, pose: Floats, _model: Any) -> LandmarkReadings | None:

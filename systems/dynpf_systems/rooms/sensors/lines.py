@@ -1,4 +1,4 @@
-"""Straight pieces of wall, as line extraction finds them: simulated, and as filters take them."""
+"""Line segments of walls, as line extraction finds them: simulated, and as filters take them."""
 
 import math
 from typing import Annotated, Any
@@ -15,20 +15,18 @@ from dynpf.measurement.lines import Lines, PolarLines, PolarLinesParams
 from dynpf.measurement.ray import ray_segments
 from dynpf.portable import atan2, hypot, sincos
 from dynpf.rng import Draws
-from dynpf.se2 import FloatArray, Floats
+from dynpf.types import FloatArray, Floats, NonNegative, Positive
 from dynpf_systems.rooms.maps import maps_of
 
 __all__ = ["LINES", "LineSensor"]
 
 FieldOfView = Annotated[float, Meta(gt=0.0, le=math.tau)]
-NonNegative = Annotated[float, Meta(ge=0.0)]
-Positive = Annotated[float, Meta(gt=0.0)]
 
 
 class LineSensor(SensorTable, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What line extraction makes of the walls in view: the parts of the map's segments that nothing hides.
+    """Line extraction from the walls in view: the visible parts of the map's segments.
 
-    As in a scan, beams find them; a part that fewer than ``min_beams`` meet is not found.
+    Beams find them, as in a scan; a part that fewer than ``min_beams`` beams meet is not found.
     """
 
     beams: Annotated[int, Meta(ge=2, le=100_000)] = 181
@@ -49,7 +47,7 @@ def _made(sensor: LineSensor, context: Context) -> Read:
 
 
 def _read(sensor: LineSensor, robot: RobotState, walls: FloatArray, draws: Draws) -> LineReadings:
-    """``walls`` is (S, 4). Every wall takes its own draws; of one that something hides in part each part is a line."""
+    """Return the lines of ``walls`` (S, 4). Each wall has its own draws; each visible part of a wall is a line."""
     noise = draws.standard_normal((len(walls), 2)) * (sensor.rho_std, sensor.alpha_std)
     half = sensor.field_of_view / 2
     angles = np.linspace(-half, half, sensor.beams)

@@ -1,7 +1,6 @@
-"""Wheel encoders, with a rate gyro if there is one: twists of a simulated robot or a log, or poses of a log."""
+"""Wheel encoders, optionally with a rate gyro: twists of a simulated robot or a log, or poses of a log."""
 
 import math
-from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -9,17 +8,14 @@ from dynpf_protocol.messages import Odometry, OdometryPose, RobotState
 from dynpf_runtime.node import State
 from dynpf_services.scenario.context import Context
 from dynpf_services.sensors.kind import Read, SensorKind, SensorTable, Simulated, Truth, passed
-from msgspec import Meta
 
 from dynpf.filters.kalman import Gaussian
 from dynpf.motion.gyro import GyroOdometry, GyroOdometryParams
 from dynpf.portable import hypot
 from dynpf.rng import Draws
+from dynpf.types import NonNegative, Positive
 
 __all__ = ["ODOMETRY", "ODOMETRY_POSE", "GyroSensor", "OdometrySensor"]
-
-NonNegative = Annotated[float, Meta(ge=0.0)]
-Positive = Annotated[float, Meta(gt=0.0)]
 
 
 class GyroSensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -60,7 +56,7 @@ def _wheels(sensor: OdometrySensor, robot: RobotState, draws: Draws) -> Odometry
 
 
 class _Corrected:
-    """What the wheels say, its turning rate corrected by the gyro."""
+    """Odometry of the wheels with its turning rate corrected by the gyro."""
 
     def __init__(self, wheels: OdometrySensor, gyro: GyroSensor, period_s: float) -> None:
         self._wheels, self._gyro, self._period_s = wheels, gyro, period_s
@@ -68,15 +64,17 @@ class _Corrected:
         self._turning: Gaussian = self._filter.start()
 
     def __call__(self, truth: Truth, draws: Draws) -> Odometry:
-        said = _wheels(self._wheels, truth.robot, draws)
+        reading = _wheels(self._wheels, truth.robot, draws)
         rate = truth.robot.w + self._gyro.w_bias + self._gyro.w_std * float(draws.standard_normal())
-        self._turning = self._filter.update(self._turning, said.w, rate, self._period_s)
-        return Odometry(v=said.v, w=float(self._turning.mean[0]))
+        self._turning = self._filter.update(self._turning, reading.w, rate, self._period_s)
+        return Odometry(v=reading.v, w=float(self._turning.mean[0]))
 
     def freeze(self) -> State:
+        """Return the gyro filter's belief of the turning rate."""
         return {"turning": self._turning._asdict()}
 
     def thaw(self, state: State) -> None:
+        """Continue from what freeze returned."""
         self._turning = Gaussian(**{name: np.array(value) for name, value in state["turning"].items()})
 
 
@@ -84,11 +82,11 @@ ODOMETRY = SensorKind(
     name="odometry",
     message=Odometry,
     simulated=Simulated(OdometrySensor, _made),
-    checked=passed(lambda said: math.isfinite(said.v) and math.isfinite(said.w)),
+    checked=passed(lambda reading: math.isfinite(reading.v) and math.isfinite(reading.w)),
 )
 
 ODOMETRY_POSE = SensorKind(
     name="odometry_pose",
     message=OdometryPose,
-    checked=passed(lambda said: all(map(math.isfinite, (said.x, said.y, said.theta)))),
+    checked=passed(lambda reading: all(map(math.isfinite, (reading.x, reading.y, reading.theta)))),
 )

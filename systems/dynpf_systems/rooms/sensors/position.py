@@ -1,15 +1,14 @@
 """A satellite receiver or a tracker: the robot's position in the map."""
 
-from typing import Annotated, Any
+from typing import Any
 
 from dynpf_protocol.messages import PositionFix
 from dynpf_services.scenario.context import Context
 from dynpf_services.sensors.kind import ModelKind, Read, ReadingKind, SensorKind, SensorTable, Simulated, Truth
-from msgspec import Meta
 
 from dynpf.measurement.position import GaussianPosition, GaussianPositionParams, Position
 from dynpf.rng import Draws
-from dynpf.se2 import Floats
+from dynpf.types import Floats, NonNegative
 
 __all__ = ["POSITION", "PositionSensor"]
 
@@ -17,11 +16,12 @@ __all__ = ["POSITION", "PositionSensor"]
 class PositionSensor(SensorTable, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The robot's position in the map, with the same Gaussian noise on both coordinates."""
 
-    std: Annotated[float, Meta(ge=0.0)] = 0.1  # m
+    std: NonNegative = 0.1  # m
 
 
 def _made(sensor: PositionSensor, _context: Context) -> Read:
     def read(truth: Truth, draws: Draws) -> PositionFix:
+        """Return the position with noise."""
         noise_x, noise_y = (sensor.std * draws.standard_normal(2)).tolist()
         return PositionFix(x=truth.robot.x + noise_x, y=truth.robot.y + noise_y)
 

@@ -1,4 +1,4 @@
-"""Range scans, and what their scanner says of itself: simulated, from logs, and as filters take them."""
+"""Range scans and their scanner's limits: simulated, from logs, and as filters take them."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,7 +21,6 @@ from dynpf_services.sensors.kind import (
     passed,
 )
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from dynpf.maps.raycast import RayCaster
 from dynpf.measurement.beam import BeamModel, BeamParams
@@ -31,35 +30,32 @@ from dynpf.measurement.ray import ray_discs, ray_segments
 from dynpf.measurement.scan import Scan
 from dynpf.measurement.scan_lines import ScanLines, ScanLinesParams
 from dynpf.rng import Draws
-from dynpf.se2 import Floats as Pose
+from dynpf.types import FloatArray, Floats, NonNegative, Positive
 from dynpf_systems.rooms.maps import Maps, maps_of
 from dynpf_systems.rooms.messages import Obstacles
 
 __all__ = ["SCAN", "SCANNER", "ScanSensor"]
 
-Floats = NDArray[np.float64]
-Rays = Callable[[Floats, Floats], Floats]
+Rays = Callable[[FloatArray, FloatArray], FloatArray]
 """Distances (B,) from an origin (2,) along angles (B,) of the map frame to the nearest wall, infinite without one."""
 
 FieldOfView = Annotated[float, Meta(gt=0.0, le=math.tau)]
-NonNegative = Annotated[float, Meta(ge=0.0)]
 OBSTACLES = "truth/obstacles"
 BEAMS = 5
-"""Of the scan that a rehearsal takes in."""
+"""Number of beams of the scan in a rehearsal."""
 
 
 class ScanSensor(SensorTable, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Ranges from the robot's centre to walls, parts, people and closed doors, on beams spread over the field of view.
 
     The walls are those given here, else the map's, else those of the world, such as the border of a task's workspace.
-    The noise's standard deviation is range_std + range_std_per_square_metre range^2: that of a structured-light camera
-    grows so.
+    The noise's standard deviation is range_std + range_std_per_square_metre range^2, as for a structured-light camera.
     """
 
     beams: Annotated[int, Meta(ge=2, le=100_000)] = 60
     field_of_view: FieldOfView = 3 * math.pi / 2  # rad, first to last beam, centred on the heading
     range_min: NonNegative = 0.0  # m; what is nearer gives no reading, which is 0
-    range_max: Annotated[float, Meta(gt=0.0)] = 4.0  # m; also the reading of a beam without return
+    range_max: Positive = 4.0  # m; also the reading of a beam without return
     range_std: NonNegative = 0.01  # m
     range_std_per_square_metre: NonNegative = 0.0  # 1/m
     glass: tuple[tuple[float, float, float, float], ...] = ()  # walls of the map, as it has them, that beams go through
@@ -76,7 +72,7 @@ class _Simulated:
         self._walls = _rays(sensor, maps_of(context), np.concatenate(walls) if walls else None)
 
     def __call__(self, truth: Truth, draws: Draws) -> LaserScan:
-        """A beam that meets nothing within range_max reads range_max, exactly; one that meets too near a thing, 0."""
+        """Return the scan; a beam without return reads exactly range_max, one that ends below range_min reads 0."""
         sensor, robot = self._sensor, truth.robot
         half = sensor.field_of_view / 2
         angles = robot.theta + np.linspace(-half, half, sensor.beams)
@@ -95,8 +91,8 @@ class _Simulated:
         ranges = np.where(returned, np.where(true < sensor.range_min, 0.0, read), sensor.range_max)
         return _scan(truth.stamp_ns, half, tuple(ranges.tolist()))
 
-    def _discs(self, truth: Mapping[str, Message]) -> Iterator[Floats]:
-        """Yield the discs that stand in the way of beams, (D, 3): people, and what the run's world has."""
+    def _discs(self, truth: Mapping[str, Message]) -> Iterator[FloatArray]:
+        """Yield the discs that block beams, (D, 3): people, and the discs of the run's world."""
         obstacles = truth.get(OBSTACLES)
         if isinstance(obstacles, Obstacles):
             yield np.array([(person.x, person.y, person.radius) for person in obstacles.people]).reshape(-1, 3)
@@ -126,10 +122,10 @@ def _seen(context: Context) -> dict[str, type[Message]]:
     return {OBSTACLES: Obstacles, **{world.topic: world.type for world, _ in context.surroundings()}}
 
 
-def _rays(sensor: ScanSensor, maps: Maps, others: Floats | None) -> Rays:
-    """Return how far beams go: to the scanner's own walls, else to the map's, else to those of the run's world."""
+def _rays(sensor: ScanSensor, maps: Maps, others: FloatArray | None) -> Rays:
+    """Return the ranges of beams to the scanner's own walls, else to the map's, else to those of the run's world."""
     if sensor.glass and (sensor.walls or maps.segments is None):
-        raise ScenarioError("sensors.scan.glass: tells of walls of a map of segments; this scan's are not of one")
+        raise ScenarioError("sensors.scan.glass: needs a map of segments; the walls of this scan are from elsewhere")
     if sensor.walls:
         return _to_segments(np.array(sensor.walls, dtype=np.float64))
     if maps.segments is not None:
@@ -141,8 +137,8 @@ def _rays(sensor: ScanSensor, maps: Maps, others: Floats | None) -> Rays:
     raise ScenarioError("sensors.scan needs walls, a map, or a world that has walls; this run has none of them")
 
 
-def _opaque(walls: Floats, glass: Sequence[tuple[float, float, float, float]]) -> Floats:
-    """Return the walls that are not of glass; raises ScenarioError for glass that is no wall."""
+def _opaque(walls: FloatArray, glass: Sequence[tuple[float, float, float, float]]) -> FloatArray:
+    """Return the walls that are not glass; raises ScenarioError for glass that is not a wall of the map."""
     opaque = np.ones(len(walls), dtype=bool)
     for index, pane in enumerate(glass):
         same = (walls == np.array(pane)).all(axis=1)
@@ -152,12 +148,13 @@ def _opaque(walls: Floats, glass: Sequence[tuple[float, float, float, float]]) -
     return walls[opaque]
 
 
-def _to_segments(walls: Floats) -> Rays:
+def _to_segments(walls: FloatArray) -> Rays:
     return lambda origin, angles: ray_segments(origin, angles, walls)
 
 
 def _to_cells(caster: RayCaster, range_max: float) -> Rays:
-    def rays(origin: Floats, angles: Floats) -> Floats:
+    def rays(origin: FloatArray, angles: FloatArray) -> FloatArray:
+        """Return the ranges by ray casting in the grid."""
         x, y = np.broadcast_to(origin.astype(np.float32)[:, None], (2, angles.size)).copy()
         return caster.ranges(x, y, angles.astype(np.float32), range_max).astype(np.float64)
 
@@ -177,7 +174,7 @@ def _vector(message: LaserScan, scanner: Scanner) -> RangeVector:
     return RangeVector(np.where(ranges < scanner.range_max, ranges, np.float32(np.inf)))
 
 
-def _example(_maps: Any, _pose: Pose, model: Any) -> LaserScan:
+def _example(_maps: Any, _pose: Floats, model: Any) -> LaserScan:
     beams = len(model.params.angles) if isinstance(model, RangeVectorModel) else BEAMS
     return _scan(0, 1.0, (1.0,) * beams)
 
@@ -190,7 +187,9 @@ def _good(scan: LaserScan) -> bool:
 SCANNER = SensorKind(
     name="scanner",
     message=Scanner,
-    checked=passed(lambda said: math.isfinite(said.range_max) and 0.0 <= said.range_min < said.range_max),
+    checked=passed(
+        lambda announced: math.isfinite(announced.range_max) and 0.0 <= announced.range_min < announced.range_max
+    ),
 )
 
 SCAN = SensorKind(

@@ -1,4 +1,4 @@
-"""The beam model learned from a recorded run: its ranges, beside the lengths of rays from where they were taken."""
+"""Fit of the beam model to a recorded run: its measured ranges, against ray lengths from the true poses."""
 
 from collections.abc import Iterable
 
@@ -14,21 +14,22 @@ from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.maps.raycast import RayCaster
 from dynpf.measurement.beam import BeamParams
 from dynpf.measurement.beam_fit import BeamFit, fit_beam
-from dynpf.se2 import FloatArray, Floats, compose
+from dynpf.se2 import compose
+from dynpf.types import FloatArray, Floats
 from dynpf_systems.rooms.localization.config import LocalizationConfig
 from dynpf_systems.rooms.maps import open_maps
 
 __all__ = ["fit_recording", "fit_scans"]
 
 APART_NS = 500_000_000
-"""Between two true poses, at most, for one in between to be known."""
+"""Greatest interval between true poses that is interpolated."""
 
 
 def fit_recording(recording: Recording) -> BeamFit:
-    """Return the beam model that makes a run's scans likeliest, at the true poses in the run's map.
+    """Return the maximum-likelihood beam model of a run's scans, at the true poses in the run's map.
 
-    Begins with the beam model of the run's estimator, if it has one, and keeps what a fit does not change. Raises
-    UsageError for a recording without scans, true poses or a grid map.
+    The fit begins with the beam model of the run's estimator, if it has one, and keeps the parameters that are not
+    fitted. Raises UsageError for a recording without scans, true poses or a grid map.
     """
     scenario = recorded_scenario(recording)
     grid = open_maps(scenario.map, None, lambda path: scenario.files[path.rpartition("/")[2]].data).grid
@@ -39,8 +40,8 @@ def fit_recording(recording: Recording) -> BeamFit:
     start = next((table for table in tables if isinstance(table, BeamParams)), BeamParams())
     stamps, poses = _truth(recording)
     taken = []
-    for one in recording.messages("sensors/scan"):
-        pose, message = _at(stamps, poses, one.stamp_ns), decode(one.topic, one.payload)
+    for record in recording.messages("sensors/scan"):
+        pose, message = _at(stamps, poses, record.stamp_ns), decode(record.topic, record.payload)
         if pose is not None and isinstance(message, LaserScan):
             angles = np.linspace(message.start_angle, message.end_angle, len(message.ranges))
             taken.append((pose, angles, np.array(message.ranges)))
@@ -52,21 +53,21 @@ def fit_recording(recording: Recording) -> BeamFit:
 def fit_scans(
     grid: OccupancyGrid, taken: Iterable[tuple[FloatArray, Floats, Floats]], range_max: float, start: BeamParams
 ) -> BeamFit:
-    """Return the beam model that makes scans likeliest: of each the robot's pose (3,), angles (B,) and ranges (B,)."""
+    """Return the maximum-likelihood beam model of scans, each a robot's pose (3,), angles (B,) and ranges (B,)."""
     caster, sensor = RayCaster(grid), np.array([start.sensor_x, start.sensor_y, start.sensor_theta])
     readings, expected = [], []
     for pose, angles, ranges in taken:
         x, y, theta = compose(pose, sensor).tolist()
-        from_x, from_y = (np.full(angles.size, place, dtype=np.float32) for place in (x, y))
+        from_x, from_y = (np.full(angles.size, coordinate, dtype=np.float32) for coordinate in (x, y))
         readings.append(ranges)
         expected.append(caster.ranges(from_x, from_y, (theta + angles).astype(np.float32), range_max))
     return fit_beam(np.concatenate(readings), np.concatenate(expected), range_max, start)
 
 
 def _range_max(recording: Recording, scenario: Scenario) -> float:
-    """Return the greatest range that the run's scanner has told, else that of its estimator."""
-    told = [decode(one.topic, one.payload) for one in recording.messages("sensors/scanner")]
-    if greatest := [scanner.range_max for scanner in told if isinstance(scanner, Scanner)]:
+    """Return the greatest range announced by the run's scanner, else that of its estimator."""
+    scanners = [decode(record.topic, record.payload) for record in recording.messages("sensors/scanner")]
+    if greatest := [scanner.range_max for scanner in scanners if isinstance(scanner, Scanner)]:
         return max(greatest)
     estimator = scenario.estimator
     if isinstance(estimator, LocalizationConfig) and estimator.scan_range_max is not None:
@@ -78,10 +79,10 @@ def _truth(recording: Recording) -> tuple[FloatArray, FloatArray]:
     """Return stamps (T,) in nanoseconds, ascending, and poses (3, T), headings unwrapped."""
     found = {}
     for topic in ("truth/robot", "log/truth"):
-        for one in recording.messages(topic):
-            message = decode(topic, one.payload)
+        for record in recording.messages(topic):
+            message = decode(topic, record.payload)
             if isinstance(message, RobotState) and message.heading_valid:
-                found[one.stamp_ns] = (message.x, message.y, message.theta)
+                found[record.stamp_ns] = (message.x, message.y, message.theta)
     if not found:
         raise UsageError(f"{recording.path}: holds no true poses")
     poses = np.array([found[stamp] for stamp in sorted(found)]).T

@@ -15,14 +15,14 @@ __all__ = ["Shown", "draw"]
 
 
 class Shown(NamedTuple):
-    """A filter's run that is drawn, and what it is called."""
+    """The run of a filter to be drawn, and its name."""
 
     name: str
     track: Track
 
 
-def draw(place: World, epochs: Sequence[Epoch], shown: Sequence[Shown], rows: list[Row], folder: Path) -> list[Path]:
-    """Draw success against N, the way on the map, particles over time and errors over time; return the files.
+def draw(world: World, epochs: Sequence[Epoch], shown: Sequence[Shown], rows: list[Row], folder: Path) -> list[Path]:
+    """Draw success against N, the path on the map, particles over time and errors over time; return the files.
 
     Raises UsageError where matplotlib is not installed.
     """
@@ -30,16 +30,16 @@ def draw(place: World, epochs: Sequence[Epoch], shown: Sequence[Shown], rows: li
 
     return [
         _success(pyplot, rows, folder / "success.png"),
-        _way(pyplot, place, epochs, shown[0], folder / "way.png"),
-        _particles(pyplot, place, epochs, shown[0], folder / "particles.png"),
+        _way(pyplot, world, epochs, shown[0], folder / "way.png"),
+        _particles(pyplot, world, epochs, shown[0], folder / "particles.png"),
         _errors(pyplot, epochs, shown, folder / "errors.png"),
     ]
 
 
 def _success(pyplot: Any, rows: list[Row], path: Path) -> Path:
-    """Success against N, a panel a dataset and case, a line for each start and filter, with 95 % intervals.
+    """Draw success against N: a panel for each dataset and case, a line for each start and filter, with 95 % intervals.
 
-    Cases that were tried with one N are left to the table.
+    Cases with a single N appear only in the table.
     """
     found = [row for row in rows if "success_percent" in row and row["n"] > 0]
     numbers: dict[tuple[str, str], set[int]] = {}
@@ -72,25 +72,25 @@ def _success(pyplot: Any, rows: list[Row], path: Path) -> Path:
     return _saved(pyplot, figure, path)
 
 
-def _way(pyplot: Any, place: World, epochs: Sequence[Epoch], shown: Shown, path: Path) -> Path:
+def _way(pyplot: Any, world: World, epochs: Sequence[Epoch], shown: Shown, path: Path) -> Path:
     truth = _truth(epochs)
     figure, axis = pyplot.subplots(figsize=(7.5, 5.5), layout="constrained")
-    _map(axis, place, truth)
+    _map(axis, world, truth)
     axis.plot(*dead_reckoning(epochs)[:2], ":", color="tab:orange", label="odometry alone")
     axis.plot(*truth[:2], "-", color="black", linewidth=2.5, alpha=0.5, label="truth")
     axis.plot(*shown.track.poses[:2], "-", color="tab:blue", label=f"estimate ({shown.name})")
     axis.plot(*truth[:2, 0], "ko", label="start")
-    axis.set(title=f"{place.name}: the way", xlabel="x in m", ylabel="y in m")
+    axis.set(title=f"{world.name}: path", xlabel="x in m", ylabel="y in m")
     figure.legend(fontsize=8, loc="outside lower center", ncols=4)
     return _saved(pyplot, figure, path)
 
 
-def _particles(pyplot: Any, place: World, epochs: Sequence[Epoch], shown: Shown, path: Path) -> Path:
+def _particles(pyplot: Any, world: World, epochs: Sequence[Epoch], shown: Shown, path: Path) -> Path:
     truth = _truth(epochs)
     times = [0, 3, 10, len(epochs) - 1]
     figure, axes = pyplot.subplots(2, 2, figsize=(9, 7), sharex=True, sharey=True, layout="constrained")
     for axis, time in zip(axes.flat, times, strict=True):
-        _map(axis, place, truth)
+        _map(axis, world, truth)
         axis.plot(*shown.track.clouds[time][:2], ".", color="tab:blue", markersize=3, alpha=0.5, label="particles")
         x, y, theta = truth[:, time]
         axis.plot(x, y, "o", color="tab:red", markersize=9, fillstyle="none", label="robot")
@@ -101,7 +101,7 @@ def _particles(pyplot: Any, place: World, epochs: Sequence[Epoch], shown: Shown,
         axis.set_xlabel("x in m")
     for axis in axes[:, 0]:
         axis.set_ylabel("y in m")
-    figure.suptitle(f"{place.name}: particles over time ({shown.name})")
+    figure.suptitle(f"{world.name}: particles over time ({shown.name})")
     return _saved(pyplot, figure, path)
 
 
@@ -110,20 +110,20 @@ def _errors(pyplot: Any, epochs: Sequence[Epoch], shown: Sequence[Shown], path: 
     figure, axes = pyplot.subplots(
         len(shown), 1, figsize=(7.5, 2.6 * len(shown)), sharex=True, squeeze=False, layout="constrained"
     )
-    for axis, one in zip(axes[:, 0], shown, strict=True):
-        error = np.hypot(*(one.track.poses[:2] - truth[:2]))
+    for axis, run in zip(axes[:, 0], shown, strict=True):
+        error = np.hypot(*(run.track.poses[:2] - truth[:2]))
         update = np.arange(1, error.size + 1)
-        axis.fill_between(update, 1e-3, 3.0 * one.track.sigmas, color="tab:blue", alpha=0.2, label="3 sigma")
+        axis.fill_between(update, 1e-3, 3.0 * run.track.sigmas, color="tab:blue", alpha=0.2, label="3 sigma")
         axis.plot(update, error, color="black", label="position error")
-        axis.set(yscale="log", ylabel="m", ylim=(1e-3, 20.0), title=one.name)
+        axis.set(yscale="log", ylabel="m", ylim=(1e-3, 20.0), title=run.name)
         axis.grid(alpha=0.3)
     axes[0, 0].legend(fontsize=8)
     axes[-1, 0].set_xlabel("update")
     return _saved(pyplot, figure, path)
 
 
-def _map(axis: Any, place: World, truth: Any) -> None:
-    segments, grid = place.maps.segments, place.maps.grid
+def _map(axis: Any, world: World, truth: Any) -> None:
+    segments, grid = world.maps.segments, world.maps.grid
     if segments is not None:
         for x1, y1, x2, y2 in segments.segments:
             axis.plot([x1, x2], [y1, y2], "-", color="dimgrey", linewidth=1.2)

@@ -1,4 +1,4 @@
-"""INDOOR's question: how many particles does it take in a furnished flat with people and doors, or on a real log?"""
+"""INDOOR: the number of particles needed in a furnished flat with people and doors, or on a real log."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -19,6 +19,7 @@ from dynpf.filters.start import FromReadingsStart, UniformStart
 from dynpf.measurement.beam import BeamParams
 from dynpf.measurement.beam_fit import BeamFit
 from dynpf.rng import generator
+from dynpf.types import Count
 from dynpf_systems.rooms.localization.config import LocalizationConfig
 from dynpf_systems.rooms.studies.beam_fit import fit_scans
 from dynpf_systems.rooms.studies.figures import Shown, draw
@@ -29,40 +30,41 @@ from dynpf_systems.rooms.studies.ways import (
     dead_reckoning,
     follow,
     known_start,
+    load_world,
     measures,
     played,
     record,
     scans,
-    world,
 )
 
 __all__ = ["STUDY", "IndoorSettings", "configured", "fitted"]
 
-Count = Annotated[int, Meta(ge=1)]
 Start = Literal["known", "uniform", "readings"]
 Filter = Literal["document", "careful", "kld", "resetting"]
 
 FIT_SEED = 1_000_003
-"""Of the drive that the beam model is fitted to; no trial has it."""
+"""Seed of the drive to which the beam model is fitted; no trial uses it."""
 WRONG = (1.5, 0.5)
-"""How far off the pose told is in the case ``wrong``, m, and rad."""
+"""Error of the given start pose in the case ``wrong``, m and rad."""
 SPACING = 0.15
-"""m that particles are apart: a wall's error as far as they can tell, besides the sensor's own."""
+"""Spacing of particles, m, which adds to the sensor's noise in the beam model."""
 MARGIN = 0.3
-"""Of a beam's log-likelihood, on the track and while resetting begins."""
+"""Difference of a beam's log-likelihood between tracking and the onset of resetting."""
 
 
 class IndoorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The particle counts, the length of a drive, and a log to use instead of the simulated flat."""
+
     n: tuple[Count, ...] = (50, 100, 200, 500, 1000, 2000, 5000, 10000, 20000, 50000)
     n_known: Count = 5000  # the most for a known start
     n_readings: Count = 5000  # the most for a start from readings
     n_deprived: Count = 1000  # for the case wrong
     updates: Annotated[int, Meta(ge=20)] = 60
-    log: str = ""  # an imported log with scans, its map and a reference, in place of the flat
+    log: str = ""  # an imported log with scans, its map and a reference, instead of the flat
 
 
 class Case(NamedTuple):
-    """One filter on one drive: what is asked of it."""
+    """A filter's configuration on a drive."""
 
     case: Literal["drive", "wrong"]
     start: Start
@@ -71,7 +73,7 @@ class Case(NamedTuple):
 
 
 class Part(NamedTuple):
-    """All that is tried on one drive, so that it takes place once."""
+    """All cases of one drive, so that the drive is simulated once."""
 
     settings: IndoorSettings
     seed: int
@@ -97,47 +99,49 @@ def _parts(settings: IndoorSettings, trials: int, seed: int) -> list[Part]:
     return [Part(settings, seed + trial, tuple(_cases(settings))) for trial in range(trials)]
 
 
-def place_of(settings: IndoorSettings) -> World:
-    return played(Path(settings.log)).place if settings.log else world("indoor-global")
+def world_of(settings: IndoorSettings) -> World:
+    """Return the world of the study: that of its log, or the simulated flat."""
+    return played(Path(settings.log)).world if settings.log else load_world("indoor-global")
 
 
 def way_of(settings: IndoorSettings, seed: int) -> Way:
+    """Return the drive of a seed: a stretch of the log, or a simulated drive."""
     if settings.log:
         return played(Path(settings.log)).stretch(seed, settings.updates)
-    return record(world("indoor-global"), seed, settings.updates)
+    return record(load_world("indoor-global"), seed, settings.updates)
 
 
 @lru_cache(maxsize=2)
 def fitted(settings: IndoorSettings) -> BeamFit:
-    """Return the beam model of a drive of its own, by expectation maximization over its readings at the true poses.
+    """Return the beam model fitted to a separate drive, by expectation maximization at the true poses.
 
-    Of a log, every fifth scan takes part; the trials are on the same log.
+    On a log every fifth scan is used; the trials are on the same log.
     """
-    place = place_of(settings)
-    grid = place.maps.grid
+    world = world_of(settings)
+    grid = world.maps.grid
     if grid is None:
         raise UsageError("the study needs a grid map")
     epochs = played(Path(settings.log)).epochs[::5] if settings.log else way_of(settings, FIT_SEED).epochs
-    taken = ((truth, scan.angles, scan.ranges) for truth, scan in scans(place, epochs))
-    return fit_scans(grid, taken, place.scanner.range_max, _beam(place))
+    taken = ((truth, scan.angles, scan.ranges) for truth, scan in scans(world, epochs))
+    return fit_scans(grid, taken, world.scanner.range_max, _beam(world))
 
 
-def _beam(place: World) -> BeamParams:
-    """Return the scenario's beam model, or another to start with."""
-    estimator = place.scenario.estimator
+def _beam(world: World) -> BeamParams:
+    """Return the scenario's beam model, or else a default, to start the fit."""
+    estimator = world.scenario.estimator
     assert isinstance(estimator, LocalizationConfig)
     own = (table for table in estimator.measurement if isinstance(table, BeamParams))
     return next(own, BeamParams(max_beams=30, tempering=0.3))
 
 
-def configured(place: World, fit: BeamFit, case: Case, epochs: Sequence[Epoch], seed: int) -> LocalizationConfig:
+def configured(world: World, fit: BeamFit, case: Case, epochs: Sequence[Epoch], seed: int) -> LocalizationConfig:
     """Return the estimator of a case: the scenario's with the fitted beam model, or, for "document", INDOOR's own.
 
-    That one takes the fit as it is, counts every beam in full, and resamples by a low-variance comb at every update.
-    The others allow for the distance between particles. "resetting" draws particles anew where the readings are less
-    likely than the fit says that they should be.
+    INDOOR's uses the fit unchanged, without tempering, and systematic resampling at every update. The others add the
+    distance between particles to the noise. "resetting" draws new particles where the readings are less likely than the
+    fit predicts.
     """
-    config = place.scenario.estimator
+    config = world.scenario.estimator
     beam = msgspec.structs.replace(fit.params, sigma_hit=math.hypot(fit.params.sigma_hit, SPACING))
     assert isinstance(config, LocalizationConfig)
     anywhere = UniformStart(clearance=0.18)
@@ -164,28 +168,28 @@ def configured(place: World, fit: BeamFit, case: Case, epochs: Sequence[Epoch], 
 
 def _run(part: Part) -> list[Sample]:
     settings = part.settings
-    place = place_of(settings)
+    world = world_of(settings)
     fit = fitted(settings)
     samples = []
     way = way_of(settings, part.seed)
     for case in part.cases:
-        track = follow(way, configured(place, fit, case, way.epochs, part.seed))
+        track = follow(way, configured(world, fit, case, way.epochs, part.seed))
         found = measures(way.epochs, track.poses)
-        samples.append(Sample(_factors(place, case), found | {"particles": float(np.nanmean(track.counts))}))
+        samples.append(Sample(_factors(world, case), found | {"particles": float(np.nanmean(track.counts))}))
     known = Case("drive", "known", "careful", 0)
-    factors = _factors(place, known) | {"filter": "odometry"}
+    factors = _factors(world, known) | {"filter": "odometry"}
     samples.append(Sample(factors, measures(way.epochs, dead_reckoning(way.epochs))))
     values = {name: float(getattr(fit.params, name)) for name in _FITTED}
-    samples.append(Sample(_factors(place, known) | {"case": "fit", "filter": "em"}, values))
+    samples.append(Sample(_factors(world, known) | {"case": "fit", "filter": "em"}, values))
     return samples
 
 
 _FITTED = ("z_hit", "z_short", "z_max", "z_rand", "sigma_hit", "lambda_short")
 
 
-def _factors(place: World, case: Case) -> dict[str, str | int]:
+def _factors(world: World, case: Case) -> dict[str, str | int]:
     return {
-        "dataset": place.name,
+        "dataset": world.name,
         "case": case.case,
         "start": case.start,
         "filter": case.filter,
@@ -194,14 +198,14 @@ def _factors(place: World, case: Case) -> dict[str, str | int]:
 
 
 def _figures(settings: IndoorSettings, seed: int, rows: list[Row], folder: Path) -> list[Path]:
-    place, way, fit = place_of(settings), way_of(settings, seed), fitted(settings)
+    world, way, fit = world_of(settings), way_of(settings, seed), fitted(settings)
     shown = []
     starts: tuple[tuple[Start, int], ...] = (("readings", 1000), ("known", 1000))
     for start, n in starts:
         case = Case("drive", start, "careful", n)
-        config = configured(place, fit, case, way.epochs, seed)
+        config = configured(world, fit, case, way.epochs, seed)
         shown.append(Shown(f"{start} start, N = {n}", follow(way, config, shown=True)))
-    return draw(place, way.epochs, shown, rows, folder)
+    return draw(world, way.epochs, shown, rows, folder)
 
 
 STUDY = Study(

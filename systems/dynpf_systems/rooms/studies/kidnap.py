@@ -1,7 +1,7 @@
-"""A robot that is lost on a real log: a global start, and kidnappings, by laser scans in a map.
+"""Global localization and recovery from kidnapping on real logs, by laser scans in a map.
 
-The scenario ``laser-log`` is run on stretches of logs, each trial from another place. Kidnapped is a robot whose
-records are withheld, odometry included, until the reference is farther than ``kidnapped_m`` from where it was.
+The scenario ``laser-log`` is run on stretches of logs, each trial from another start. To kidnap the robot, its records
+are withheld, odometry included, until the reference is farther than ``kidnapped_m`` from where it was.
 """
 
 import math
@@ -19,6 +19,7 @@ from msgspec import Meta
 from dynpf.metrics.consistency import nees
 from dynpf.rng import generator
 from dynpf.se2 import wrap_angle
+from dynpf.types import Count, Positive
 from dynpf_systems.rooms.measures import FOUND_M, FOUND_RAD
 from dynpf_systems.rooms.studies.kidnap_figures import Story, draw
 from dynpf_systems.rooms.studies.laser_logs import LaserLog, log_named
@@ -26,11 +27,11 @@ from dynpf_systems.rooms.studies.laser_runs import Moment, kidnapped, play, scen
 
 __all__ = ["STUDY", "KidnapSettings", "Task", "run_task", "story_of", "tasks"]
 
-HOLD = 5  # scans that it must stay near the truth to count as found
-REST = 20  # scans that a stretch has at least, where the log goes on for so long
+HOLD = 5  # scans for which the estimate must stay near the truth to count as found
+REST = 20  # scans in a stretch at least, where the log is long enough
 
 ALARMS = frozenset({"lost", "kidnapped", "map_does_not_fit"})
-"""Verdicts that are false where the robot is on its track."""
+"""Verdicts that are false alarms while the robot is tracked."""
 
 STARTS: Mapping[str, str] = {
     "search": 'estimator.start={kind="search",spacing=0.4,kept=5000}',
@@ -42,16 +43,15 @@ FILTERS: Mapping[str, tuple[str, ...]] = {
     "augmented": (f'estimator.adaptation=[{KLD},{{kind="augmented"}}]', 'estimator.restart={kind="uniform"}'),
     "sir": (f"estimator.adaptation=[{KLD}]",),
 }
-"""Settings of the scenario that make each filter; "augmented" is how AMCL recovers, "sir" does not."""
+"""Settings of the scenario for each filter; "augmented" recovers as AMCL does, "sir" does not recover."""
 
-Count = Annotated[int, Meta(ge=1)]
 Case = Literal["tracking", "global", "kidnapped"]
 
 
 class KidnapSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Which logs, by which filters, and how long a trial is."""
+    """The logs, the filters, and the length of a trial."""
 
-    # Names of those that come with the project's data, or paths of recordings that dynpf import has made.
+    # Names of logs in the project's data, or paths of recordings that dynpf import has made.
     logs: Annotated[tuple[str, ...], Meta(min_length=1)] = (
         "intel",
         "intel-split",
@@ -63,9 +63,9 @@ class KidnapSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     n: Annotated[tuple[Count, ...], Meta(min_length=1)] = (5000,)  # particles at the start, and at most
     filters: Annotated[tuple[Literal["jump", "augmented", "sir"], ...], Meta(min_length=1)] = ("jump",)
     starts: Annotated[tuple[Literal["search", "uniform"], ...], Meta(min_length=1)] = ("search",)
-    updates: Count = 100  # within which the robot must be found
-    delay: Count = 15  # updates within which the verdict must tell of a kidnapping
-    kidnapped_m: Annotated[float, Meta(gt=0.0)] = 5.0
+    updates: Count = 100  # updates within which the robot must be found
+    delay: Count = 15  # updates within which the verdict must detect a kidnapping
+    kidnapped_m: Positive = 5.0
     lead: Count = 30  # scans before a kidnapping
     tracking_trials: Count = 3  # at most, of the whole log from its known start
 
@@ -98,7 +98,7 @@ def tasks(settings: KidnapSettings, trials: int, seed: int) -> list[Task]:
 
 
 def run_task(task: Task) -> list[Sample]:
-    """Return what a trial measured; nothing where the log has no place for it."""
+    """Return the measures of a trial; none where the log is too short for it."""
     name = log_named(task.log).name
     factors = {"dataset": name, "case": task.case, "filter": task.filter, "n": task.n, "start": task.start}
     story = story_of(task)
@@ -109,19 +109,19 @@ def run_task(task: Task) -> list[Sample]:
     found = _found(story.after, task.settings.updates, story.before[-1].updates if story.before else -1)
     if task.case == "global":
         return [Sample(factors, {"success_percent": not math.isnan(found), "updates_to_converge": found})]
-    told = _told(story.after, story.before[-1].updates)
+    detected = _detected(story.after, story.before[-1].updates)
     measures = {
         "recovered_percent": not math.isnan(found),
         "updates_to_recover": found,
-        "detected_percent": told <= task.settings.delay,
-        "detection_updates": told,
-        "false_alarm_percent": any(one.status in ALARMS for one in story.before),
+        "detected_percent": detected <= task.settings.delay,
+        "detection_updates": detected,
+        "false_alarm_percent": any(moment.status in ALARMS for moment in story.before),
     }
     return [Sample(factors, measures)]
 
 
 def story_of(task: Task) -> Story | None:
-    """Return what became of the robot in a trial; None where the log has no place for it."""
+    """Return the course of a trial; None where the log is too short for it."""
     log, scans = log_named(task.log), log_named(task.log).scans
     if task.case == "tracking":
         return Story(log, (), play(_scenario(log, task, _known(log, scans[0])), log.records[scans[0] :]))
@@ -134,17 +134,18 @@ def story_of(task: Task) -> Story | None:
     able = _able(log, task.settings.kidnapped_m)
     if not able:
         return None
-    place = able[int(draws.integers(len(able)))]
-    at, begin = scans[place], scans[max(place - task.settings.lead, 0)]
+    index = able[int(draws.integers(len(able)))]
+    at, begin = scans[index], scans[max(index - task.settings.lead, 0)]
     return _carried_off(log, task, begin, at)
 
 
 def _carried_off(log: LaserLog, task: Task, begin: int, at: int) -> Story:
-    """Return what became of a robot whose known start is at record ``begin`` and that is carried off at ``at``."""
+    """Return the course of a trial with a known start at record ``begin`` and a kidnapping at record ``at``."""
     lead = sum(record.truth is not None for record in log.records[begin:at])
     updates_before = math.inf
 
     def enough(scans: int, updates: int) -> bool:
+        """Return whether the updates after the kidnapping suffice."""
         nonlocal updates_before
         if scans == lead:
             updates_before = updates
@@ -169,41 +170,43 @@ def _known(log: LaserLog, at: int) -> str:
 
 
 def _able(log: LaserLog, distance: float) -> list[int]:
-    """Return which scans, but the first, are followed by REST or more from farther than ``distance`` on."""
-    places = np.array([log.records[one].truth for one in log.scans])[:, :2]
-    last = len(places) - REST
-    return [one for one in range(1, last) if np.hypot(*(places[one:last] - places[one]).T).max() > distance]
+    """Return the scans, except the first, after which the robot gets farther than ``distance`` with REST scans left."""
+    positions = np.array([log.records[index].truth for index in log.scans])[:, :2]
+    last = len(positions) - REST
+    return [
+        index for index in range(1, last) if np.hypot(*(positions[index:last] - positions[index]).T).max() > distance
+    ]
 
 
 def _tracked(moments: Sequence[Moment]) -> dict[str, float | bool]:
-    position, heading = np.array([one.errors for one in moments]).T
-    away = np.array([one.estimate - one.true for one in moments if one.estimate is not None]).T
+    position, heading = np.array([moment.errors for moment in moments]).T
+    away = np.array([moment.estimate - moment.true for moment in moments if moment.estimate is not None]).T
     away[2] = wrap_angle(away[2])
-    covariances = np.array([one.covariance for one in moments if one.estimate is not None])
+    covariances = np.array([moment.covariance for moment in moments if moment.estimate is not None])
     return {
         "position_rmse_m": float(np.sqrt(np.mean(position**2))),
         "heading_rmse_rad": float(np.sqrt(np.mean(heading**2))),
         "nees": float(np.nanmean(nees(away, covariances))),
-        "false_alarm_percent": any(one.status in ALARMS for one in moments),
+        "false_alarm_percent": any(moment.status in ALARMS for moment in moments),
     }
 
 
 def _found(moments: Sequence[Moment], most: int, before: int) -> float:
-    """Return the number of updates after which the estimate is near for HOLD scans, NaN if that is above ``most``.
+    """Return the number of updates until the estimate is near the truth for HOLD scans; NaN above ``most``.
 
-    Also NaN where it is not near at the end. ``before``: updates that were made before; the start from readings, which
-    the filter does not count, is one.
+    It is also NaN where the estimate is not near at the end. ``before`` is the number of updates made before; -1 counts
+    a start from readings, which the filter does not count, as an update.
     """
-    near = np.array([one.errors[0] <= FOUND_M and one.errors[1] <= FOUND_RAD for one in moments])
-    for place, one in enumerate(moments):
-        if near[place : place + HOLD].all() and one.updates - before <= most:
-            return float(one.updates - before) if near[-1] else math.nan
+    near = np.array([moment.errors[0] <= FOUND_M and moment.errors[1] <= FOUND_RAD for moment in moments])
+    for index, moment in enumerate(moments):
+        if near[index : index + HOLD].all() and moment.updates - before <= most:
+            return float(moment.updates - before) if near[-1] else math.nan
     return math.nan
 
 
-def _told(moments: Sequence[Moment], before: int) -> float:
-    """Return the number of updates until a verdict says that the robot is not where it was believed to be, or NaN."""
-    return next((float(one.updates - before) for one in moments if one.status in ALARMS), math.nan)
+def _detected(moments: Sequence[Moment], before: int) -> float:
+    """Return the number of updates until a verdict detects the kidnapping, or NaN."""
+    return next((float(moment.updates - before) for moment in moments if moment.status in ALARMS), math.nan)
 
 
 def _rows(samples: list[Sample]) -> list[Row]:
@@ -239,7 +242,7 @@ STUDY = Study(
         ("updates / 95 %", ".1f", "updates_to_converge_median updates_to_converge_p95"),
         ("recovered %", ".0f", "recovered_percent"),
         ("updates / 95 %", ".1f", "updates_to_recover_median updates_to_recover_p95"),
-        ("told %", ".0f", "detected_percent"),
+        ("detected %", ".0f", "detected_percent"),
         ("updates / 95 %", ".1f", "detection_updates_median detection_updates_p95"),
         ("false alarm %", ".0f", "false_alarm_percent"),
         ("m", ".4f", "position_rmse_m_mean"),

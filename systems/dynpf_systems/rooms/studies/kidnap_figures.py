@@ -20,17 +20,17 @@ COLOURS = {
     "kidnapped": "tab:purple",
     "map_does_not_fit": "black",
 }
-"""Of the verdicts."""
+"""Colours of the verdicts."""
 
 TITLES = {"tracking": "from a known start", "global": "without a known start", "kidnapped": "carried off"}
 
 
 MARGIN_M = 3.0
-"""Of the map about the way of the robot."""
+"""Margin of the map around the robot's path, m."""
 
 
 class Story(NamedTuple):
-    """What became of a robot at each scan: before it was carried off, if it was, and after."""
+    """The course of a trial by scans: before the kidnapping, if there is one, and after it."""
 
     log: LaserLog
     before: Sequence[Moment]
@@ -38,7 +38,7 @@ class Story(NamedTuple):
 
 
 def draw(stories: Mapping[tuple[str, str], Story], folder: Path) -> list[Path]:
-    """Draw each story, by data set and case, on its map and over time; return the files.
+    """Draw each trial, by data set and case, on its map and over time; return the files.
 
     Raises UsageError where matplotlib is not installed.
     """
@@ -55,16 +55,16 @@ def _story(pyplot: Any, name: str, case: str, story: Story, folder: Path) -> Pat
     moments = [*story.before, *story.after]
     _on_the_map(chart, story, moments)
     scans = np.arange(len(moments)) - len(story.before)
-    position, heading = np.array([one.errors for one in moments]).T
+    position, heading = np.array([moment.errors for moment in moments]).T
     for axis, values, label in zip(
         rows, (position, np.degrees(heading)), ("position error, m", "heading error, deg"), strict=False
     ):
         axis.semilogy(scans, values, color="grey", linewidth=0.7)
         for status, colour in COLOURS.items():
-            chosen = np.array([one.status == status for one in moments])
+            chosen = np.array([moment.status == status for moment in moments])
             axis.semilogy(scans[chosen], values[chosen], ".", color=colour, markersize=4)
         axis.set_ylabel(label, fontsize=8)
-    sigmas = [float(np.sqrt(np.linalg.eigvalsh(one.covariance[:2, :2])[-1])) for one in moments]
+    sigmas = [float(np.sqrt(np.linalg.eigvalsh(moment.covariance[:2, :2])[-1])) for moment in moments]
     rows[2].semilogy(scans, sigmas, color="tab:blue")
     rows[2].set(xlabel="scan, counted from the first" + (" after the kidnapping" if story.before else ""))
     rows[2].set_ylabel("position sigma, m", fontsize=8)
@@ -86,12 +86,12 @@ def _on_the_map(axis: Any, story: Story, moments: Sequence[Moment]) -> None:
         grid = decode(facts.files[facts.map].decode(), lambda name: facts.files[name], facts.map)
         row, column = np.nonzero(grid.occupied)
         axis.plot(*grid.to_map(column + 0.5, row + 0.5), "s", color="black", markersize=0.6)
-    true = np.array([one.true for one in moments]).T
+    true = np.array([moment.true for moment in moments]).T
     axis.plot(true[0], true[1], ".", color="tab:blue", markersize=2, label="reference", zorder=3)
-    known = [one for one in moments if one.estimate is not None]
-    poses = np.array([one.estimate for one in known]).T
+    known = [moment for moment in moments if moment.estimate is not None]
+    poses = np.array([moment.estimate for moment in known]).T
     for status, colour in COLOURS.items():
-        chosen = np.array([one.status == status for one in known])
+        chosen = np.array([moment.status == status for moment in known])
         if chosen.any():
             label = f"estimate: {status.replace('_', ' ')}"
             axis.plot(*poses[:2, chosen], "o", markerfacecolor="none", color=colour, markersize=5, label=label)

@@ -1,25 +1,25 @@
 """LANDMARK's experiments on the logs of real robots among landmarks (UTIAS MRCLAM).
 
-The scenario ``landmark-mrclam`` is run on stretches of a log that begin at places spread evenly over it, a seed each.
-Positions are scored at 10 Hz, where the reference has no gap; headings where the reference's is not at fault.
+The scenario ``landmark-mrclam`` is run on stretches of a log whose starts are spread evenly over it, each with its own
+seed. Positions are scored at 10 Hz, where the reference has no gap; headings where the reference's heading is valid.
 """
 
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple, get_args
 
 import msgspec
 import numpy as np
 from dynpf_experiments.data import data_path
 from dynpf_experiments.rows import Row, Sample, summarized
 from dynpf_experiments.study import Study
-from msgspec import Meta
 from numpy.typing import NDArray
 
 from dynpf.maps.landmarks import LandmarkMap
 from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, RangeBearingReadings
 from dynpf.metrics.trajectory import pose_errors, score
+from dynpf.types import Count, Positive
 from dynpf_systems.rooms.measures import FOUND_M, FOUND_RAD
 from dynpf_systems.rooms.studies.landmark_figures import draw
 from dynpf_systems.rooms.studies.landmark_logs import (
@@ -40,9 +40,9 @@ from dynpf_systems.rooms.studies.logs import sources
 __all__ = ["STUDY", "LandmarkSettings", "Task", "run_task", "tasks"]
 
 DEFAULT = "mrclam-9-3"
-"""The log that is studied where no other is named; see ``logs.toml``."""
+"""The default log; see ``logs.toml``."""
 
-HOLD_S = 10.0  # for so long it must stay there to count as found
+HOLD_S = 10.0  # the estimate must stay near the truth so long to count as found
 DOCUMENT_N = 20  # particles with which LANDMARK varies the initial spread
 
 PRINTED = {
@@ -63,7 +63,7 @@ FILTERS: Mapping[str, tuple[str, ...]] = {
     "regularized": (_PRIOR, 'estimator.regularization={kind="gaussian_kernel",shrink=true}'),
     "kld": (_PRIOR, 'estimator.adaptation=[{kind="kld"}]'),
 }
-"""Settings of the scenario that make each estimator."""
+"""Settings of the scenario for each estimator."""
 
 MODELS: Mapping[str, tuple[tuple[str, ...], Change | None]] = {
     "as in the scenario": ((), None),
@@ -75,14 +75,14 @@ MODELS: Mapping[str, tuple[tuple[str, ...], Change | None]] = {
     "nearest past": ((), nearest_past),
     "every second landmark": ((), every_second_landmark),
 }
-"""What is changed of the models or of the readings."""
+"""Changes of the models or of the readings."""
 
 Experiment = Literal["expectations", "particles", "filters", "models", "spread", "withheld", "unknown"]
-Count = Annotated[int, Meta(ge=1)]
-Seconds = Annotated[float, Meta(gt=0.0)]
 
 
 class LandmarkSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The logs, the experiments, and their particle counts, filters, models and starts."""
+
     # Imported logs, or folders of MRCLAM data sets; without, data set 9, robot 3 from the folder of data.
     data: tuple[str, ...] = ()
     robot: int | None = None  # of a folder with several; without, each of them
@@ -92,13 +92,13 @@ class LandmarkSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     filters_n: Count = 1000
     models: tuple[str, ...] = tuple(MODELS)
     spreads: tuple[float, ...] = (0.05, 0.5, 2.0)  # m and rad, standard deviations of the start
-    seconds: Seconds = 450.0  # of the log, for each trial; of spreads and unknown starts the first part alone
+    seconds: Positive = 450.0  # of the log, for each trial; of spreads and unknown starts the first part alone
     withheld: Count = 200
     unknown_trials: Count = 50
 
     def __post_init__(self) -> None:
         for name, chosen, known in (("filters", self.filters, FILTERS), ("models", self.models, MODELS)):
-            if unknown := [one for one in chosen if one not in known]:
+            if unknown := [name for name in chosen if name not in known]:
                 raise ValueError(f"{name} has {unknown[0]!r}; expected some of {', '.join(known)}")
 
 
@@ -121,6 +121,7 @@ class Task(NamedTuple):
 
 
 def tasks(settings: LandmarkSettings, trials: int, seed: int) -> list[Task]:
+    """Return the trials of all experiments, in tasks of at most five."""
     return [
         task._replace(numbers=tuple(range(first, min(first + 5, task.trials))))
         for path, robot in datasets(_paths(settings), settings.robot)
@@ -167,6 +168,7 @@ def _kinds(settings: LandmarkSettings, trials: int, seed: int, path: str, robot:
 
 
 def run_task(task: Task) -> list[Sample]:
+    """Return the samples of a task's trials."""
     log = opened(task.path, task.robot)
     if task.experiment == "expectations":
         return list(_expectations(log))
@@ -217,15 +219,15 @@ def _measures(task: Task, log: LandmarkLog, run: Run) -> dict[str, float | bool]
         "position_rmse_m": scored.position_rmse_m,
         "heading_rmse_rad": scored.heading_rmse_rad,
     }
-    # Swapped markers turn the reference's heading and shift its position, too: what is there where they are not?
+    # Swapped markers turn the reference's heading and shift its position, too; so errors are also given without them.
     errors = pose_errors(run.estimate, log.truth, heading_valid=log.heading_valid)
     squares = np.sum(errors.errors[:2, errors.heading_valid] ** 2, axis=0)
     measures["position_rmse_sound_m"] = math.sqrt(squares.mean()) if squares.size else math.nan
     found = _found(log, run)
     if task.experiment in ("unknown", "spread", "withheld"):
-        place = np.flatnonzero(found)
-        measures["success_percent"] = bool(place.size)
-        measures["readings_to_converge"] = float(run.readings[place[0]]) if place.size else math.nan
+        converged = np.flatnonzero(found)
+        measures["success_percent"] = bool(converged.size)
+        measures["readings_to_converge"] = float(run.readings[converged[0]]) if converged.size else math.nan
     if task.experiment == "withheld":
         measures["recovered_percent"] = bool(found.any())
         near = run.readings >= 1
@@ -236,9 +238,9 @@ def _measures(task: Task, log: LandmarkLog, run: Run) -> dict[str, float | bool]
 
 
 def _found(log: LandmarkLog, run: Run) -> NDArray[np.bool_]:
-    """Return for each estimate whether it and all of the next ten seconds' are near the truth, (T,).
+    """Return, for each estimate, whether it and all estimates of the next ten seconds are near the truth, (T,).
 
-    Before there are readings nothing is found. Where the reference is at fault nothing speaks against it.
+    Before the first reading nothing counts as found. Where the reference is invalid, an estimate counts as near.
     """
     errors = pose_errors(run.estimate, log.truth, heading_valid=log.heading_valid)
     far = errors.position_valid & (np.hypot(*errors.errors[:2]) > FOUND_M)
@@ -251,7 +253,7 @@ def _found(log: LandmarkLog, run: Run) -> NDArray[np.bool_]:
 
 
 def _expectations(log: LandmarkLog) -> Iterator[Sample]:
-    """Yield what the measurement model expects where LANDMARK prints it."""
+    """Yield the expectations of the measurement model for which LANDMARK prints values."""
     marks = LandmarkMap((mark.id, mark.x, mark.y) for mark in log.landmarks)
     model = RangeBearing(RangeBearingParams(), marks)
     for landmark, (pose, _, _) in PRINTED.items():
@@ -271,7 +273,7 @@ def _expectations(log: LandmarkLog) -> Iterator[Sample]:
 
 def _rows(samples: list[Sample]) -> list[Row]:
     rows = summarized(samples, "dataset")
-    several = len({row["dataset"] for row in rows}) > 2  # else "all" is the one log once more
+    several = len({row["dataset"] for row in rows}) > 2  # with a single log "all" would repeat it
     for row in rows:
         if row["experiment"] == "expectations":
             _, distance, bearing = PRINTED[int(str(row["readings"]).removeprefix("landmark "))]

@@ -12,7 +12,7 @@ from dynpf_systems.rooms.studies.landmark_logs import LandmarkLog, Run
 
 __all__ = ["draw"]
 
-_BOUND = 2.448  # standard deviations: a circle of so many holds 95 % of a round Gaussian in the plane
+_BOUND = 2.448  # radius, in standard deviations, of the circle that holds 95 % of an isotropic planar Gaussian
 
 
 def draw(log: LandmarkLog, run: Run, rows: list[Row], folder: Path) -> list[Path]:
@@ -33,7 +33,7 @@ def draw(log: LandmarkLog, run: Run, rows: list[Row], folder: Path) -> list[Path
 
 
 def _trajectory(pyplot: Any, log: LandmarkLog, run: Run, path: Path) -> Path:
-    """The reference, odometry alone, and the estimate, among the landmarks."""
+    """Draw the reference, odometry alone, and the estimate, among the landmarks."""
     figure, axis = pyplot.subplots(figsize=(7, 7), layout="constrained")
     x, y, _ = _without_gaps(log)
     axis.plot(x, y, color="black", linewidth=1.0, label="reference")
@@ -57,14 +57,14 @@ def _trajectory(pyplot: Any, log: LandmarkLog, run: Run, path: Path) -> Path:
 
 
 def _without_gaps(log: LandmarkLog) -> Any:
-    """Return the reference, NaN where a line would run over a gap."""
+    """Return the reference with NaN in its gaps, so that no line is drawn across them."""
     poses = log.truth.poses.copy()
     poses[:, np.flatnonzero(np.diff(log.truth.stamps) > 0.5)] = np.nan
     return poses
 
 
 def _error(pyplot: Any, log: LandmarkLog, run: Run, path: Path) -> Path:
-    """Errors of position and heading over time, the position's with what the estimator makes of its own spread."""
+    """Draw errors of position and heading over time, the position's with the estimator's own standard deviation."""
     errors = pose_errors(run.estimate, log.truth, heading_valid=log.heading_valid)
     seconds = run.estimate.stamps - log.start_ns * 1e-9
     position = np.where(errors.position_valid, np.hypot(*errors.errors[:2]), np.nan)
@@ -82,7 +82,7 @@ def _error(pyplot: Any, log: LandmarkLog, run: Run, path: Path) -> Path:
 
 
 def _particles(pyplot: Any, rows: list[Row], path: Path) -> Path:
-    """Error of position against the number of particles: mean with its interval, and 95th percentile of the trials."""
+    """Draw the position error against the number of particles: mean with its interval, and 95th percentile."""
     figure, axis = pyplot.subplots(figsize=(7, 4.5), layout="constrained")
     for name in dict.fromkeys(row["dataset"] for row in rows):
         mine = [row for row in rows if row["dataset"] == name]

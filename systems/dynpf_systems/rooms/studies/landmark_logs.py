@@ -1,4 +1,4 @@
-"""Logs with landmarks for studies: read once a process, cut into stretches, and run."""
+"""Logs with landmarks for studies: read once in each process, cut into stretches, and run."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
@@ -11,6 +11,7 @@ from dynpf_experiments.drive import drive
 from dynpf_experiments.messages import RunMessages, of_type, seconds
 from dynpf_formats.importers.log import Record
 from dynpf_formats.importers.mrclam import import_mrclam, robots_in
+from dynpf_formats.recording.attachments import landmarks_of
 from dynpf_protocol.codec import decode, encode
 from dynpf_protocol.errors import UsageError
 from dynpf_protocol.landmarks import Landmark
@@ -47,7 +48,7 @@ Change = Callable[[Sequence[Record]], Sequence[Record]]
 
 
 class LandmarkLog(NamedTuple):
-    """Odometry and readings in order of time, the reference with where its heading is good, and the landmarks."""
+    """Odometry and readings in order of time, the reference with the validity of its heading, and the landmarks."""
 
     name: str
     records: tuple[Record, ...]
@@ -57,6 +58,7 @@ class LandmarkLog(NamedTuple):
 
     @property
     def start_ns(self) -> int:
+        """The stamp of the first record, ns."""
         return self.records[0].stamp_ns
 
 
@@ -69,7 +71,7 @@ class Stretch(NamedTuple):
 
 
 class Run(NamedTuple):
-    """What an estimator made of a stretch: scored estimates, how many readings each followed, and odometry alone.
+    """Results of an estimator on a stretch: scored estimates, the number of readings before each, and odometry alone.
 
     Odometry alone has no poses where the start was unknown.
     """
@@ -81,7 +83,7 @@ class Run(NamedTuple):
 
 
 def datasets(paths: Sequence[str], robot: int | None) -> list[tuple[str, int | None]]:
-    """Return the logs in recordings and data sets' folders: the path and, of several robots, the number.
+    """Return the logs in recordings and folders of data sets: the path and, where there are several robots, the number.
 
     Raises UsageError for a path that is not there.
     """
@@ -101,42 +103,44 @@ def datasets(paths: Sequence[str], robot: int | None) -> list[tuple[str, int | N
 
 @lru_cache(maxsize=2)
 def opened(path: str, robot: int | None) -> LandmarkLog:
-    """Return a log; raises ImportFailedError, RecordingError or UsageError where there is none to be used."""
+    """Return a log; raises ImportFailedError, RecordingError or UsageError where there is no usable log."""
     if Path(path).is_dir():
-        whole, landmarks, _ = import_mrclam(Path(path), robot)
+        log = import_mrclam(Path(path), robot)
+        whole, landmarks = tuple(log.records), landmarks_of(log.attachments)
     else:
         played = PlayedLog(Path(path))
-        whole = tuple(Record(one.topic, one.stamp_ns, decode(one.topic, one.payload)) for one in played.records)
+        whole = tuple(
+            Record(record.topic, record.stamp_ns, decode(record.topic, record.payload)) for record in played.records
+        )
         landmarks = tuple(msgspec.convert(played.facts.landmarks, list[Landmark]))
-    poses = [(one.stamp_ns, one.message) for one in whole if isinstance(one.message, RobotState)]
-    records = tuple(one for one in whole if one.topic in ("log/odometry", "log/landmarks"))
-    if len(poses) < 2 or not any(isinstance(one.message, LandmarkReadings) for one in records):
+    poses = [(record.stamp_ns, record.message) for record in whole if isinstance(record.message, RobotState)]
+    records = tuple(record for record in whole if record.topic in ("log/odometry", "log/landmarks"))
+    if len(poses) < 2 or not any(isinstance(record.message, LandmarkReadings) for record in records):
         raise UsageError(f"{path}: has no landmark readings with a reference to score against")
     truth = Trajectory(
-        np.array([stamp for stamp, _ in poses]) * 1e-9, np.array([(one.x, one.y, one.theta) for _, one in poses]).T
+        np.array([stamp for stamp, _ in poses]) * 1e-9,
+        np.array([(state.x, state.y, state.theta) for _, state in poses]).T,
     )
     name = Path(path).stem if robot is None else f"{Path(path).stem} robot {robot}"
-    return LandmarkLog(name, records, truth, np.array([one.heading_valid for _, one in poses]), landmarks)
+    return LandmarkLog(name, records, truth, np.array([state.heading_valid for _, state in poses]), landmarks)
 
 
 def stretches(log: LandmarkLog, count: int, length: float) -> list[Stretch]:
     """Return stretches of ``length`` seconds whose starts are spread evenly over the log.
 
-    They are spread over the poses of the reference whose heading is good and that follow no gap.
+    The starts are poses of the reference with a valid heading that follow no gap.
     """
     stamps = log.truth.stamps
     begin, end = max(log.start_ns * 1e-9, stamps[0]), min(log.records[-1].stamp_ns * 1e-9, stamps[-1])
     good = log.heading_valid & (np.diff(stamps, prepend=stamps[0]) <= GAP_S)
     good &= (stamps >= begin) & (stamps <= max(end - length, begin + 1.0))
-    places = np.flatnonzero(good)
-    if places.size < count:
-        raise UsageError(
-            f"{log.name}: its reference has no {count} places from which to start {length:g} s; take fewer"
-        )
+    starts = np.flatnonzero(good)
+    if starts.size < count:
+        raise UsageError(f"{log.name}: its reference has no {count} poses from which to start {length:g} s; take fewer")
     found = []
-    for place in places[np.arange(count) * places.size // count].tolist():
-        first = float(stamps[place]) - log.start_ns * 1e-9
-        x, y, theta = log.truth.poses[:, place].tolist()
+    for index in starts[np.arange(count) * starts.size // count].tolist():
+        first = float(stamps[index]) - log.start_ns * 1e-9
+        x, y, theta = log.truth.poses[:, index].tolist()
         found.append(Stretch(first, first + length, (x, y, theta)))
     return found
 
@@ -146,31 +150,36 @@ def follow(
 ) -> Run:
     """Run the scenario on a stretch of a log, its settings overridden as on the command line.
 
-    ``change`` may leave records out or move them.
+    ``change`` may leave out or move records.
     """
     marks = [msgspec.to_builtins(mark) for mark in log.landmarks]
     facts = LogFacts(digest="", landmarks=marks, starts={"": stretch.pose})
     scenario = load_scenario(SCENARIO, overrides=overrides, seed=seed, log=facts)
     first, last = (log.start_ns + round(second * 1e9) for second in stretch[:2])
-    records: Sequence[Record] = [one for one in log.records if first <= one.stamp_ns <= last]
+    records: Sequence[Record] = [record for record in log.records if first <= record.stamp_ns <= last]
     if change is not None:
         records = change(records)
-    played = LogContent(LogRecord(one.topic, one.stamp_ns, encode(one.topic, one.message)) for one in records)
+    played = LogContent(
+        LogRecord(record.topic, record.stamp_ns, encode(record.topic, record.message)) for record in records
+    )
     return _scored(drive(scenario, _TOPICS, played))
 
 
 def _scored(run: RunMessages) -> Run:
-    """Return the estimates that are scored, ten a second at most."""
+    """Return the scored estimates, at most ten a second."""
     estimated, reckoned = run.topic("estimator/state"), reckoned_path(run)
     chosen = [estimated[index] for index in thin(seconds(estimated), SCORED_HZ)]
     estimates = of_type(chosen, Estimate)
-    covariances = np.array([one.covariance for one in estimates]).reshape(-1, 3, 3)[:, :2, :2]
+    covariances = np.array([estimate.covariance for estimate in estimates]).reshape(-1, 3, 3)[:, :2, :2]
     read = run.topic("sensors/landmarks")
-    counts = np.cumsum([0, *(len(one.readings) for one in of_type(read, LandmarkReadings))])
-    seen = np.searchsorted([timed.place for timed in read], [timed.place for timed in chosen])
+    counts = np.cumsum([0, *(len(message.readings) for message in of_type(read, LandmarkReadings))])
+    seen = np.searchsorted([timed.number for timed in read], [timed.number for timed in chosen])
     at = thin(reckoned.stamps, SCORED_HZ)
     return Run(
-        Trajectory(seconds(chosen), np.array([(one.x, one.y, one.theta) for one in estimates]).reshape(-1, 3).T),
+        Trajectory(
+            seconds(chosen),
+            np.array([(estimate.x, estimate.y, estimate.theta) for estimate in estimates]).reshape(-1, 3).T,
+        ),
         np.sqrt(np.linalg.eigvalsh(covariances)[:, -1]),
         counts[seen].astype(np.int64),
         Trajectory(reckoned.stamps[at], reckoned.poses[:, at]),
@@ -181,9 +190,10 @@ def _scored(run: RunMessages) -> Run:
 
 
 def withheld(count: int) -> Change:
-    """Return what leaves out the first ``count`` readings; odometry goes on."""
+    """Return a change that leaves out the first ``count`` readings and keeps odometry."""
 
     def change(records: Sequence[Record]) -> list[Record]:
+        """Return the records without the first readings."""
         left, kept = count, []
         for record in records:
             if isinstance(record.message, LandmarkReadings) and left > 0:
@@ -198,19 +208,19 @@ def withheld(count: int) -> Change:
 
 
 def every_second_landmark(records: Sequence[Record]) -> list[Record]:
-    """Leave out readings of landmarks of odd number."""
-    return [one for one in map(_even_only, records) if one is not None]
+    """Leave out readings of landmarks with odd numbers."""
+    return [record for record in map(_even_only, records) if record is not None]
 
 
 def _even_only(record: Record) -> Record | None:
     if not isinstance(record.message, LandmarkReadings):
         return record
-    kept = tuple(one for one in record.message.readings if one.landmark % 2 == 0)
+    kept = tuple(reading for reading in record.message.readings if reading.landmark % 2 == 0)
     return record._replace(message=LandmarkReadings(readings=kept)) if kept else None
 
 
 def nearest_past(records: Sequence[Record]) -> list[Record]:
-    """Pair each odometry record with the newest readings before it, as if they were of its time; others are left out.
+    """Pair each odometry record with the newest readings before it, given the same stamp; leave out other readings.
 
     LANDMARK, section 5, remark 1.
     """

@@ -1,4 +1,4 @@
-"""Logs with laser scans for studies: those known by name, and recordings that were imported."""
+"""Logs with laser scans for studies: logs known by name, and imported recordings."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
@@ -9,10 +9,10 @@ import numpy as np
 from dynpf_experiments.data import data_path
 from dynpf_formats.importers import log as imported
 from dynpf_formats.importers.carmen import import_carmen
+from dynpf_formats.importers.log import ImportedLog
 from dynpf_formats.importers.mapping import drawn_map
 from dynpf_formats.importers.maps import map_attachments
-from dynpf_formats.importers.stream import LogStream
-from dynpf_formats.recording.attachments import FOLDER, attached
+from dynpf_formats.recording.attachments import attached, files_of
 from dynpf_formats.recording.header import Attachment
 from dynpf_protocol.codec import decode, encode
 from dynpf_protocol.errors import UsageError
@@ -30,14 +30,14 @@ _INSTEAD = "--set \"logs=['IN.mcap']\" takes recordings that dynpf import has ma
 
 
 class Record(NamedTuple):
-    """A message of a log, as its sensors give it, and its place among the messages."""
+    """A message of a log, and its number among the messages."""
 
     number: int
     topic: str
     stamp_ns: int
     message: Message
-    truth: tuple[float, float, float] | None  # of a scan; where the reference does not tell it, None
-    scanner: Scanner | None = None  # of a scan: what its scanner has told of itself before
+    truth: tuple[float, float, float] | None  # of a scan; None where the reference lacks it
+    scanner: Scanner | None = None  # of a scan: the last announcement of its scanner
 
 
 class LaserLog(NamedTuple):
@@ -49,19 +49,19 @@ class LaserLog(NamedTuple):
 
     @property
     def scans(self) -> list[int]:
-        """Return which of the records are scans of which the true pose is known."""
+        """Return the indices of the records that are scans with a known true pose."""
         return [index for index, record in enumerate(self.records) if record.truth is not None]
 
     @property
     def scanner(self) -> Scanner | None:
-        """Return the scanner that measures farthest; None where there are no scans of one that has told its range."""
-        told = [record.scanner for record in self.records if record.scanner is not None]
-        return max(told, key=lambda scanner: scanner.range_max, default=None)
+        """Return the scanner with the greatest range; None where no scanner of a scan has announced itself."""
+        known = [record.scanner for record in self.records if record.scanner is not None]
+        return max(known, key=lambda scanner: scanner.range_max, default=None)
 
 
 @cache
 def log_named(name: str) -> LaserLog:
-    """Return a log by its name, or from the path of an imported recording; raises UsageError where there is none."""
+    """Return a log by its name or by the path of an imported recording; raises UsageError where there is none."""
     known = sources().laser
     if name not in known:
         if not Path(name).is_file():
@@ -73,12 +73,12 @@ def log_named(name: str) -> LaserLog:
     return imported_log(name, _stream(name, source))
 
 
-def _stream(name: str, source: LaserSource) -> LogStream:
+def _stream(name: str, source: LaserSource) -> ImportedLog:
     path = data_path(f"logs: {name}", source.file, _INSTEAD)
     if source.format == "carmen":
         drawn = drawn_map(lambda: import_carmen(path).records, source.map_from_poses_m, "map")
         return import_carmen(path, attachments=drawn)
-    # The package rosbags is needed for these alone.
+    # Only these logs need the package rosbags.
     from dynpf_formats.importers.rosbag import BagChoice, import_rosbag  # noqa: PLC0415
 
     choice = BagChoice(truth_offset=source.truth_offset, truth_shift=source.truth_shift_s)
@@ -94,28 +94,29 @@ def _map_of(name: str, source: LaserSource) -> tuple[Attachment, ...]:
 
 
 def read_laser_log(path: Path) -> LaserLog:
-    """Return an imported log; raises what PlayedLog does."""
+    """Return an imported log; raises what PlayedLog raises."""
     log = PlayedLog(path)
-    messages = [(one.topic, one.stamp_ns, decode(one.topic, one.payload)) for one in log.records]
+    messages = [(record.topic, record.stamp_ns, decode(record.topic, record.payload)) for record in log.records]
     return _laser_log(path.stem, messages, log.facts)
 
 
-def imported_log(name: str, stream: LogStream) -> LaserLog:
-    """Return a log as an importer gives it."""
-    messages = [(one.topic, one.stamp_ns, one.message) for one in stream.records]
-    files = {one.name.removeprefix(FOLDER): one.data for one in stream.attachments}
+def imported_log(name: str, stream: ImportedLog) -> LaserLog:
+    """Return the log that an importer has read."""
+    messages = [(record.topic, record.stamp_ns, record.message) for record in stream.records]
+    files = files_of(stream.attachments)
     facts = LogFacts("", [], {}, files)
     return _laser_log(name, messages, facts)
 
 
 def _laser_log(name: str, messages: Sequence[tuple[str, int, Message]], facts: LogFacts) -> LaserLog:
-    """Return the log; true poses are the reference's at the stamps of the scans, linearly between its neighbours."""
+    """Return the log; the true pose of a scan is the reference interpolated linearly at its stamp."""
     known = {stamp: (m.x, m.y, m.theta) for _, stamp, m in messages if isinstance(m, RobotState)}
     stamps = np.array(sorted(known), dtype=np.int64)
     poses = np.array([known[stamp] for stamp in stamps.tolist()]).reshape(-1, 3)
     since, headings = (stamps - stamps[:1]).astype(np.float64), np.unwrap(poses[:, 2])
 
     def truth(stamp: int) -> tuple[float, float, float] | None:
+        """Return the interpolated true pose at a stamp, None outside of the reference."""
         if stamps.size == 0 or not stamps[0] <= stamp <= stamps[-1]:
             return None
         x, y, theta = (float(np.interp(stamp - stamps[0], since, values)) for values in (*poses[:, :2].T, headings))
@@ -135,24 +136,25 @@ def _laser_log(name: str, messages: Sequence[tuple[str, int, Message]], facts: L
 
 
 def encoded(records: Iterable[Record]) -> Iterator[LogRecord]:
-    """Yield records, any of a log's, as sensors play them; the scanner tells of itself before the first of its scans.
+    """Yield records of a log as sensors play them; each scanner's announcement comes before the first of its scans.
 
-    Encoded as they are played: most runs end long before the log does.
+    Records are encoded as they are played, since most runs end long before the log does.
     """
-    told: Scanner | None = None
+    announced: Scanner | None = None
     for record in records:
-        if record.scanner is not None and record.scanner != told:
-            told = record.scanner
-            yield LogRecord("log/scanner", record.stamp_ns, encode("log/scanner", told))
+        if record.scanner is not None and record.scanner != announced:
+            announced = record.scanner
+            yield LogRecord("log/scanner", record.stamp_ns, encode("log/scanner", announced))
         yield LogRecord(record.topic, record.stamp_ns, encode(record.topic, record.message))
 
 
 def split(log: LaserLog, resolution: float = 0.05) -> LaserLog:
-    """Return the log with every second of its scans left out, and instead of its map one drawn from those alone."""
+    """Return the log without every second of its scans; its map is drawn from the scans left out."""
     scans = log.scans
     drawn, rest = scans[::2], set(scans[1::2])
 
     def placed() -> Iterator[imported.Record]:
+        """Yield the true pose and the scan of each record from which the map is drawn."""
         for index in drawn:
             record = log.records[index]
             assert record.truth is not None
@@ -163,5 +165,5 @@ def split(log: LaserLog, resolution: float = 0.05) -> LaserLog:
     records = tuple(
         record for index, record in enumerate(log.records) if isinstance(record.message, OdometryPose) or index in rest
     )
-    files = {one.name.removeprefix(FOLDER): one.data for one in drawn_map(placed, resolution, "map")}
+    files = files_of(drawn_map(placed, resolution, "map"))
     return LaserLog(f"{log.name}-split", records, log.facts._replace(files=files))

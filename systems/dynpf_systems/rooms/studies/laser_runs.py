@@ -1,4 +1,4 @@
-"""Runs on a laser log for studies: from any place of it, and with the robot carried off."""
+"""Runs on a laser log for studies: from any record on, and with the robot kidnapped."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -14,7 +14,8 @@ from dynpf_services.scenario.record import LogContent
 from dynpf_services.scenario.schema import Scenario
 
 from dynpf.filters.start import KnownStart, UniformStart
-from dynpf.se2 import FloatArray, compose, relative, wrap_angle
+from dynpf.se2 import compose, relative, wrap_angle
+from dynpf.types import FloatArray
 from dynpf_systems.rooms.localization.config import LocalizationConfig
 from dynpf_systems.rooms.studies.laser_logs import LaserLog, Record, encoded
 
@@ -24,7 +25,7 @@ _TOPICS = ("sensors/odometry_pose", "sensors/scan", "estimator/state")
 
 
 class Moment(NamedTuple):
-    """What the estimator made of a scan."""
+    """The estimate after a scan, and the truth."""
 
     true: FloatArray  # (3,)
     estimate: FloatArray | None  # (3,); None before the first
@@ -42,10 +43,10 @@ class Moment(NamedTuple):
 
 
 class UpdateCount:
-    """Counts the scans that a filter takes in, by what its sensors tell.
+    """Counts a filter's updates by scans, from the messages of its sensors.
 
-    Those are the scans before which the robot has moved by the scenario's ``min_travel`` or ``min_turn`` since the last
-    such one, and the first. A start that is chosen by the first scan uses it up, and does not count.
+    A scan is an update if it is the first, or if the robot has moved by the scenario's ``min_travel`` or ``min_turn``
+    since the last update. A start chosen by the first scan uses up that scan and does not count.
     """
 
     def __init__(self, config: LocalizationConfig) -> None:
@@ -56,7 +57,7 @@ class UpdateCount:
         self.updates = 0
 
     def see(self, message: Message) -> None:
-        """Take a message of the sensors into account, in the order in which they came."""
+        """Count a message of the sensors; messages have to come in their order in the log."""
         match message:
             case OdometryPose(x=x, y=y, theta=theta):
                 self._move(np.array([x, y, theta]))
@@ -79,19 +80,20 @@ class UpdateCount:
 
 
 def scenario_for(log: LaserLog, name: str, seed: int, overrides: Sequence[str] = ()) -> Scenario:
-    """Return a scenario with a log's facts."""
+    """Return the scenario ``name`` with the facts of a log."""
     return load_scenario(name, overrides=overrides, seed=seed, log=log.facts)
 
 
 def kidnapped(records: Sequence[Record], at: int, distance: float) -> list[Record]:
-    """Return the records without those from scan ``at`` on until the robot is farther than ``distance`` from there.
+    """Return the records without those from scan ``at`` until the robot is farther than ``distance`` from there.
 
-    The first of those that are left after it stands at index ``at``. Odometry goes on from where it was, so that
-    nothing tells of the way. Raises ValueError where the true pose at the scan is unknown, or it never gets so far.
+    The first record kept after the gap is at index ``at``. Odometry continues from its last pose before the gap, so
+    that it does not contain the displacement. Raises ValueError where the true pose at the scan is unknown, or the
+    robot never gets so far.
     """
     start = records[at].truth
     if start is None:
-        raise ValueError(f"record {at} is no scan of which the true pose is known")
+        raise ValueError(f"record {at} is not a scan with a known true pose")
     far = (
         index
         for index, record in enumerate(records[at:], at)
@@ -113,9 +115,9 @@ def play(
     *,
     enough: Callable[[int, int], bool] = lambda _scans, _updates: False,
 ) -> list[Moment]:
-    """Run a scenario on the records of a log and return what its estimator makes of each scan of known true pose.
+    """Run a scenario on the records of a log and return the estimate after each scan with a known true pose.
 
-    The run ends early where there has been ``enough``, by the numbers of such scans and of updates.
+    The run ends early once ``enough(scans, updates)`` holds for the numbers of such scans and of updates.
     """
     config = scenario.estimator
     assert isinstance(config, LocalizationConfig)
@@ -124,6 +126,7 @@ def play(
     count, scan_ns = UpdateCount(config), -1
 
     def stopped(received: Received) -> bool:
+        """Keep the estimate after each scan; return whether the run may end."""
         nonlocal scan_ns
         count.see(received.message)
         if isinstance(received.message, LaserScan):
@@ -155,7 +158,7 @@ def _pose(message: OdometryPose) -> FloatArray:
 
 
 def _carried(record: Record, last: FloatArray, first: FloatArray) -> Record:
-    """Return a record after the robot was carried off: odometry that was ``first`` then goes on from ``last``."""
+    """Return a record after a kidnapping: odometry is moved so that its pose ``first`` becomes ``last``."""
     if not isinstance(record.message, OdometryPose):
         return record
     x, y, theta = compose(last, relative(first, _pose(record.message))).tolist()

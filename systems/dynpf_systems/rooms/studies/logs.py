@@ -11,7 +11,7 @@ __all__ = ["LandmarkSource", "LaserSource", "PlacedMap", "Sources", "sources"]
 
 
 class PlacedMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A drawing and where it lies, as the YAML file of a map of map_server says it."""
+    """An image with its resolution and origin, as in the YAML file of map_server."""
 
     image: str
     resolution: float  # m
@@ -28,7 +28,7 @@ class PlacedMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
 
 class LaserSource(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A log with laser scans: a file and what is known of it, or half of another log; see ``logs.toml``."""
+    """A log with laser scans: a file with its settings, or half of another log; see ``logs.toml``."""
 
     format: Literal["carmen", "rosbag"] = "carmen"
     file: str = ""

@@ -1,4 +1,4 @@
-"""TURTLEBOT's question: how many particles find a robot by the lines that a narrow depth camera sees?"""
+"""TURTLEBOT: the number of particles that find a robot by the lines in the view of a narrow depth camera."""
 
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
@@ -18,6 +18,7 @@ from dynpf.maps.line_map import LineMapParams, line_map, placed
 from dynpf.measurement.lines import PolarLinesParams
 from dynpf.measurement.scan_lines import ScanLinesParams
 from dynpf.measurement.split_and_merge import SplitAndMergeParams, extract_lines
+from dynpf.types import Count
 from dynpf_systems.rooms.config import Door
 from dynpf_systems.rooms.localization.config import LocalizationConfig
 from dynpf_systems.rooms.studies.figures import Shown, draw
@@ -28,16 +29,15 @@ from dynpf_systems.rooms.studies.ways import (
     dead_reckoning,
     follow,
     known_start,
+    load_world,
     measures,
     played,
     record,
     scans,
-    world,
 )
 
 __all__ = ["STUDY", "TurtlebotSettings", "configured"]
 
-Count = Annotated[int, Meta(ge=1)]
 Start = Literal["known", "uniform", "heading", "readings"]
 Filter = Literal["document", "careful", "landmarks"]
 
@@ -45,7 +45,7 @@ PANELS = {
     "turtlebot-room": ((2.0, 0.9, 2.0, 1.3), (0.9, 2.3, 1.3, 2.6)),
     "turtlebot-loops": ((-9.6, 2.4, -9.6, 3.6), (-6.6, 6.4, -5.4, 6.4), (-2.3, 2.6, -2.3, 3.8), (-6.0, 1.6, -4.6, 1.6)),
 }
-"""Straight things that the map does not have, parallel to walls that it has, so that lines are taken for others."""
+"""Line segments missing in the map and parallel to its walls, which cause false associations."""
 
 
 LASER = ScanLinesParams(
@@ -56,21 +56,25 @@ LASER = ScanLinesParams(
     tempering=0.25,
     hidden=0.5,
 )
-"""Lines in a laser's scan of a building that is not empty."""
+"""Line extraction for a laser's scans of a furnished building."""
 
 
 class TurtlebotSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The worlds, the particle counts, the length of a drive, and a log to use instead of the worlds."""
+
     worlds: tuple[Literal["turtlebot-room", "turtlebot-loops"], ...] = ("turtlebot-room", "turtlebot-loops")
     n: tuple[Count, ...] = (50, 100, 200, 500, 1000, 2000, 5000)
     n_known: Count = 5000  # the most for a known start
     n_panels: Count = 1000  # for the case panels
     updates: Annotated[int, Meta(ge=20)] = 100
-    log: str = ""  # an imported log with scans and a reference, in place of the worlds; its walls are drawn from them
+    log: str = (
+        ""  # an imported log with scans and a reference, instead of the worlds; its walls are extracted from them
+    )
     loops: Annotated[int, Meta(ge=20)] = 370  # updates of the drive on which odometry is compared: two loops
 
 
 class Case(NamedTuple):
-    """One filter on one drive: what is asked of it."""
+    """A filter's configuration on a drive."""
 
     case: Literal["drive", "panels"]
     start: Start
@@ -79,7 +83,7 @@ class Case(NamedTuple):
 
 
 class Part(NamedTuple):
-    """All that is tried in one world with one seed, so that its drives take place once."""
+    """All cases of one world and seed, so that its drives are simulated once."""
 
     settings: TurtlebotSettings
     world: str
@@ -96,17 +100,17 @@ def _cases_of_log(settings: TurtlebotSettings) -> Iterator[Case]:
 
 
 def _cases(settings: TurtlebotSettings, name: str) -> Iterator[Case]:
-    landmarks: tuple[Filter, ...] = ("landmarks",) if world(name).scenario.landmarks else ()
+    landmarks: tuple[Filter, ...] = ("landmarks",) if load_world(name).scenario.landmarks else ()
     for n in settings.n:
         for start in ("known", "heading", "uniform", "readings"):
             if start in {"uniform", "readings"} or n <= settings.n_known:
                 yield Case("drive", start, "careful", n)
             if start == "uniform" or (start != "readings" and n <= settings.n_known):
                 yield Case("drive", start, "document", n)
-        for one in landmarks:
-            yield Case("drive", "readings", one, n)
-    for one in ("document", "careful"):
-        yield Case("panels", "known", one, settings.n_panels)
+        for filter_name in landmarks:
+            yield Case("drive", "readings", filter_name, n)
+    for filter_name in ("document", "careful"):
+        yield Case("panels", "known", filter_name, settings.n_panels)
 
 
 def _parts(settings: TurtlebotSettings, trials: int, seed: int) -> list[Part]:
@@ -122,11 +126,11 @@ def _parts(settings: TurtlebotSettings, trials: int, seed: int) -> list[Part]:
 
 @lru_cache(maxsize=2)
 def _walls(log: str) -> World:
-    """Return the world of a log with the walls that its scans show from the reference's poses."""
+    """Return the world of a log, its walls extracted from its scans at the reference's poses."""
     drive = played(Path(log))
-    seen = (placed(extract_lines(scan, LASER.extraction), truth) for truth, scan in scans(drive.place, drive.epochs))
-    place = drive.place
-    estimator = place.scenario.estimator
+    seen = (placed(extract_lines(scan, LASER.extraction), truth) for truth, scan in scans(drive.world, drive.epochs))
+    world = drive.world
+    estimator = world.scenario.estimator
     assert isinstance(estimator, LocalizationConfig)
     by_lines = msgspec.structs.replace(
         estimator,
@@ -134,23 +138,23 @@ def _walls(log: str) -> World:
         regularization=GaussianKernel(scale=0.3),
         resampling=Systematic(only_when_moving=True),
     )
-    scenario = place.scenario.changed(estimator=by_lines)
-    return place._replace(scenario=scenario, maps=place.maps._replace(segments=line_map(seen, LineMapParams())))
+    scenario = world.scenario.changed(estimator=by_lines)
+    return world._replace(scenario=scenario, maps=world.maps._replace(segments=line_map(seen, LineMapParams())))
 
 
 def _stretch(settings: TurtlebotSettings, seed: int) -> Way:
-    """Return a stretch of the log for an estimator that has the walls in its maps."""
+    """Return a stretch of the log for an estimator whose maps have the walls."""
     way = played(Path(settings.log)).stretch(seed, settings.updates)
     return way._replace(maps=_walls(settings.log).maps)
 
 
-def configured(place: World, case: Case, epochs: Sequence[Epoch], seed: int) -> LocalizationConfig:
+def configured(world: World, case: Case, epochs: Sequence[Epoch], seed: int) -> LocalizationConfig:
     """Return the estimator of a case: the scenario's by lines alone, by lines and landmarks, or TURTLEBOT's own.
 
-    That one matches carrying lines wherever the walls are, has no outliers, counts every line in full, and resamples
+    TURTLEBOT's matches infinite lines regardless of the walls' extent, has no outliers and no tempering, and resamples
     at every update while the robot moves.
     """
-    config = place.scenario.estimator
+    config = world.scenario.estimator
     assert isinstance(config, LocalizationConfig)
     lines = config.measurement[0]
     assert isinstance(lines, ScanLinesParams)
@@ -174,42 +178,42 @@ def configured(place: World, case: Case, epochs: Sequence[Epoch], seed: int) -> 
 def _run(part: Part) -> list[Sample]:
     settings = part.settings
     if settings.log:
-        place = _walls(settings.log)
-        return _samples(part, place, {"drive": _stretch(settings, part.seed)})
-    place = world(part.world)
+        world = _walls(settings.log)
+        return _samples(part, world, {"drive": _stretch(settings, part.seed)})
+    world = load_world(part.world)
     doors = tuple(Door(segment=segment, open_for=0.0) for segment in PANELS[part.world])
     ways = {
-        "drive": record(place, part.seed, settings.updates),
-        "panels": record(place, part.seed, settings.updates, panels=doors),
+        "drive": record(world, part.seed, settings.updates),
+        "panels": record(world, part.seed, settings.updates, panels=doors),
     }
-    samples = _samples(part, place, ways)
-    for name, robot in (("wheels", _without_gyro(place)), ("gyro", place)):
+    samples = _samples(part, world, ways)
+    for name, robot in (("wheels", _without_gyro(world)), ("gyro", world)):
         epochs = record(robot, part.seed, settings.loops).epochs
-        factors = _factors(place, Case("drive", "known", "careful", 0)) | {"case": "odometry", "filter": name}
+        factors = _factors(world, Case("drive", "known", "careful", 0)) | {"case": "odometry", "filter": name}
         samples.append(Sample(factors, measures(epochs, dead_reckoning(epochs), whole=True)))
     return samples
 
 
-def _samples(part: Part, place: World, ways: dict[str, Way]) -> list[Sample]:
+def _samples(part: Part, world: World, ways: dict[str, Way]) -> list[Sample]:
     samples = []
     for case in part.cases:
         way = ways[case.case]
-        track = follow(way, configured(place, case, way.epochs, part.seed))
-        samples.append(Sample(_factors(place, case), measures(way.epochs, track.poses)))
+        track = follow(way, configured(world, case, way.epochs, part.seed))
+        samples.append(Sample(_factors(world, case), measures(way.epochs, track.poses)))
     return samples
 
 
-def _without_gyro(place: World) -> World:
-    sensors = place.scenario.sensors
+def _without_gyro(world: World) -> World:
+    sensors = world.scenario.sensors
     assert isinstance(sensors, SimulatedSensorsConfig)
     assert sensors.odometry is not None
     wheels = msgspec.structs.replace(sensors, odometry=msgspec.structs.replace(sensors.odometry, gyro=None))
-    return place._replace(scenario=place.scenario.changed(sensors=wheels))
+    return world._replace(scenario=world.scenario.changed(sensors=wheels))
 
 
-def _factors(place: World, case: Case) -> dict[str, str | int]:
+def _factors(world: World, case: Case) -> dict[str, str | int]:
     return {
-        "dataset": place.name,
+        "dataset": world.name,
         "case": case.case,
         "start": case.start,
         "filter": case.filter,
@@ -220,17 +224,17 @@ def _factors(place: World, case: Case) -> dict[str, str | int]:
 def _figures(settings: TurtlebotSettings, seed: int, rows: list[Row], folder: Path) -> list[Path]:
     written = []
     for name in (settings.log,) if settings.log else settings.worlds:
-        place = _walls(name) if settings.log else world(name)
-        way = _stretch(settings, seed) if settings.log else record(place, seed, settings.updates)
+        world = _walls(name) if settings.log else load_world(name)
+        way = _stretch(settings, seed) if settings.log else record(world, seed, settings.updates)
         starts: tuple[tuple[Start, int], ...] = (("readings", 2000), ("heading", 2000), ("known", 500))
         shown = []
         for start, n in starts:
-            config = configured(place, Case("drive", start, "careful", n), way.epochs, seed)
+            config = configured(world, Case("drive", start, "careful", n), way.epochs, seed)
             shown.append(Shown(f"{start} start, N = {n}", follow(way, config, shown=True)))
-        own = folder / place.name
+        own = folder / world.name
         own.mkdir(exist_ok=True)
-        here = [row for row in rows if row["dataset"] == place.name]
-        written += draw(place, way.epochs, shown, here, own)
+        here = [row for row in rows if row["dataset"] == world.name]
+        written += draw(world, way.epochs, shown, here, own)
     return written
 
 

@@ -1,4 +1,4 @@
-"""Runs of the room scenarios for studies: a robot's way, and what estimators make of it."""
+"""Runs of the room scenarios for studies: a robot's drive, and estimators that follow it."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -32,7 +32,8 @@ from dynpf.filters.start import KnownStart
 from dynpf.measurement.scan import Scan
 from dynpf.motion.model import Displacement, Twist
 from dynpf.rng import generator
-from dynpf.se2 import FloatArray, arc_displacement, compose, relative, wrap_angle
+from dynpf.se2 import arc_displacement, compose, relative, wrap_angle
+from dynpf.types import FloatArray
 from dynpf_systems.rooms.config import Door, RoomConfig
 from dynpf_systems.rooms.localization.components import Moved
 from dynpf_systems.rooms.localization.config import LocalizationConfig
@@ -53,21 +54,21 @@ __all__ = [
     "dead_reckoning",
     "follow",
     "known_start",
+    "load_world",
     "measures",
     "played",
     "record",
     "scans",
-    "world",
 ]
 
 LASTING = 10
-"""Updates for which it has to stay right."""
+"""Number of updates for which an estimate has to stay right."""
 
 _SENSED = ("truth/robot", "sensors/odometry", "sensors/scan", "sensors/landmarks")
 
 
 class World(NamedTuple):
-    """A scenario, its maps, and what its scanner measures between."""
+    """A scenario, its maps, and its scanner's limits."""
 
     name: str
     scenario: Scenario
@@ -76,7 +77,7 @@ class World(NamedTuple):
 
 
 class Epoch(NamedTuple):
-    """What odometry told since the last scan, and what was seen at its end; ``truth`` is the pose there (3,)."""
+    """Odometry since the last scan, and the messages at its end, where the true pose (3,) is ``truth``."""
 
     stamp_ns: int
     controls: tuple[Twist | Moved, ...]
@@ -85,10 +86,10 @@ class Epoch(NamedTuple):
 
 
 class Way(NamedTuple):
-    """A robot's way through a world: the run of ``scenario`` with any estimator, by epochs.
+    """A robot's drive through a world: the run of ``scenario`` with any estimator, by epochs.
 
-    ``steps`` are what an estimator is given on it; of a log there are ``records`` instead. ``maps`` are those of the
-    estimator, where a scenario cannot tell them.
+    ``steps`` are the estimator's inputs; a drive of a log has ``records`` instead. ``maps`` are the estimator's maps,
+    where the scenario cannot name them.
     """
 
     scenario: Scenario
@@ -99,8 +100,8 @@ class Way(NamedTuple):
 
 
 class Track(NamedTuple):
-    """Estimates (3, T), standard deviation of the position (T,) along its worst direction, particles that there were
-    (T,), and, where asked for, some of the particles (3, M), at each update.
+    """Estimates (3, T), greatest standard deviation of the position (T,) and number of particles (T,), at each update;
+    and, on request, some of the particles (3, M) of each.
     """
 
     poses: FloatArray
@@ -110,7 +111,7 @@ class Track(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def world(name: str, overrides: tuple[str, ...] = ()) -> World:
+def load_world(name: str, overrides: tuple[str, ...] = ()) -> World:
     """Return the world of a scenario."""
     scenario = load_scenario(name, overrides=overrides)
     marks = scenario.landmarks or None
@@ -121,19 +122,19 @@ def world(name: str, overrides: tuple[str, ...] = ()) -> World:
     return World(name, scenario, open_maps(scenario.map, marks, lambda _: b""), scanner)
 
 
-def record(place: World, seed: int, updates: int, panels: Sequence[Door] = ()) -> Way:
-    """Return the way of so many scans round the scenario's route, which begins somewhere else for each seed.
+def record(world: World, seed: int, updates: int, panels: Sequence[Door] = ()) -> Way:
+    """Return a drive of ``updates`` scans along the scenario's route, whose start depends on the seed.
 
-    ``panels``: doors besides those of the scenario.
+    ``panels`` are doors besides those of the scenario.
     """
-    room, sensors = place.scenario.simulator, place.scenario.sensors
+    room, sensors = world.scenario.simulator, world.scenario.sensors
     assert isinstance(room, RoomConfig)
     assert isinstance(sensors, SimulatedSensorsConfig)
     assert room.driver is not None
     assert sensors.scan is not None
     start, points = _route(room.driver, seed)
     driver = msgspec.structs.replace(room.driver, points=points, laps=1000)
-    scenario = place.scenario.changed(
+    scenario = world.scenario.changed(
         seed=seed,
         simulator=msgspec.structs.replace(room, start=start, driver=driver, doors=(*room.doors, *panels)),
         max_ticks=(updates - 1) * sensors.scan.every + 1,
@@ -143,7 +144,7 @@ def record(place: World, seed: int, updates: int, panels: Sequence[Door] = ()) -
 
 
 def _epochs(run: RunMessages) -> list[Epoch]:
-    """Return what was sensed from scan to scan; each twist holds until the next is told, a tick later."""
+    """Return the epochs between scans; each twist holds until the next, a tick later."""
     tick_s = run.scenario.tick_s
     truth = {timed.stamp_ns: timed.message for timed in run.topic("truth/robot")}
     landmarks = {timed.stamp_ns: timed.message for timed in run.topic("sensors/landmarks")}
@@ -152,9 +153,9 @@ def _epochs(run: RunMessages) -> list[Epoch]:
     twists: list[Twist] = []
     held: Twist | None = None
     odometry = run.topic("sensors/odometry")
-    for timed, told in zip(odometry, of_type(odometry, Odometry), strict=True):
+    for timed, reading in zip(odometry, of_type(odometry, Odometry), strict=True):
         twists += [held] if held is not None else []
-        held = Twist(told.v, told.w, tick_s)
+        held = Twist(reading.v, reading.w, tick_s)
         at = timed.stamp_ns
         if at in scanned:
             seen = tuple(_seen(scanned[at], landmarks.get(at)))
@@ -173,7 +174,7 @@ def _pose(message: Message) -> FloatArray:
 
 
 def _route(route: Route, seed: int) -> tuple[tuple[float, float, float], tuple[tuple[float, float], ...]]:
-    """Return a start on the way between two waypoints, and the points from there on, either way round."""
+    """Return a start between two waypoints, and the waypoints from there on, in either direction."""
     rng = generator(seed, "studies", 0, "route")
     points = list(route.points) if rng.random() < 0.5 else list(route.points)[::-1]
     first = int(rng.integers(len(points)))
@@ -186,14 +187,14 @@ def _route(route: Route, seed: int) -> tuple[tuple[float, float, float], tuple[t
 
 
 def known_start(epochs: Sequence[Epoch], seed: int, sigma_position: float, sigma_heading: float) -> KnownStart:
-    """Return what somebody who measured the first pose by hand would say of it."""
+    """Return a start drawn from a Gaussian around the first true pose."""
     off = generator(seed, "studies", 0, "start").standard_normal(3)
     x, y, theta = (epochs[0].truth + off * [sigma_position, sigma_position, sigma_heading]).tolist()
     return KnownStart(x=x, y=y, theta=theta, sigma_position=sigma_position, sigma_heading=sigma_heading)
 
 
 def dead_reckoning(epochs: Sequence[Epoch]) -> FloatArray:
-    """Return where odometry alone puts the robot (3, T), from its true start."""
+    """Return the poses (3, T) by odometry alone, from the true start."""
     poses = [epochs[0].truth]
     for epoch in epochs[1:]:
         pose = poses[-1]
@@ -207,7 +208,7 @@ def dead_reckoning(epochs: Sequence[Epoch]) -> FloatArray:
 
 
 def follow(way: Way, config: LocalizationConfig, *, shown: bool = False) -> Track:
-    """Return what an estimator, configured so, makes of a way: its estimate at each epoch's scan, and particles."""
+    """Return the track of an estimator on a drive: its estimate at each epoch's scan; with ``shown`` also particles."""
     scenario = way.scenario.changed(estimator=config)
     topics = ("estimator/state", "estimator/particles") if shown else ("estimator/state",)
     if way.steps:
@@ -232,13 +233,13 @@ def follow(way: Way, config: LocalizationConfig, *, shown: bool = False) -> Trac
 
 
 def _particles(estimate: Estimate) -> float:
-    """Return the number of particles: the effective ones over their share of all."""
+    """Return the number of particles, from the effective sample size and its share of them."""
     share = estimate.health.figures.n_eff_share if estimate.health else msgspec.UNSET
     return round(estimate.n_eff / share) if isinstance(share, float) and share > 0.0 else math.nan
 
 
 def _clouds(run: RunMessages, epochs: Sequence[Epoch]) -> Iterator[FloatArray]:
-    """Yield the particles that were shown last at each epoch's scan, (3, M)."""
+    """Yield the particles (3, M) published last at each epoch's scan."""
     known = run.topic("estimator/particles")
     stamps = np.array([timed.stamp_ns for timed in known])
     newest = np.searchsorted(stamps, [epoch.stamp_ns for epoch in epochs], side="right") - 1
@@ -248,10 +249,10 @@ def _clouds(run: RunMessages, epochs: Sequence[Epoch]) -> Iterator[FloatArray]:
 
 
 def measures(epochs: Sequence[Epoch], poses: FloatArray, *, whole: bool = False) -> dict[str, float | bool]:
-    """Return success, errors, and the update from which on the poses (3, T) were right for ten on end.
+    """Return success, errors, and the update from which the poses (3, T) were right ten times in a row.
 
-    Success is to be right at each of the last ten. Errors are those from convergence on, or, if there is none, or if
-    the ``whole`` is asked for, of all the way.
+    Success is to be right at each of the last ten updates. Errors count from convergence on; without convergence, or
+    with ``whole``, over the whole drive.
     """
     truth = np.stack([epoch.truth for epoch in epochs], axis=1)
     distance = np.hypot(*(poses[:2] - truth[:2]))
@@ -268,36 +269,36 @@ def measures(epochs: Sequence[Epoch], poses: FloatArray, *, whole: bool = False)
     }
 
 
-def scans(place: World, epochs: Sequence[Epoch]) -> Iterator[tuple[FloatArray, Scan]]:
-    """Yield the scans of a drive, each with the true pose (3,)."""
+def scans(world: World, epochs: Sequence[Epoch]) -> Iterator[tuple[FloatArray, Scan]]:
+    """Yield the true pose (3,) and the scan of each epoch."""
     for epoch in epochs:
         for message in epoch.messages:
             if isinstance(message, LaserScan):
-                yield epoch.truth, reading_of(message, Scan, place.scanner)
+                yield epoch.truth, reading_of(message, Scan, world.scanner)
 
 
 class Drive(NamedTuple):
-    """An imported log as a study takes it; ``starts``: where among its records each epoch's scan is."""
+    """An imported log with its epochs; ``starts`` are the indices of the epochs' scans among its records."""
 
-    place: World
+    world: World
     log: LaserLog
     epochs: Sequence[Epoch]
     starts: Sequence[int]
 
     def stretch(self, seed: int, updates: int) -> Way:
-        """Return so many epochs on end from another place of the log for each seed."""
+        """Return ``updates`` consecutive epochs of the log, from a start that depends on the seed."""
         last = len(self.epochs) - updates
         if last < 0:
             raise UsageError(f"the log has {len(self.epochs)} scans with a reference; expected {updates} or more")
         first = int(generator(seed, "studies", 0, "stretch").integers(last + 1))
         epochs = [self.epochs[first]._replace(controls=()), *self.epochs[first + 1 : first + updates]]
         records = self.log.records[self.starts[first] : self.starts[first + updates - 1] + 1]
-        return Way(msgspec.structs.replace(self.place.scenario, seed=seed), epochs, (), records)
+        return Way(msgspec.structs.replace(self.world.scenario, seed=seed), epochs, (), records)
 
 
 @lru_cache(maxsize=2)
 def played(path: Path, scenario: str = "laser-log", moved_m: float = 0.25, turned_rad: float = 0.2) -> Drive:
-    """Return a log in its own map; of its scans, those that come when the robot has moved or turned so far.
+    """Return a log in its own map, with the scans after which the robot has moved or turned by so much.
 
     Raises UsageError where it has no map or no reference.
     """
@@ -312,16 +313,16 @@ def played(path: Path, scenario: str = "laser-log", moved_m: float = 0.25, turne
     epochs: list[Epoch] = []
     starts: list[int] = []
     count = UpdateCount(msgspec.structs.replace(resolved.estimator, start=KnownStart()))
-    odometry = taken = np.zeros(3)  # the last pose of odometry, and that of the last epoch
-    for index, one in enumerate(log.records):
+    odometry = taken = np.zeros(3)  # the last pose of odometry, and the pose of the last epoch
+    for index, record in enumerate(log.records):
         before = count.updates
-        count.see(one.message)
-        if isinstance(one.message, OdometryPose):
-            odometry = np.array([one.message.x, one.message.y, one.message.theta])
-        if isinstance(one.message, LaserScan) and count.updates > before and one.truth is not None:
+        count.see(record.message)
+        if isinstance(record.message, OdometryPose):
+            odometry = np.array([record.message.x, record.message.y, record.message.theta])
+        if isinstance(record.message, LaserScan) and count.updates > before and record.truth is not None:
             step = relative(taken, odometry).tolist()
             controls = (Moved(Displacement(*step), 1.0),) if epochs else ()
-            epochs.append(Epoch(one.stamp_ns, controls, (one.message,), np.array(one.truth)))
+            epochs.append(Epoch(record.stamp_ns, controls, (record.message,), np.array(record.truth)))
             starts.append(index)
             taken = odometry
     return Drive(World(path.stem, resolved, maps, scanner), log, epochs, starts)

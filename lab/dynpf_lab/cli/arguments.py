@@ -1,0 +1,50 @@
+"""Arguments that several commands share, without any import that would delay a command's start."""
+
+import argparse
+import re
+from pathlib import Path
+
+__all__ = ["add_clock", "add_connect", "add_json", "add_log", "add_recording", "add_set", "endpoint"]
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+
+
+def add_recording(parser: argparse.ArgumentParser) -> None:
+    """Add RUN.mcap."""
+    parser.add_argument("recording", type=Path, metavar="RUN.mcap")
+
+
+def add_json(parser: argparse.ArgumentParser, text: str = "print one JSON object") -> None:
+    """Add --json."""
+    parser.add_argument("--json", action="store_true", help=text)
+
+
+def add_set(parser: argparse.ArgumentParser, text: str, metavar: str = "KEY=VALUE") -> None:
+    """Add --set, whose values are ``overrides``."""
+    parser.add_argument(
+        "--set", action="append", default=[], dest="overrides", metavar=metavar, help=f"{text}; may be repeated"
+    )
+
+
+def add_log(parser: argparse.ArgumentParser) -> None:
+    """Add --log."""
+    parser.add_argument("--log", type=Path, metavar="IN.mcap", help="imported log that the sensors process plays")
+
+
+def add_clock(parser: argparse.ArgumentParser) -> None:
+    """Add --clock."""
+    parser.add_argument("--clock", choices=["lockstep", "realtime"])
+
+
+def add_connect(
+    parser: argparse.ArgumentParser, option: str = "--connect", text: str = "where the router listens"
+) -> None:
+    """Add an option that names an endpoint of the router."""
+    parser.add_argument(option, default=DEFAULT_ENDPOINT, type=endpoint, metavar="tcp/HOST:PORT", help=text)
+
+
+def endpoint(text: str) -> str:
+    """Check an endpoint of the form tcp/HOST:PORT; for argparse."""
+    if re.fullmatch(r"tcp/(\[[0-9a-fA-F:]+\]|[^/:\s]+):\d{1,5}", text) is None:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected tcp/HOST:PORT, such as {DEFAULT_ENDPOINT}")
+    return text
