@@ -34,5 +34,5 @@ def known_topics() -> Mapping[str, Topic]:
 
     Topics of any robot come first, then those of each system.
     """
-    own = [row for system in systems() for row in load(system.TOPICS)]
+    own = [row for system in systems() if hasattr(system, "TOPICS") for row in load(system.TOPICS)]
     return {**TOPICS, **{row.name: row for row in own}}
