@@ -33,13 +33,13 @@ from dynpf.rng import Draws
 from dynpf.types import FloatArray, Floats, NonNegative, Positive
 from dynpf_systems.rooms.maps import Maps, maps_of
 from dynpf_systems.rooms.messages import Obstacles
+from dynpf_systems.rooms.sensors.view import FieldOfView
 
 __all__ = ["SCAN", "SCANNER", "ScanSensor"]
 
 Rays = Callable[[FloatArray, FloatArray], FloatArray]
 """Distances (B,) from an origin (2,) along angles (B,) of the map frame to the nearest wall, infinite without one."""
 
-FieldOfView = Annotated[float, Meta(gt=0.0, le=math.tau)]
 OBSTACLES = "truth/obstacles"
 BEAMS = 5
 """Number of beams of the scan in a rehearsal."""
