@@ -7,7 +7,7 @@ from typing import Any
 
 from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
 
-__all__ = ["add_parser", "compose_file"]
+__all__ = ["add_arguments", "compose_file"]
 
 HEAD = """\
 # Every process in its own container: `docker compose up --build` runs {scenario} to its end and leaves the
@@ -21,18 +21,18 @@ ROUTER_PACE: Mapping[str, Any] = {"interval": "2s", "timeout": "10s", "retries":
 PACE: Mapping[str, Any] = {"interval": "10s", "timeout": "10s", "start_period": "15s"}
 
 
-def add_parser(commands: "argparse._SubParsersAction[Any]") -> None:
-    parser = commands.add_parser(
-        "compose",
-        help="print a Compose file of a scenario",
-        description="dynpf compose SCENARIO > compose.yaml; docker compose up --build: each process of the run in its "
-        "own container. Folders with files of yours are mounted read-only.",
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``dynpf compose``."""
+    parser.description = (
+        "dynpf compose SCENARIO > compose.yaml; docker compose up --build: each process of the run in its own container. "
+        "Folders with files of yours are mounted read-only."
     )
     add_scenario_options(parser)
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
+    """Execute ``dynpf compose`` and return its exit code."""
     from dynpf_services.scenario.build import plan_of
 
     log = load_log(options)

@@ -108,9 +108,9 @@ class _Classic:
         self, belief: Cloud, motion: CapsuleMotion | None, ranges: Floats, stream: Stream, readings: tuple[int, int]
     ) -> tuple[Cloud, Located]:
         """See CapsuleFilter."""
-        told = self._world.told.at(readings[1])
-        cloud, finding = self._filter.update(belief, motion, ranges, stream, told)
-        return cloud, Located(finding.pose, pose_estimate(cloud.particles, cloud.weights).covariance, told)
+        scheduled = self._world.told.at(readings[1])
+        cloud, finding = self._filter.update(belief, motion, ranges, stream, scheduled)
+        return cloud, Located(finding.pose, pose_estimate(cloud.particles, cloud.weights).covariance, scheduled)
 
     def cloud(self, belief: Cloud) -> Cloud:
         """See CapsuleFilter."""
@@ -152,8 +152,8 @@ class _Hypotheses:
     ) -> tuple[Belief, Located]:
         """See CapsuleFilter."""
         before, now = (self._world.told.at(number) for number in readings)
-        told = now if self._schedule != "ignored" and now != before else None
-        belief, finding = self._filter.update(belief, motion, ranges, stream, told)
+        announced = now if self._schedule != "ignored" and now != before else None
+        belief, finding = self._filter.update(belief, motion, ranges, stream, announced)
         likeliest = max(finding.maps, key=finding.maps.__getitem__)
         return belief, Located(
             finding.pose,

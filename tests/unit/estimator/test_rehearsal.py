@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -33,8 +32,10 @@ class Watched:
         self._module = module
         self._calls = calls
 
-    def __getattr__(self, name: str) -> Callable[..., Any]:
+    def __getattr__(self, name: str) -> Any:
         function = getattr(self._module, name)
+        if not callable(function):  # a constant
+            return function
 
         def call(*arguments: Any) -> Any:
             types = tuple(str(function.typeof_pyval(one)) for one in arguments)

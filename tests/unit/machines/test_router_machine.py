@@ -38,7 +38,7 @@ def test_without_a_last_word_the_run_has_broken_off() -> None:
     end = ended(router, Woke(), LAST_WORD_NS)
     assert end is not None
     assert isinstance(end.error, BrokenOffError)
-    assert str(end.error) == "everybody has left before the run was recorded"
+    assert str(end.error) == "all processes left before the run was recorded"
 
 
 def test_a_process_that_comes_back_meanwhile_is_waited_for() -> None:

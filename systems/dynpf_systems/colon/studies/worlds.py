@@ -226,10 +226,10 @@ def follow(trial: Trial, happened: Run) -> tuple[Track, ...]:
     start = _start_stream(trial.seed)
     belief = hypotheses.start(_known(trial)) if trial.known else hypotheses.anywhere(start)
     change = trial.change
-    told = change.told if trial.filter in {"scheduled", "told"} and change.told != change.before else None
+    scheduled = change.told if trial.filter in {"scheduled", "told"} and change.told != change.before else None
     found, clouds = [], []
     for step, ranges in enumerate(happened.ranges.T):
-        announced = told if step == trial.tube.route.change + 1 else None
+        announced = scheduled if step == trial.tube.route.change + 1 else None
         motion = happened.motions[step - 1] if step else None
         belief, finding = hypotheses.update(belief, motion, ranges, _stream(trial.seed, step), announced)
         found.append(finding)
@@ -251,7 +251,7 @@ def _hypotheses(tube: Tube, noise: Noise, n: int, scheduled: bool) -> Hypotheses
 
 def _follow_seed(trial: Trial, happened: Run) -> tuple[Track, Track]:
     change = trial.change
-    classic, told = (
+    classic, schedule = (
         _classic(trial.tube, change.before, change.told),
         timeline(change.before, change.told, route=trial.tube.route),
     )
@@ -261,7 +261,7 @@ def _follow_seed(trial: Trial, happened: Run) -> tuple[Track, Track]:
     found, clouds = [], []
     for step, ranges in enumerate(happened.ranges.T):
         motion = happened.motions[step - 1] if step else None
-        cloud, finding = classic.update(cloud, motion, ranges, _stream(trial.seed, step), told.at(step))
+        cloud, finding = classic.update(cloud, motion, ranges, _stream(trial.seed, step), schedule.at(step))
         found.append(finding)
         clouds.append(cloud.particles)
     mean = np.stack([finding.pose for finding in found], axis=1)

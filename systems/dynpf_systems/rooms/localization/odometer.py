@@ -53,7 +53,7 @@ class Odometer:
         self._newest_ns = -1
         self._pose: FloatArray | None = None
         self._held: list[Twist | Moved] = []  # not yet handed out; empty between steps
-        self._since: tuple[float, float] | None = None  # way and turn of what was handed out since the last mark
+        self._since: tuple[float, float] | None = None  # distance and turn released since the last mark
 
     def take(self, stamp_ns: int, message: Odometry | OdometryPose) -> None:
         """Take in a message of odometry."""

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Annotated, Any
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -11,17 +11,16 @@ from dynpf_protocol.landmarks import Landmark
 from dynpf_protocol.messages import LandmarkReading, LandmarkReadings, Message, RobotState
 from dynpf_services.scenario.context import Context
 from dynpf_services.sensors.kind import Check, ModelKind, Read, ReadingKind, SensorKind, SensorTable, Simulated
-from msgspec import UNSET, Meta
+from msgspec import UNSET
 
 from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, RangeBearingReadings
 from dynpf.measurement.unknown_landmarks import UnknownLandmarks, UnknownLandmarksParams, UnlabelledReadings
 from dynpf.portable import atan2, hypot
 from dynpf.rng import Draws
 from dynpf.types import Float32s, FloatArray, Floats, NonNegative, Positive, Share
+from dynpf_systems.rooms.sensors.view import FieldOfView
 
 __all__ = ["LANDMARKS", "LandmarkSensor"]
-
-FieldOfView = Annotated[float, Meta(gt=0.0, le=math.tau)]
 
 
 class LandmarkSensor(SensorTable, frozen=True, forbid_unknown_fields=True, kw_only=True):

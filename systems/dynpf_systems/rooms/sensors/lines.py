@@ -17,10 +17,9 @@ from dynpf.portable import atan2, hypot, sincos
 from dynpf.rng import Draws
 from dynpf.types import FloatArray, Floats, NonNegative, Positive
 from dynpf_systems.rooms.maps import maps_of
+from dynpf_systems.rooms.sensors.view import FieldOfView
 
 __all__ = ["LINES", "LineSensor"]
-
-FieldOfView = Annotated[float, Meta(gt=0.0, le=math.tau)]
 
 
 class LineSensor(SensorTable, frozen=True, forbid_unknown_fields=True, kw_only=True):

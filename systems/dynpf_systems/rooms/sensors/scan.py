@@ -33,13 +33,13 @@ from dynpf.rng import Draws
 from dynpf.types import FloatArray, Floats, NonNegative, Positive
 from dynpf_systems.rooms.maps import Maps, maps_of
 from dynpf_systems.rooms.messages import Obstacles
+from dynpf_systems.rooms.sensors.view import FieldOfView
 
 __all__ = ["SCAN", "SCANNER", "ScanSensor"]
 
 Rays = Callable[[FloatArray, FloatArray], FloatArray]
 """Distances (B,) from an origin (2,) along angles (B,) of the map frame to the nearest wall, infinite without one."""
 
-FieldOfView = Annotated[float, Meta(gt=0.0, le=math.tau)]
 OBSTACLES = "truth/obstacles"
 BEAMS = 5
 """Number of beams of the scan in a rehearsal."""
@@ -54,7 +54,7 @@ class ScanSensor(SensorTable, frozen=True, forbid_unknown_fields=True, kw_only=T
 
     beams: Annotated[int, Meta(ge=2, le=100_000)] = 60
     field_of_view: FieldOfView = 3 * math.pi / 2  # rad, first to last beam, centred on the heading
-    range_min: NonNegative = 0.0  # m; what is nearer gives no reading, which is 0
+    range_min: NonNegative = 0.0  # m; nearer obstacles give no reading, which is 0
     range_max: Positive = 4.0  # m; also the reading of a beam without return
     range_std: NonNegative = 0.01  # m
     range_std_per_square_metre: NonNegative = 0.0  # 1/m
