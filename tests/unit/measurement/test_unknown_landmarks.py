@@ -165,8 +165,11 @@ def test_the_kernel_is_the_reference(
     """Errors are right to 4e-6 m and rad, less than 1e-4 sigma: half a squared deviation d^2 to 1e-4 (1 + d^2)."""
     particles = np.array(poses, dtype=np.float32).T
     reading = UnlabelledReadings(*np.array(batch).T)
+    x, y, theta = particles
     expected = reference_landmarks.log_likelihood_unlabelled(
-        *particles,
+        x,
+        y,
+        theta,
         ranges=reading.ranges,
         bearings=reading.bearings,
         easts=LANDMARKS.positions[0],
