@@ -90,7 +90,7 @@ def test_of_nodes_without_circles_none_comes_before_one_of_its_stage_or_an_earli
     declared = data.draw(st.permutations(names))
     placed = [one.name for one in in_tick_order([spec(name, *sorted(upstream[name])) for name in declared], of)]
     assert sorted(placed) == sorted(names)
-    staged = [of[name] for name in placed if of[name] is not None]
+    staged = [stage for name in placed if (stage := of[name]) is not None]
     assert staged == sorted(staged, key=int)
     for name in names:
         for writer in upstream[name]:
