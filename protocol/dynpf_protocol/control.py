@@ -47,7 +47,7 @@ class Stop(msgspec.Struct, frozen=True, array_like=True):
     reason: str
 
 
-Control = TypeVar("Control", TickDone, Beat, Recorded, Stop)
+Control = TypeVar("Control", bound=TickDone | Beat | Recorded | Stop)
 
 _ENCODER = msgspec.msgpack.Encoder()
 

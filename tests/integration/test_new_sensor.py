@@ -212,7 +212,8 @@ def run(folder: Path, runner: str, *words: object) -> str:
 
 def heading_error(folder: Path, *words: object) -> float:
     run(folder, "inline", *words)
-    return json.loads(dynpf("metrics", "inline.mcap", "--json", cwd=folder).stdout)["heading_rmse_rad"]
+    error: float = json.loads(dynpf("metrics", "inline.mcap", "--json", cwd=folder).stdout)["heading_rmse_rad"]
+    return error
 
 
 def test_from_outside_it_takes_two_files_and_runs_alike_on_the_bus_inline_and_replayed(outside: Path) -> None:

@@ -7,6 +7,7 @@ from dynpf_protocol.envelope import decode_envelope
 from dynpf_protocol.keys import DATA
 from dynpf_runtime.bus.processes import free_port
 from dynpf_runtime.bus.session import open_router
+from dynpf_runtime.machines.events import Arrived
 
 from tests.integration.processes import until
 
@@ -20,7 +21,11 @@ def test_play_publishes_every_message_of_the_chosen_topics(tmp_path, dynpf, here
     with open_router(endpoint) as bus:
         bus.subscribe(f"{DATA}**")
         play = dynpf("play", path, "--rate", "20", "--topics", *topics, "--connect", endpoint)
-        arrived = [until(lambda: bus.receive(0.1), "a message") for _ in expected]
+        arrived = []
+        for _ in expected:
+            one = until(lambda: bus.receive(0.1), "a message")
+            assert isinstance(one, Arrived)
+            arrived.append(one)
         assert play.wait() == 0, play.stderr
         assert bus.receive(0.0) is None
     assert play.stdout == f"played {len(expected)} messages\n"

@@ -406,16 +406,20 @@ def paths_of(lab: Lab) -> tuple[str, ...]:
     )
 
 
+def with_those(**tables: object) -> Change:
+    return lambda raw: raw.update(tables)
+
+
 def test_no_command_opens_a_file_that_a_recording_names(lab: Lab) -> None:
     crafted: list[tuple[Path, str]] = []
     room = {one.name.removeprefix(FOLDER): one.data for one in read_recording(lab.bases["room"]).attachments}
     for path in paths_of(lab):
         for kind in ("bitmap", "occupancy"):
             table = {"kind": kind, "file": path}
-            crafted += [(lab.craft("room", lambda raw, table=table: raw.update(map=table)), "room")]
+            crafted += [(lab.craft("room", with_those(map=table)), "room")]
         yaml = {**room, "room.yaml": YAML.format(json.dumps(path)).encode()}
         crafted += [(lab.craft("room", files=yaml), "room")]
-        crafted += [(lab.craft("tube", lambda raw, path=path: raw.update(maps=[path, "own-b.png"])), "tube")]
+        crafted += [(lab.craft("tube", with_those(maps=[path, "own-b.png"])), "tube")]
     crafted += [(lab.craft("room", files={}), "room"), (lab.craft("tube", files={}), "tube")]
     named = {f"../{lab.folder.name}/secret.png": b"", str(lab.secret): b"", "secret.png": b""}
     crafted += [
@@ -448,6 +452,7 @@ def test_the_reader_may_name_a_file_of_his_own(lab: Lab) -> None:
 
 def test_the_map_of_a_strangers_log_comes_from_the_log_alone(lab: Lab) -> None:
     image = cv2.imread(str(lab.secret), cv2.IMREAD_GRAYSCALE)
+    assert image is not None
     encoded = cv2.imencode(".png", image)[1].tobytes()
     crafted = [lab.craft("log", files={"m.yaml": YAML.format(json.dumps(path)).encode()}) for path in paths_of(lab)]
     for name in (f"../{lab.folder.name}/secret.yaml", str(lab.folder / "secret.yaml"), "sub/secret.yaml"):

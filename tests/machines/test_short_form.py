@@ -39,6 +39,7 @@ def difference(job: str, outcome: Outcome) -> str:
     if done.absent or done.error:
         return done.error
     found = read_recording(outcome.folder / f"{job}.mcap")
+    assert entry.made is not None
     if content_digest(found) == entry.made.digest:
         return ""
     recorded: Path = recording_file(CHECKOUT, entry)

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from dynpf_formats.recording.reader import read_recording
@@ -15,7 +16,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
-def replay(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict]:
+def replay(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, Any]]:
     capsys.readouterr()
     code = main(["replay", *arguments, "--json"])
     return code, json.loads(capsys.readouterr().out)

@@ -21,10 +21,11 @@ from dynpf_protocol.codec import decode, encode
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import UsageError
 from dynpf_protocol.journal import decode_entry, encode_entry
-from dynpf_protocol.messages import Message
+from dynpf_protocol.messages import Estimate, Message
 from dynpf_runtime.replay import Replayed, replay_node, write_replayed
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import override_resolved
+from dynpf_systems.parts.messages import PartsState
 
 TABLE = {entry.name: entry for entry in read_table()}
 HELD = [entry for entry in TABLE.values() if not entry.log]
@@ -54,8 +55,12 @@ def test_there_is_no_recording_that_the_table_does_not_tell_of():
 
 def test_rearrangement_grips_a_part_and_moves_it():
     recording = read_recording(recording_file(CHECKOUT, TABLE["rearrangement"]))
-    states = [decode("truth/parts", one.payload, recording.topics) for one in recording.messages("truth/parts")]
-    held = [state.parts[state.held] for state in states if state.held >= 0]
+    held = []
+    for one in recording.messages("truth/parts"):
+        state = decode("truth/parts", one.payload, recording.topics)
+        assert isinstance(state, PartsState)
+        if state.held >= 0:
+            held.append(state.parts[state.held])
     assert np.hypot(held[0].x - held[-1].x, held[0].y - held[-1].y) > 0.1
 
 
@@ -113,6 +118,7 @@ def test_unaltered_copy_is_the_same(made_here, tmp_path):
 
 def test_one_changed_value_is_found_by_diff_and_by_replay(made_here, tmp_path):
     before = message(made_here, PLACE)
+    assert isinstance(before, Estimate)
     after = msgspec.structs.replace(before, x=before.x + 0.25)
 
     def change(one: Recorded) -> bytes:
@@ -121,12 +127,15 @@ def test_one_changed_value_is_found_by_diff_and_by_replay(made_here, tmp_path):
 
     bad = altered(made_here, tmp_path / "changed.mcap", change)
     first = diff(made_here, bad).first
+    assert first is not None
     assert (first.node, first.tick, first.topic, first.sequence) == ("estimator", 40, PLACE.topic, 40)
     assert (first.field, first.a, first.b) == ("x", before.x, after.x)
     found = replayed(bad, "estimator").mismatch
     assert found == ("estimator", PLACE.topic, 40, 40, "x", after.x, before.x)
     # The node that consumed it is led elsewhere from the same tick on; nodes that did not are not.
-    assert replayed(bad, "controller").mismatch.tick == 40
+    led_astray = replayed(bad, "controller").mismatch
+    assert led_astray is not None
+    assert led_astray.tick == 40
     assert replayed(bad, "sensors").mismatch is None
     assert [(one.topic, one.field) for one in first_differences(made_here, bad)] == [(PLACE.topic, "x")]
 
@@ -148,6 +157,7 @@ def test_reordered_input_is_found_by_diff_by_replay_and_in_what_replay_wrote(mad
 
     bad = altered(made_here, tmp_path / "reordered.mcap", change)
     first = diff(made_here, bad).first
+    assert first is not None
     assert (first.node, first.tick, first.topic, first.sequence) == ("estimator", 40, "journal/estimator", 40)
     assert first.field.startswith("consumed[")
     assert (first.a, first.b) == ("sensors/odometry 40 of sensors", "sensors/odometry 41 of sensors")
@@ -161,6 +171,7 @@ def test_reordered_input_is_found_by_diff_by_replay_and_in_what_replay_wrote(mad
         write_replayed(bad, [outcome], writer)
         writer.close(complete=True, reason="replayed")
     first = diff(made_here, read_recording(tmp_path / "led-astray.mcap")).first
+    assert first is not None
     assert (first.node, first.tick, first.topic, first.field) == (found.node, found.tick, found.topic, found.field)
     assert (first.a, first.b) == (found.recorded, found.replayed)
 
@@ -168,6 +179,7 @@ def test_reordered_input_is_found_by_diff_by_replay_and_in_what_replay_wrote(mad
 def test_another_seed_is_found_by_diff_and_by_replay(made_here, tmp_path):
     other = rerun_entry(CHECKOUT, msgspec.structs.replace(TABLE["landmarks"], seed=2), tmp_path / "other.mcap")
     first = diff(made_here, other).first
+    assert first is not None
     assert first.tick is not None
     assert first.tick <= 1
     assert first.a != first.b
@@ -213,7 +225,7 @@ ROW = Entry(
 
 
 @pytest.fixture
-def checkout(tmp_path) -> Path:
+def checkout(tmp_path: Path) -> Path:
     (tmp_path / "recordings").mkdir()
     (tmp_path / "recordings" / "table.toml").write_text(render_table([ROW]), encoding="utf-8")
     return tmp_path

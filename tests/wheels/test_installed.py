@@ -93,6 +93,7 @@ def of_the_library(path: Path) -> bool:
 
 def example() -> str:
     """The filter of the README."""
+    found: str
     (found,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
     return found
 
@@ -136,7 +137,7 @@ def test_a_users_type_checker_finds_types(library: Environment, tmp_path: Path) 
     library.install("mypy")
     (tmp_path / "example.py").write_text(f"{example()}\nreveal_type(report.estimate.mean)\nreveal_type(robot)\n")
     (tmp_path / "wrong.py").write_text(WRONG)
-    mypy = [library.python, "-m", "mypy", "--strict"]
+    mypy = [str(library.python), "-m", "mypy", "--strict"]
     told = run([*mypy, "example.py"], tmp_path)
     assert re.search(r'"numpy\.ndarray\[.*numpy\.float', told)
     assert '"dynpf.filters.particle.ParticleFilter' in told

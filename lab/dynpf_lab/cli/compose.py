@@ -24,8 +24,8 @@ PACE: Mapping[str, Any] = {"interval": "10s", "timeout": "10s", "start_period": 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``dynpf compose``."""
     parser.description = (
-        "dynpf compose SCENARIO > compose.yaml; docker compose up --build: each process of the run in its own container. "
-        "Folders with files of yours are mounted read-only."
+        "dynpf compose SCENARIO > compose.yaml; docker compose up --build: each process of the run in its own "
+        "container. Folders with files of yours are mounted read-only."
     )
     add_scenario_options(parser)
     parser.set_defaults(run=run)

@@ -2,7 +2,15 @@ import numpy as np
 import pytest
 from dynpf_lab.bench import plain, works
 from dynpf_lab.bench.floor_plan import floor_plan
-from dynpf_lab.bench.problems import RANGE_MAX_M, RANGE_MIN_M, LandmarkProblem, ScanProblem, movement
+from dynpf_lab.bench.problems import (
+    RANGE_MAX_M,
+    RANGE_MIN_M,
+    SIGMA_BEARING,
+    SIGMA_RANGE_M,
+    LandmarkProblem,
+    ScanProblem,
+    movement,
+)
 
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.measurement.likelihood_field import LikelihoodField
@@ -61,7 +69,7 @@ def test_the_landmark_likelihood_is_ours_up_to_a_constant() -> None:
     told = LandmarkProblem()
     work = works.Landmarks(told)
     poses = told.cloud(2000)
-    baseline = plain.Landmarks(told.landmarks, works.SIGMA_RANGE_M, works.SIGMA_BEARING)
+    baseline = plain.Landmarks(told.landmarks, SIGMA_RANGE_M, SIGMA_BEARING)
     off = baseline.log_likelihood(poses, told.ranges[0], told.bearings[0]) - work.model.log_likelihood(
         poses, work.readings[0]
     )

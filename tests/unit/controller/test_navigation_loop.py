@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from dynpf_protocol.messages import Estimate
+from dynpf_protocol.messages import Estimate, Message, RobotState
 from dynpf_runtime.node import Received, Step, state_digest
 from dynpf_systems.parts.config import WorkspaceConfig
 from dynpf_systems.parts.controller import RearrangementController
 from dynpf_systems.parts.controller_config import RearrangementControllerConfig
-from dynpf_systems.parts.messages import PartEstimate, PartsEstimate
+from dynpf_systems.parts.messages import PartEstimate, PartsEstimate, PartsState
 from dynpf_systems.parts.simulator import WorkspaceSimulator
 from dynpf_systems.parts.task import PartSpec, RearrangementTask
 
@@ -29,12 +29,16 @@ class Loop:
         self.simulator = WorkspaceSimulator(config=WorkspaceConfig(process_variance=0.0), **given)
         self.controller = RearrangementController(config=RearrangementControllerConfig(), tick_s=0.05, task=task)
         self.lost = ()
-        self.tick, self.inputs, self.commands, self.path, self.finished = 0, (), [], [], False
+        self.tick, self.commands, self.path, self.finished = 0, [], [], False
+        self.inputs: tuple[tuple[str, Message], ...] = ()
 
     def run(self, ticks=3000, until=None):
         for _ in range(ticks):
             result = self.simulator.step(self._step(self.inputs))
-            self.robot, self.parts = (output.message for output in result.outputs[:2])
+            robot, parts = (output.message for output in result.outputs[:2])
+            assert isinstance(robot, RobotState)
+            assert isinstance(parts, PartsState)
+            self.robot, self.parts = robot, parts
             self.path.append(self.where())
             self.finished = result.finished
             if self.finished:

@@ -1,7 +1,7 @@
 """The controller's events: what is next, gripping, putting down, leaving, stalling, finishing."""
 
 import math
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pytest
@@ -45,9 +45,11 @@ class Commanded(NamedTuple):
 class Bench:
     """A controller fed with estimates; standard deviation ``sigma`` of everything."""
 
+    construction: Literal["navigation", "product"]
+
     def __init__(self, task=TASK, **config):
-        config = RearrangementControllerConfig(construction=self.construction, **config)
-        self.node = RearrangementController(config=config, tick_s=0.05, task=task)
+        whole = RearrangementControllerConfig(construction=self.construction, **config)
+        self.node = RearrangementController(config=whole, tick_s=0.05, task=task)
         self.tick = 0
 
     def decide(self, robot=(0.0, 0.0), theta=0.0, parts=AWAY, held=-1, sigma=0.001):

@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from dynpf_protocol.messages import Message, RobotState
 from dynpf_runtime.node import Received, Step
 from dynpf_systems.parts.config import Hiding, Intervention, RearrangementConfig, WorkspaceConfig
 from dynpf_systems.parts.controller import RearrangementController
 from dynpf_systems.parts.controller_config import RearrangementControllerConfig
 from dynpf_systems.parts.estimator import RearrangementEstimator
-from dynpf_systems.parts.messages import Detection, Detections, Gripper
+from dynpf_systems.parts.messages import Detection, Detections, Gripper, PartsState
 from dynpf_systems.parts.simulator import WorkspaceSimulator
 from dynpf_systems.parts.task import PartSpec, RearrangementTask
 
@@ -34,10 +35,12 @@ def run(seed, starts=(None, None, None), variance=LOW, **world):
     simulator = WorkspaceSimulator(config=WorkspaceConfig(**world), **given)
     estimator = RearrangementEstimator(config=RearrangementConfig(measurement_variance=variance), **given)
     controller = RearrangementController(config=RearrangementControllerConfig(), tick_s=TICK_S, task=task)
-    command = ()
+    command: tuple[tuple[str, Message], ...] = ()
     for tick in range(2000):
         result = simulator.step(_step(tick, command))
         robot, parts = (output.message for output in result.outputs[:2])
+        assert isinstance(robot, RobotState)
+        assert isinstance(parts, PartsState)
         detections = ("sensors/overhead", _detect(task, robot, parts, variance, generator(seed, "sensors", tick)))
         gripper = ("sensors/gripper", Gripper(contact=parts.held >= 0, theta=robot.theta))
         estimates = estimator.step(_step(tick, (detections, gripper, *command))).outputs

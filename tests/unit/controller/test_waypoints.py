@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 from dynpf_protocol.messages import Command, Estimate
@@ -26,7 +27,7 @@ def arc(pose: Pose, v: float, w: float, seconds: float) -> Pose:
 
 
 def controller(**config: object) -> WaypointController:
-    return WaypointController(config=WaypointsConfig(**{"points": SQUARE, **config}))
+    return WaypointController(config=msgspec.structs.replace(WaypointsConfig(points=SQUARE), **config))
 
 
 def estimate(pose: Pose) -> Estimate:

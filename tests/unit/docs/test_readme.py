@@ -4,7 +4,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def examples(page):
 def test_the_filter_of_the_readme_follows_its_robot():
     (example,) = examples("README.md")
     assert len([line for line in example.splitlines() if line.strip()]) <= 15
-    names = {"print": lambda *_: None}
+    names: dict[str, Any] = {"print": lambda *_: None}
     exec(example, names)
     # An arc of half a metre that turns by 0.1 rad.
     np.testing.assert_allclose(names["report"].estimate.mean, [0.499, 0.025, 0.1], atol=0.1)
@@ -41,7 +41,7 @@ class Bearing(NamedTuple):
 
 def test_the_model_of_the_librarys_page_steers_a_filter():
     (example,) = examples("docs/library.md")
-    names = {"np": np, "wrap_angle": wrap_angle}
+    names: dict[str, Any] = {"np": np, "wrap_angle": wrap_angle}
     exec(example, names)
     filter_ = dynpf.ParticleFilter(dynpf.Arcs(dynpf.ArcsParams()), {Bearing: names["Compass"](0.1)})
     start = dynpf.start_poses(dynpf.KnownStart(sigma_heading=1.0), 5000, dynpf.Stream.of(1, "test", 0))
@@ -53,7 +53,7 @@ def test_the_model_of_the_librarys_page_steers_a_filter():
 
 def test_the_examples_of_the_notebooks_page_run_one_after_another(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    names = {"print": lambda *_: None}
+    names: dict[str, Any] = {"print": lambda *_: None}
     found = examples("docs/notebooks.md")
     assert len(found) >= 6
     for example in found:
@@ -69,7 +69,7 @@ def test_every_name_of_the_surface_is_there_and_documented(name):
 
 def test_a_name_that_is_not_there_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'Wheel'"):
-        _ = dynpf.Wheel
+        _ = dynpf.Wheel  # type: ignore[attr-defined]
 
 
 def test_the_surface_loads_without_the_compiler():

@@ -223,7 +223,7 @@ def play(with_readings: bool) -> tuple[TrajectoryScore, TrajectoryScore]:
     origin = truth_rows[0, 0]
     truth = Trajectory(truth_rows[:, 0] - origin, truth_rows[:, 1:].T)
 
-    records = [(row[0] - origin, Odometry(v=row[1], w=row[2])) for row in odometry]
+    records: list[tuple[float, Message]] = [(row[0] - origin, Odometry(v=row[1], w=row[2])) for row in odometry]
     for time, barcode, distance, bearing in read("Measurement"):
         landmark = subjects.get(int(barcode), -1)
         if with_readings and landmark in known:
@@ -328,7 +328,7 @@ def test_the_last_pose_of_odometry_is_part_of_the_state() -> None:
     ],
 )
 def test_readings_are_taken_in_only_after_enough_movement(least: dict[str, float], used: int) -> None:
-    whole, thawed = node(**least), node(**least)
+    whole, thawed = node(1, **least), node(1, **least)
     for step in drive():
         whole.step(step)
         thawed.thaw(decode_state(encode_state(whole.freeze())))

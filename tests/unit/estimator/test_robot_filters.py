@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from dynpf_protocol.errors import ScenarioError
 from dynpf_services.scenario.load import load_scenario
-from dynpf_systems.parts.config import RearrangementConfig
+from dynpf_systems.parts.config import FilterName, RearrangementConfig
 from dynpf_systems.parts.robot_filters import Belief, Seen, fused, robot_filter
 
 from dynpf.metrics.consistency import nees
@@ -14,7 +14,10 @@ from dynpf.metrics.rearrangement import robot_bound
 from dynpf.rng import Stream
 
 PROCESS, MEASURED = 0.06e-4, 5e-4
-NAMES = ("optimal", "prior", "auxiliary", "local_linearization", "extended_kalman", "unscented_kalman")
+NAMES: tuple[FilterName, ...] = (
+    *("optimal", "prior", "auxiliary", "local_linearization"),
+    *("extended_kalman", "unscented_kalman"),
+)
 
 
 def track(name, *, n=400, ticks=150, seed=3):
@@ -22,7 +25,8 @@ def track(name, *, n=400, ticks=150, seed=3):
     random = np.random.default_rng(seed)
     chosen = robot_filter(RearrangementConfig(filter=name, n=n))
     robot, shift = np.zeros(2), np.array([0.01, -0.005])
-    beliefs, errors = [], []
+    beliefs: list[Belief] = []
+    errors = []
     for tick in range(ticks):
         seen = Seen(robot + math.sqrt(MEASURED) * random.standard_normal(2), MEASURED)
         stream = Stream.of(seed, "test", tick)
@@ -73,6 +77,7 @@ def test_without_a_sight_the_belief_moves_and_widens():
 def test_two_sights_are_one_with_the_sum_of_their_information():
     one, other = Seen(np.array([0.0, 1.0]), 2.0), Seen(np.array([3.0, 1.0]), 1.0)
     together = fused([one, other])
+    assert together is not None
     np.testing.assert_allclose(together.position, [2.0, 1.0])
     assert together.variance == pytest.approx(2.0 / 3.0)
     assert fused([]) is None

@@ -51,7 +51,8 @@ def warnings(result: Result) -> list[str]:
 
 
 def used(node: LocalizationEstimator) -> int:
-    return node.freeze()["outcomes"]["used"]
+    count: int = node.freeze()["outcomes"]["used"]
+    return count
 
 
 def test_a_scan_without_a_scanner_is_left_out_and_told_once_and_the_next_with_one_is_used() -> None:

@@ -26,8 +26,9 @@ from dynpf.se2 import Floats
 
 
 def uniform(seed: int, count: int, extent: float) -> Floats:
-    drawn = generator(seed, "test", 0).uniform(-1.0, 1.0, (3, count)) * np.array([[extent], [extent], [math.pi]])
-    return drawn.astype(np.float32)
+    drawn = generator(seed, "test", 0).uniform(-1.0, 1.0, (3, count))
+    spread: Floats = drawn * np.array([[extent], [extent], [math.pi]])
+    return spread.astype(np.float32)
 
 
 def even(count: int) -> Floats:

@@ -1,5 +1,7 @@
 """What weighted particles say: closed forms, independent oracles, and the kernels against their twins."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -23,7 +25,8 @@ CIRCLE = 2.0 * np.pi
 
 def cloud(seed: int, count: int, at: tuple[float, float, float] = (0.0, 0.0, 0.0), sigma: float = 1.0) -> Floats:
     drawn = generator(seed, "test", 0).standard_normal((3, count)) * np.array([[sigma], [2.0 * sigma], [0.3 * sigma]])
-    return (drawn + np.array(at)[:, None]).astype(np.float32)
+    moved: Floats = drawn + np.array(at)[:, None]
+    return moved.astype(np.float32)
 
 
 def even(count: int) -> Floats:
@@ -67,7 +70,7 @@ def test_moments_are_those_of_numpy_where_headings_do_not_wrap() -> None:
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_headings_are_averaged_across_the_cut(dtype: type) -> None:
+def test_headings_are_averaged_across_the_cut(dtype: type[np.floating[Any]]) -> None:
     headings = np.array([np.pi - 0.1, -np.pi + 0.1, np.pi - 0.3, -np.pi + 0.3])
     particles = np.stack((np.zeros(4), np.zeros(4), headings)).astype(dtype)
     mean, covariance = pose_estimate(particles, np.full(4, 0.25, dtype=np.float32))
@@ -95,7 +98,7 @@ def test_one_particle_and_all_weight_on_one_particle_are_that_particle() -> None
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_what_is_not_finite_counts_as_absent(dtype: type) -> None:
+def test_what_is_not_finite_counts_as_absent(dtype: type[np.floating[Any]]) -> None:
     particles = cloud(4, 20).astype(dtype)
     weights = generator(4, "weights", 0).random(20).astype(np.float32)
     damaged, uneven = particles.copy(), weights.copy()

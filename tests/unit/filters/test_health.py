@@ -1,6 +1,7 @@
 """The judge of a filter's health: what each figure leads to, and how long it takes."""
 
 import math
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -106,10 +107,10 @@ def test_readings_that_are_refused_for_long_mean_unsure_then_lost() -> None:
 
 def test_impossible_updates_in_a_row_mean_lost_and_one_possible_ends_the_row() -> None:
     impossible = signs(-math.inf)
-    params = {"likelihood_lost": 0.0, "likelihood_unsure": 0.0, "worse_after": 1}
-    assert judged([signs(), *[impossible] * 4], **params)[1].status is Status.UNCERTAIN
-    assert judged([signs(), *[impossible] * 5], **params)[1].status is Status.LOST
-    memory, _ = judged([signs(), *[impossible] * 5, signs()], **params)
+    quick = partial(judged, likelihood_lost=0.0, likelihood_unsure=0.0, worse_after=1)
+    assert quick([signs(), *[impossible] * 4])[1].status is Status.UNCERTAIN
+    assert quick([signs(), *[impossible] * 5])[1].status is Status.LOST
+    memory, _ = quick([signs(), *[impossible] * 5, signs()])
     assert memory.impossible == 0
 
 

@@ -1,6 +1,7 @@
 """The particle filter against the Kalman filter, which is exact for linear Gaussian models; and at its edges."""
 
 import hashlib
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from dynpf.maps.landmarks import LandmarkMap
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.measurement.likelihood_field import LikelihoodField, LikelihoodFieldParams
 from dynpf.measurement.linear import LinearMeasurement, Observation
+from dynpf.measurement.model import MeasurementModel
 from dynpf.measurement.position import GaussianPosition, GaussianPositionParams, Position
 from dynpf.measurement.range_bearing import RangeBearing, RangeBearingParams, RangeBearingReadings
 from dynpf.measurement.scan import Scan
@@ -30,6 +32,8 @@ from dynpf.motion.model import Displacement, Twist
 from dynpf.motion.odometry import OdometryMotion, OdometryParams
 from dynpf.rng import Stream
 from dynpf.se2 import arc_displacement, compose
+
+Models = dict[type, MeasurementModel[Any]]
 
 STEPS, SEEDS, COUNT = 12, 30, 1500
 F = np.array([[1.0, 0.5], [0.0, 0.95]])
@@ -124,7 +128,7 @@ def test_control_a_filter_with_the_wrong_noise_does_not_agree():
 
 def test_the_optimal_proposal_keeps_more_particles_alive():
     measured = observations()
-    sharp = {Observation: LinearMeasurement(H, 0.05 * R)}
+    sharp: Models = {Observation: LinearMeasurement(H, 0.05 * R)}
     filters = [
         ParticleFilter(motion(), sharp, proposal=each, estimate=mean_and_covariance) for each in (Prior(), Optimal())
     ]
@@ -139,7 +143,7 @@ SCAN = Scan(np.linspace(-2, 2, 20, dtype=np.float32), np.linspace(1, 4, 20, dtyp
 
 
 def laser_filter(**parts):
-    models = {
+    models: Models = {
         Scan: LikelihoodField(LikelihoodFieldParams(tempering=0.3), GRID),
         Position: GaussianPosition(GaussianPositionParams(sigma=0.5)),
     }
@@ -226,7 +230,7 @@ def test_a_reading_that_no_model_takes_is_named():
 
 @pytest.mark.parametrize("proposal", [Prior(), Auxiliary(), Optimal(), LocalLinearization()])
 def test_one_particle_is_enough(proposal):
-    models = {Position: GaussianPosition(GaussianPositionParams(sigma=0.5))}
+    models: Models = {Position: GaussianPosition(GaussianPositionParams(sigma=0.5))}
     filter_ = ParticleFilter(OdometryMotion(OdometryParams()), models, proposal=proposal)
     cloud = filter_.start(laser_poses(1), Stream.of(1, "test", 0))
     for step in range(1, 4):
@@ -262,7 +266,7 @@ def seen_from(x, y, theta):
 
 
 def landmark_filter(rescued=False, sizing=None, tempering=1.0):
-    models = {RangeBearingReadings: RangeBearing(RangeBearingParams(gate=None, tempering=tempering), MARKS)}
+    models: Models = {RangeBearingReadings: RangeBearing(RangeBearingParams(gate=None, tempering=tempering), MARKS)}
     rescue = Rescue(Augmented(AugmentedParams()), pose_source(BOX)) if rescued else None
     return ParticleFilter(Arcs(ArcsParams()), models, rescue=rescue, sizing=sizing)
 
@@ -301,7 +305,7 @@ def test_kalman_and_particle_filters_agree_where_models_are_nearly_linear(kalman
     arcs = Arcs(ArcsParams())
     # Without outliers and tempering all three solve the same problem.
     params = RangeBearingParams(gate=None, tempering=1.0, outlier_fraction=0.0, sigma_bearing=0.05)
-    models = {RangeBearingReadings: RangeBearing(params, MARKS)}
+    models: Models = {RangeBearingReadings: RangeBearing(params, MARKS)}
     particles, gaussian = ParticleFilter(arcs, models), kalman_filter(arcs, models)
     sigma = 0.1
     belief = kalman.Gaussian(np.array([2.0, 2.0, 0.3]), np.diag([sigma**2, sigma**2, 0.05**2]))

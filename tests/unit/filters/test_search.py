@@ -86,7 +86,7 @@ def test_the_evidence_is_the_mean_likelihood_over_the_free_space() -> None:
     assert found.log_likelihood == pytest.approx(float(field.log_likelihood(best, scan)[0]), abs=0.1)
 
 
-@pytest.mark.parametrize("readings", [[], [Scan(np.zeros(0), np.zeros(0), 0.0, RANGE_MAX)]])
+@pytest.mark.parametrize("readings", [[], [Scan(np.zeros(0, np.float32), np.zeros(0, np.float32), 0.0, RANGE_MAX)]])
 def test_what_tells_nothing_leaves_all_of_the_free_space(readings: list[Scan]) -> None:
     grid = flat()
     search = search_of(grid, SearchStart(spacing=0.5, kept=10**6, halvings=0))
@@ -173,12 +173,13 @@ def assessed(jump: Jump, evidence: list[float], memory: tuple[float, ...] = (5.0
 
 
 def test_the_share_is_that_of_bayes_rule_and_is_asked_for_only_in_need() -> None:
-    jump = Jump(JumpParams(probability=0.1, drop=6.0), Searched(-3.0, 5.0))
+    search = Searched(-3.0, 5.0)
+    jump = Jump(JumpParams(probability=0.1, drop=6.0), search)
     fine, bad = assessed(jump, [0.0, -4.0])
     assert fine.share == 0.0
     assert fine.places is None
     assert bad.share == pytest.approx(0.1 * math.exp(-3.0) / (0.1 * math.exp(-3.0) + 0.9 * math.exp(-4.0)))
-    assert jump.search.asked == 1
+    assert search.asked == 1
 
 
 def test_what_the_best_places_gain_adds_up_until_it_is_enough() -> None:

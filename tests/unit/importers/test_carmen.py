@@ -40,21 +40,25 @@ ODOM 9 8 0 0 0 0 4.0 host 4.0
 """
 
 
-def records(tmp_path: Path, text: str, **options: float) -> list[Record]:
+def records(tmp_path: Path, text: str) -> list[Record]:
     path = tmp_path / "log.txt"
     path.write_text(text)
-    return list(import_carmen(path, **options).records)
+    return list(import_carmen(path).records)
 
 
 def poses(found: list[Record], topic: str) -> list[tuple[float, float, float]]:
-    return [(one.message.x, one.message.y, one.message.theta) for one in found if one.topic == topic]
+    told = []
+    for message in (one.message for one in found if one.topic == topic):
+        assert isinstance(message, OdometryPose | RobotState)
+        told.append((message.x, message.y, message.theta))
+    return told
 
 
 def test_a_raw_log_comes_in_file_order_with_its_own_times_and_poses(tmp_path: Path) -> None:
     first, scanner, scan, last = records(tmp_path, RAW)
     assert first == Record("log/odometry_pose", 10_500_000_000, OdometryPose(x=1.0, y=2.0, theta=0.5))
     assert last.stamp_ns == 10_550_000_000
-    assert last.message == OdometryPose(x=1.1, y=2.0, theta=pytest.approx(7.0 - math.tau))
+    assert last.message == OdometryPose(x=1.1, y=2.0, theta=pytest.approx(7.0 - math.tau))  # type: ignore[arg-type]
     assert scanner == Record("log/scanner", 10_600_000_000, Scanner(range_max=20.0))
     assert (scan.topic, scan.stamp_ns) == ("log/scan", 10_600_000_000)
     assert isinstance(scan.message, LaserScan)
@@ -127,7 +131,11 @@ def test_where_the_range_changes_within_a_log_the_scanner_is_told_again(tmp_path
         return f"ROBOTLASER1 0 -1.0 2.0 1.0 {range_max} 0.01 0 2 1.0 2.0 0 {poses} {at} host {at}\n"
 
     found = records(tmp_path, "".join(line(*one) for one in ((30, 1), (30, 2), (20, 3), (20, 4), (30, 5))))
-    told = [(one.stamp_ns // 10**9, one.message.range_max) for one in found if one.topic == "log/scanner"]
+    told = []
+    for one in found:
+        if one.topic == "log/scanner":
+            assert isinstance(one.message, Scanner)
+            told.append((one.stamp_ns // 10**9, one.message.range_max))
     assert told == [(1, 30.0), (3, 20.0), (5, 30.0)]
 
 
@@ -219,8 +227,12 @@ def test_a_real_log_comes_over_record_by_record(tmp_path: Path, name: str, beams
         pose = decode("log/truth", record.payload)
         assert isinstance(pose, RobotState)
         assert (pose.x, pose.y, pose.theta) == tuple(map(float, line[2 + beams : 5 + beams]))
-    path = [decode("log/odometry_pose", record.payload) for record in found["log/odometry_pose"]]
-    assert np.array([(one.x, one.y) for one in path]) == pytest.approx(np.array(chained(lines, beams)), abs=1e-9)
+    path = []
+    for record in found["log/odometry_pose"]:
+        pose = decode("log/odometry_pose", record.payload)
+        assert isinstance(pose, OdometryPose)
+        path.append((pose.x, pose.y))
+    assert np.array(path) == pytest.approx(np.array(chained(lines, beams)), abs=1e-9)
     assert found["log/odometry_pose"][-1].stamp_ns == round(float(odoms[-1][7]) * 1e9)
 
 

@@ -121,7 +121,7 @@ def test_other_robots_are_landmarks_that_move_where_their_reference_has_them(
     ]
     assert found == [
         LandmarkReading(landmark=2, range=1.0, bearing=0.0, x=1.0, y=2.0),
-        LandmarkReading(landmark=2, range=1.0, bearing=0.1, x=pytest.approx(2.0), y=pytest.approx(1.5)),
+        LandmarkReading(landmark=2, range=1.0, bearing=0.1, x=pytest.approx(2.0), y=pytest.approx(1.5)),  # type: ignore[arg-type]
         LandmarkReading(landmark=7, range=2.5, bearing=4.0 - math.tau),
     ]
     # In a gap of the other's reference, or after its end, nobody knows where it was.
@@ -302,13 +302,15 @@ def test_a_real_log_comes_over_row_by_row(name: str, robot: int | None, prefix: 
 
     expected = [(nanoseconds(row[0]), Odometry(v=float(row[1]), w=float(row[2]))) for row in odometry]
     assert [(one.stamp_ns, one.message) for one in found["log/odometry"]] == expected
-    poses = [(one.stamp_ns, one.message.x, one.message.y, one.message.theta) for one in found["log/truth"]]  # type: ignore[union-attr]
+    poses = []
+    for one in found["log/truth"]:
+        assert isinstance(one.message, RobotState)
+        poses.append((one.stamp_ns, one.message.x, one.message.y, one.message.theta))
     assert poses == [(nanoseconds(row[0]), *map(float, row[1:])) for row in truth]
-    readings = [
-        (one.stamp_ns, reading.landmark, reading.range, reading.bearing)
-        for one in found["log/landmarks"]
-        for reading in one.message.readings  # type: ignore[union-attr]
-    ]
+    readings = []
+    for one in found["log/landmarks"]:
+        assert isinstance(one.message, LandmarkReadings)
+        readings += [(one.stamp_ns, each.landmark, each.range, each.bearing) for each in one.message.readings]
     kept = [row for row in seen if subjects.get(row[1]) in surveyed]
     assert readings == [
         (nanoseconds(row[0]), subjects[row[1]], float(row[2]), math.remainder(float(row[3]), math.tau)) for row in kept
@@ -316,8 +318,8 @@ def test_a_real_log_comes_over_row_by_row(name: str, robot: int | None, prefix: 
     assert len(seen) - len(kept) == dropped(log).total()
     assert dropped(log)[BARCODES] == sum(row[1] not in subjects for row in seen)
     stamps = [nanoseconds(row[0]) for rows in (odometry, kept, truth) for row in (rows[0], rows[-1])]
-    assert log.records[0].stamp_ns == min(stamps)
-    assert log.records[-1].stamp_ns == max(stamps)
+    first, *_, last = log.records
+    assert (first.stamp_ns, last.stamp_ns) == (min(stamps), max(stamps))
 
 
 def rows_of(folder: Path, name: str) -> list[list[str]]:

@@ -29,8 +29,8 @@ def test_poses_keep_their_nanoseconds_and_headings_and_what_is_wrong_is_counted(
     path.write_text(POSES)
     log = import_tum(path)
     assert list(log.records) == [
-        Record("log/truth", 1305031102_175304123, RobotState(x=1.5, y=-2.0, theta=pytest.approx(math.pi / 2))),
-        Record("log/truth", 1305031102_200000000, RobotState(x=1.5, y=-1.0, theta=pytest.approx(-math.pi / 2))),
+        Record("log/truth", 1305031102_175304123, RobotState(x=1.5, y=-2.0, theta=pytest.approx(math.pi / 2))),  # type: ignore[arg-type]
+        Record("log/truth", 1305031102_200000000, RobotState(x=1.5, y=-1.0, theta=pytest.approx(-math.pi / 2))),  # type: ignore[arg-type]
     ]
     dropped = log.losses.summary()
     assert dropped["poses whose clock went backwards"].first == "truth.txt:4: 1305031102.1 s"

@@ -205,7 +205,7 @@ def test_a_message_that_the_recorder_never_gets_makes_the_recording_incomplete(
 ) -> None:
     path = tmp_path / "run.mcap"
     simulation = simulate(PLAN, path)
-    losses = []
+    losses: list[Arrived] = []
 
     def lost(process: str, arrived: Arrived) -> bool:
         if process == "recorder" and arrived.key == key and not losses:

@@ -143,7 +143,9 @@ def test_the_source_waits_for_a_recorder_that_is_far_behind(tmp_path: Path, simu
     assert set(simulation.ended.values()) == {None}
     ahead = max(ticks - known for ticks, known in _progress(simulation))
     assert ahead == AHEAD + 1, "it has not been so far ahead that it had to wait"
-    assert read_recording(tmp_path / "run.mcap").end.counts["journal/simulator"] == AHEAD + 500  # type: ignore[union-attr]
+    end = read_recording(tmp_path / "run.mcap").end
+    assert end is not None
+    assert end.counts["journal/simulator"] == AHEAD + 500
 
 
 def _progress(simulation: Simulation) -> Iterator[tuple[int, int]]:

@@ -77,8 +77,9 @@ def test_the_parts_are_the_truncated_distributions_of_the_book():
 
 @pytest.mark.parametrize("params", [BeamParams(), BeamParams(z_hit=0.1, z_short=0.6, z_rand=0.25, lambda_short=2.0)])
 def test_the_table_is_as_close_to_the_density_as_it_says(params):
-    readings = np.float32([0.05, 1.3, 4.0, 7.9, RANGE_MAX])
+    readings = np.array([0.05, 1.3, 4.0, 7.9, RANGE_MAX], np.float32)
     table = BeamModel(params, room()).admit(np.zeros((3, 1)), np.ones(1), scan(readings))
+    assert table is not None
     spacing = 1.0 / table.per_length
     assert spacing <= min(0.025, params.sigma_hit / 8) + 1e-9
     lengths = np.linspace(0.0, RANGE_MAX, 2001)
@@ -99,7 +100,8 @@ def test_log_likelihood_is_that_of_exact_rays_from_where_the_sensor_is(origin):
     grid = room(origin)
     params = BeamParams(sensor_x=0.12, sensor_y=-0.05, sensor_theta=0.4, tempering=0.5)
     poses = particles(grid, 300, 1)
-    angles, readings = np.float32([-1.5, -0.2, 0.9, 2.8]), np.float32([1.0, 2.5, 0.4, RANGE_MAX])
+    angles = np.array([-1.5, -0.2, 0.9, 2.8], np.float32)
+    readings = np.array([1.0, 2.5, 0.4, RANGE_MAX], np.float32)
     x, y, theta = poses.astype(float)
     sensor_x = x + np.cos(theta) * 0.12 + np.sin(theta) * 0.05
     sensor_y = y + np.sin(theta) * 0.12 - np.cos(theta) * 0.05
@@ -148,6 +150,7 @@ def test_what_is_admitted_is_worth_what_the_scan_is_in_any_batches():
     reading = scan(np.random.default_rng(4).uniform(0.1, 9.0, 181))
     whole = model.log_likelihood(poses, reading)
     admitted = model.admit(poses, np.full(1500, 1 / 1500), reading)
+    assert admitted is not None
     assert model.count(admitted) == 20
     pieces = [model.log_likelihood(poses[:, i : i + 333], admitted) for i in range(0, 1500, 333)]
     np.testing.assert_array_equal(np.concatenate(pieces), whole)

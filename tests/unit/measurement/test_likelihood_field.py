@@ -169,10 +169,12 @@ def test_beams_that_the_particles_agree_not_to_understand_are_left_out():
     walls, person = ([0.0, np.pi], [2.9, 0.95]), ([np.pi / 4], [0.7])
     seen = scan(walls[0] + person[0], walls[1] + person[1])
     kept = skipping.admit(cloud, weights, seen)
+    assert kept is not None
     expected = LikelihoodField(LikelihoodFieldParams(), room()).log_likelihood(cloud, scan(*walls))
     np.testing.assert_allclose(skipping.log_likelihood(cloud, kept), expected, rtol=1e-5)
     # Control: a robot that is lost understands no beam, and then none is left out.
     lost = skipping.admit(cloud + pose(1.0, -0.6, 0.0), weights, scan(*walls))
+    assert lost is not None
     assert lost.x.size == 2
 
 

@@ -1,5 +1,7 @@
 """Linear observations with Gaussian noise: the density, the Gaussian methods, and what tells nothing."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
@@ -32,7 +34,7 @@ def test_gaussian_methods_are_z_minus_hx_h_and_r() -> None:
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_every_result_has_the_states_precision(dtype: type) -> None:
+def test_every_result_has_the_states_precision(dtype: type[np.floating[Any]]) -> None:
     model, states = LinearMeasurement(H, R), STATES.astype(dtype)
     assert model.log_likelihood(states, Z).dtype == dtype
     assert model.innovation(states, Z).dtype == dtype

@@ -194,8 +194,11 @@ def test_the_kernel_is_the_reference(  # noqa: PLR0917 - what hypothesis draws
     """
     particles = np.array(poses, dtype=np.float32).T
     reading = lines(*batch)._replace(middles=np.linspace(middle, -middle, len(batch)))
+    x, y, theta = particles.astype(np.float64)
     expected = reference_lines.log_likelihood(
-        *particles.astype(np.float64),
+        x,
+        y,
+        theta,
         rhos=reading.rho,
         alphas=reading.alpha,
         lengths=reading.lengths,

@@ -1,6 +1,7 @@
 """Positions measured directly: the Gaussian density, its Gaussian methods, and what tells nothing."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ def test_the_log_likelihood_is_the_gaussian_density(params: GaussianPositionPara
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_every_result_has_the_particles_precision(dtype: type) -> None:
+def test_every_result_has_the_particles_precision(dtype: type[np.floating[Any]]) -> None:
     model, particles = GaussianPosition(SKEWED), PARTICLES.astype(dtype)
     for reading in (Position(0.2, 2.8), Position(math.nan, 0.0)):
         assert model.log_likelihood(particles, reading).dtype == dtype

@@ -311,13 +311,22 @@ def test_the_kernels_are_the_references(
     )
     noise = {"sigma_range": sigmas[0], "sigma_range_per_m": sigmas[1], "sigma_bearing": sigmas[2]}
     reading = readings(*batch)
-    known = {
-        **dict(zip(("landmarks", "ranges", "bearings"), reading[:3], strict=True)),
-        **{"ids": np.array(some.ids), "easts": some.positions[0], "norths": some.positions[1]},
-    }
     particles = np.array(poses, dtype=np.float32).T
+    x, y, theta = particles
     expected = reference_landmarks.log_likelihood(
-        *particles, **known, **noise, outlier_fraction=outlier_fraction, outlier_range=10.0, tempering=tempering
+        x,
+        y,
+        theta,
+        landmarks=reading.landmarks,
+        ranges=reading.ranges,
+        bearings=reading.bearings,
+        ids=np.array(some.ids),
+        easts=some.positions[0],
+        norths=some.positions[1],
+        **noise,
+        outlier_fraction=outlier_fraction,
+        outlier_range=10.0,
+        tempering=tempering,
     )
     got = RangeBearing(params, some).log_likelihood(particles, reading)
     np.testing.assert_allclose(got, expected, rtol=2e-4, atol=1e-4 * (1 + len(batch)))
@@ -341,8 +350,11 @@ def test_the_gate_s_kernel_is_the_reference(
     noise = SightingNoise(0.3, 0.1, 0.2, outlier_fraction=0.0, outlier_range=1.0, tempering=1.0)
     out = np.empty(1)
     kernels.landmarks.distances(*particles, weights, seen, Marks(ids, easts, norths), noise, out)
+    x, y, theta = particles
     expected = reference_landmarks.distances(
-        *particles,
+        x,
+        y,
+        theta,
         weights,
         landmarks=landmark,
         ranges=distance,

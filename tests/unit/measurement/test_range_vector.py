@@ -1,7 +1,9 @@
 """A few ranges inside a closed tube: the source document's weight, the inside of a map, and what tells nothing."""
 
 import math
+from functools import partial
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -29,7 +31,8 @@ class Room:
         self.rays += x.size
         rays = zip(np.stack((x, y), axis=1), angles[:, None], strict=True)
         distances = [ray_segments(origin, angle, INNER)[0] for origin, angle in rays]
-        return np.minimum(np.array(distances), range_max).astype(np.float32)
+        nearest: np.ndarray = np.minimum(np.array(distances), range_max)
+        return nearest.astype(np.float32)
 
 
 @pytest.fixture(autouse=True)
@@ -37,8 +40,9 @@ def _exact_rays(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(range_vector, "RayCaster", Room)
 
 
-def model(origin: tuple[float, float, float] = (0.0, 0.0, 0.0), **params: float) -> RangeVectorModel:
-    return RangeVectorModel(RangeVectorParams(**params), OccupancyGrid.from_bools(OCCUPIED, 1.0, origin))
+def model(origin: tuple[float, float, float] = (0.0, 0.0, 0.0), **params: object) -> RangeVectorModel:
+    chosen = msgspec.structs.replace(RangeVectorParams(), **params)
+    return RangeVectorModel(chosen, OccupancyGrid.from_bools(OCCUPIED, 1.0, origin))
 
 
 def seen(pose: np.ndarray) -> RangeVector:
@@ -77,7 +81,9 @@ def test_particles_off_the_map_in_its_walls_and_outside_the_tube_are_impossible_
     room = model()
     likelihood = room.log_likelihood(particles, seen(POSES[:, 0]))
     assert np.isneginf(likelihood).tolist() == [False] + [True] * 10
-    assert room._caster.rays == 5
+    caster: object = room._caster
+    assert isinstance(caster, Room)
+    assert caster.rays == 5
 
 
 def test_inside_is_where_all_four_axis_directions_meet_a_wall() -> None:
@@ -145,9 +151,9 @@ def test_the_likelihood_of_a_beam_integrates_to_the_gaussian_s_constant() -> Non
 def test_batches_of_columns_have_the_bits_of_the_whole() -> None:
     generator = np.random.Generator(np.random.Philox(key=1))
     particles = (np.array([[620.0], [300.0], [6.0]]) * generator.random((3, 101))).astype(np.float32)
-    for params in ({}, {"outlier_fraction": 0.1}):
-        whole = model(**params).log_likelihood(particles, seen(POSES[:, 0]))
-        halves = [model(**params).log_likelihood(p, seen(POSES[:, 0])) for p in np.split(particles, [1, 37], axis=1)]
+    for made in (model, partial(model, outlier_fraction=0.1)):
+        whole = made().log_likelihood(particles, seen(POSES[:, 0]))
+        halves = [made().log_likelihood(p, seen(POSES[:, 0])) for p in np.split(particles, [1, 37], axis=1)]
         assert np.concatenate(halves).tobytes() == whole.tobytes()
 
 

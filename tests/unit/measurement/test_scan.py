@@ -12,12 +12,12 @@ def scan(ranges, angles=None):
 
 def test_beams_that_are_no_numbers_or_too_short_are_left_out():
     kept = scan([1.0, np.nan, -np.inf, 0.05, 0.1, 3.0], angles=[0.0, 0.1, 0.2, 0.3, 0.4, np.nan]).usable(60)
-    np.testing.assert_array_equal(kept.angles, np.float32([0.0, 0.4]))
-    np.testing.assert_array_equal(kept.ranges, np.float32([1.0, 0.1]))
+    np.testing.assert_array_equal(kept.angles, np.array([0.0, 0.4], np.float32))
+    np.testing.assert_array_equal(kept.ranges, np.array([1.0, 0.1], np.float32))
 
 
 def test_no_return_reads_the_greatest_range():
-    np.testing.assert_array_equal(scan([np.inf, 81.0, 8.0, 7.0]).usable(60).ranges, np.float32([8, 8, 8, 7]))
+    np.testing.assert_array_equal(scan([np.inf, 81.0, 8.0, 7.0]).usable(60).ranges, np.array([8, 8, 8, 7], np.float32))
 
 
 @pytest.mark.parametrize("beams", [1, 7, 60, 180, 181, 400])

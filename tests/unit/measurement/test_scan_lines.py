@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -86,7 +87,8 @@ def test_the_fit_is_the_least_squares_line(alpha: float, rho: float, seed: int) 
 
 
 def model(**params: object) -> ScanLines:
-    return ScanLines(ScanLinesParams(lines=PolarLinesParams(sigma_along=0.1, outlier_fraction=0.05), **params), ROOM)
+    usual = ScanLinesParams(lines=PolarLinesParams(sigma_along=0.1, outlier_fraction=0.05))
+    return ScanLines(msgspec.structs.replace(usual, **params), ROOM)
 
 
 def test_a_line_that_a_wall_hides_is_an_outlier() -> None:

@@ -145,6 +145,8 @@ def extended_filterpy(problem):
     count = len(problem["landmarks"])
 
     class Robot(ExtendedKalmanFilter):
+        x: np.ndarray
+
         def predict_x(self, u=0):
             self.x, self.F, self.Q = _odometry(problem, self.x)
 

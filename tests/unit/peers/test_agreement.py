@@ -140,7 +140,8 @@ def test_the_extended_kalman_filter_is_that_of_filterpy(theirs: dict[str, Any]) 
 
 def test_the_unscented_kalman_filter_is_that_of_filterpy(theirs: dict[str, Any]) -> None:
     problem = landmarks()
-    unscented: UnscentedKalman[Any] = UnscentedKalman(*landmark_models(problem), UnscentedKalmanParams(**UNSCENTED))
+    params = UnscentedKalmanParams(alpha=UNSCENTED["alpha"], beta=UNSCENTED["beta"], kappa=UNSCENTED["kappa"])
+    unscented: UnscentedKalman[Any] = UnscentedKalman(*landmark_models(problem), params)
     assert_same_beliefs(landmark_beliefs(unscented, problem), theirs["unscented_filterpy"])
 
 

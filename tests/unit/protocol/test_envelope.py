@@ -1,5 +1,6 @@
 """Envelopes, control messages and journal entries come through unchanged; anything else is refused as such."""
 
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 from tests.unit.protocol.built_messages import built
 
 ENVELOPE = Envelope("estimator", "b7", 3, 5, 250_000_000, 1_700_000_000_000_000_000)
-CONTROL = [TickDone, Beat, Recorded, Stop]
+CONTROL: list[type[TickDone | Beat | Recorded | Stop]] = [TickDone, Beat, Recorded, Stop]
 
 
 @settings(max_examples=100, derandomize=True, deadline=None)
@@ -54,7 +55,8 @@ def test_an_envelope_with_a_missing_or_a_further_part_is_refused() -> None:
 @settings(max_examples=300, derandomize=True, deadline=None)
 @given(data=st.binary(max_size=48))
 def test_any_bytes_for_an_envelope_or_control_message_are_read_or_refused(data: bytes) -> None:
-    for read in (decode_envelope, *(partial(decode_control, kind=kind) for kind in CONTROL)):
+    of_control: list[Callable[[bytes], object]] = [partial(decode_control, kind=kind) for kind in CONTROL]
+    for read in (decode_envelope, *of_control):
         with suppress(ProtocolError):
             read(data)
 

@@ -124,15 +124,12 @@ def test_whatever_differs_in_a_step_diff_and_digest_agree(
 ) -> None:
     folder = tmp_path_factory.mktemp("runs")
     sent = lockstep(2)
-    left, right = (
-        read_recording(
-            write(
-                folder / f"{number}.mcap",
-                changed(sent, "journal/sensors", 1, lambda one, entry=entry: one._replace(payload=encode_entry(entry))),
-            )
-        )
-        for number, entry in enumerate((a, b))
-    )
+
+    def recorded(number: int, entry: JournalEntry) -> Recording:
+        told = changed(sent, "journal/sensors", 1, lambda one: one._replace(payload=encode_entry(entry)))
+        return read_recording(write(folder / f"{number}.mcap", told))
+
+    left, right = (recorded(number, entry) for number, entry in enumerate((a, b)))
     difference = diff(left, right)
     assert difference.same == (content_digest(left) == content_digest(right))
     assert difference.same or difference.first is not None

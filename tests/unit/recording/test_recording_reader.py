@@ -94,7 +94,7 @@ def with_header(path: Path, entries: dict[str, str]) -> Path:
         writer = Writer(stream, enable_data_crcs=True)
         writer.start("dynpf")
         writer.add_metadata("run", entries)
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()
     return path
 
 
@@ -162,7 +162,7 @@ def record(opcode: int, body: bytes, length: int | None = None) -> bytes:
 def built(item: Metadata | Chunk | Message | Schema | ChunkIndex) -> bytes:
     builder = RecordBuilder()
     item.write(builder)
-    data: bytes = builder.end()  # type: ignore[no-untyped-call]
+    data: bytes = builder.end()
     return data
 
 

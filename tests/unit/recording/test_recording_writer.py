@@ -269,7 +269,9 @@ MADE = Provenance(dynpf_version="1", code_digest="c", packages={"numpy": "2.4"},
         ({"packages": {}}, "numpy 2.4, here none"),
     ],
 )
-def test_where_bytes_differ_the_first_difference_of_what_made_them_is_told(changes: dict, told: str) -> None:
+def test_where_bytes_differ_the_first_difference_of_what_made_them_is_told(
+    changes: dict[str, object], told: str
+) -> None:
     found = explain_different_bytes(MADE, msgspec.structs.replace(MADE, **changes))
     assert re.search(told, found)
     assert bool(found) == bool(told)

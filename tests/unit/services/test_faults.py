@@ -1,4 +1,5 @@
 import math
+from functools import partial
 
 import msgspec
 import pytest
@@ -17,14 +18,14 @@ def link(seed: int = 1, to: str = "estimator", **faults: float) -> FaultyLink:
 
 
 def test_the_fate_of_a_message_depends_on_seed_topic_and_sequence_alone() -> None:
-    shaky = {"loss": 0.3, "jitter_s": 0.2}
-    first = fates(link(**shaky))
-    backwards = link(**shaky)
+    shaky = partial(link, loss=0.3, jitter_s=0.2)
+    first = fates(shaky())
+    backwards = shaky()
     fates(backwards, OTHER)
     assert [backwards.delay_ns(TOPIC, sequence) for sequence in reversed(range(200))] == first[::-1]
-    assert fates(link(seed=2, **shaky)) != first
-    assert fates(link(**shaky), OTHER) != first
-    assert fates(link(to="controller", **shaky)) != first
+    assert fates(shaky(seed=2)) != first
+    assert fates(shaky(), OTHER) != first
+    assert fates(shaky(to="controller")) != first
 
 
 def test_the_share_of_losses_is_that_asked_for() -> None:

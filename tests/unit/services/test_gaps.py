@@ -42,7 +42,12 @@ def notice(reads: set[str]) -> tuple[Executor, Ready, list[HostEvent]]:
         ("event/estimator", 0, 4),
         ("event/estimator", 1, 4),
     ]
-    return executor, ready, [decode(one.topic, one.payload) for one in sent]
+    events = []
+    for one in sent:
+        event = decode(one.topic, one.payload)
+        assert isinstance(event, HostEvent)
+        events.append(event)
+    return executor, ready, events
 
 
 def test_gaps_are_told_and_a_node_that_asks_for_it_reads_of_them() -> None:

@@ -104,8 +104,9 @@ def test_any_order_of_arrival_gives_the_same_steps(counts: list[dict[str, int]],
 def test_it_never_steps_before_all_is_there(counts: list[dict[str, int]], data: st.DataObject) -> None:
     arrivals = data.draw(st.permutations([one for sent in traffic(counts).values() for one in sent]))
     held_back = data.draw(st.integers(0, len(arrivals) - 1))
-    tick = arrivals[held_back].tick if isinstance(arrivals[held_back], TickDone) else arrivals[held_back][1]
-    node = arrivals[held_back].node if isinstance(arrivals[held_back], TickDone) else arrivals[held_back][0].node
+    held = arrivals[held_back]
+    tick = held.tick if isinstance(held, TickDone) else held[1]
+    node = held.node if isinstance(held, TickDone) else held[0].node
     box = inbox()
     steps = run(box, [one for place, one in enumerate(arrivals) if place != held_back])
     assert steps == expected(counts)[: tick + (node == "controller")]

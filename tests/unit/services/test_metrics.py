@@ -4,7 +4,7 @@ import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import pytest
@@ -121,7 +121,7 @@ def test_localization(tmp_path: Path) -> None:
 
 
 def test_the_share_of_time_that_the_estimator_called_itself_lost(tmp_path: Path) -> None:
-    verdicts = ["tracking", "lost", "uncertain", "lost"]
+    verdicts: list[Literal["tracking", "lost", "uncertain"]] = ["tracking", "lost", "uncertain", "lost"]
     estimates = [
         msgspec.structs.replace(
             estimate(0.0, 0.0), health=FilterHealth(status=status, reason="", figures=HealthFigures())

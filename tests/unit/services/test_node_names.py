@@ -10,8 +10,8 @@ from dynpf_services.scenario.build import build_nodes, plan_of
 from dynpf_services.scenario.load import override_resolved, parse_scenario
 from dynpf_services.scenario.schema import resolved_json
 
-ESTIMATOR = {"kind": "localization", "measurement": "range_bearing"}
-ROBOT = {
+ESTIMATOR: dict[str, object] = {"kind": "localization", "measurement": "range_bearing"}
+ROBOT: dict[str, dict[str, object]] = {
     "simulator": {"kind": "room"},
     "sensors": {"kind": "simulated", "odometry": {}, "landmarks": {}},
     "estimator": ESTIMATOR,

@@ -12,7 +12,7 @@ from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.load import SCENARIOS, load_scenario
 from dynpf_systems.colon.tube import colon_world
 
-DRAWN = cv2.imread(str(SCENARIOS / "maps" / "own-a.png"), cv2.IMREAD_GRAYSCALE)
+DRAWN = np.asarray(cv2.imread(str(SCENARIOS / "maps" / "own-a.png"), cv2.IMREAD_GRAYSCALE), np.uint8)
 WHITE = 238
 
 

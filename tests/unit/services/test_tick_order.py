@@ -90,11 +90,13 @@ def test_of_nodes_without_circles_none_comes_before_one_of_its_stage_or_an_earli
     declared = data.draw(st.permutations(names))
     placed = [one.name for one in in_tick_order([spec(name, *sorted(upstream[name])) for name in declared], of)]
     assert sorted(placed) == sorted(names)
-    staged = [of[name] for name in placed if of[name] is not None]
+    staged = [stage for name in placed if (stage := of[name]) is not None]
     assert staged == sorted(staged, key=int)
     for name in names:
+        own = of[name]
         for writer in upstream[name]:
-            if of[name] is None or (of[writer] is not None and of[writer] <= of[name]):  # type: ignore[operator]
+            stage = of[writer]
+            if own is None or (stage is not None and stage <= own):
                 assert placed.index(writer) < placed.index(name), (placed, name, writer)
 
 

@@ -84,6 +84,7 @@ def test_encode_gives_a_jpeg_close_to_the_frame() -> None:
     data = encode(frame, PARAMS)
     back = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     assert data[:2] == b"\xff\xd8"
+    assert back is not None
     assert np.abs(back.astype(float) - frame).mean() < 3
     assert len(encode(frame, CameraParams(jpeg_quality=30))) < len(data)
 

@@ -84,7 +84,7 @@ def test_ranges_have_the_noise_and_the_outliers_that_were_asked_for(world: Colon
     states = driven(world) * 20
     states = [CapsuleState(reading=n, x_px=s.x_px, y_px=s.y_px, theta=s.theta, map="a") for n, s in enumerate(states)]
     exact, noisy, wild = (
-        np.array([one.ranges_px for one in sensed(world, states, **noise)])
+        np.array([one.ranges_px for one in sensed(world, states, 1, **noise)])
         for noise in ({}, {"sigma_range_px": 3.0}, {"outlier_fraction": 0.1})
     )
     free = (exact > 15.0) & (exact < 485.0)  # not clipped

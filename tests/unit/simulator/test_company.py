@@ -1,7 +1,9 @@
 """People, doors and a driver: nobody walks through walls, doors keep their times, the route is driven to its end."""
 
 import math
+from functools import partial
 
+import msgspec
 import numpy as np
 import pytest
 from dynpf_protocol.errors import ScenarioError
@@ -24,8 +26,8 @@ TICK_S = 0.1
 
 
 def room(seed: int = 1, **config: object) -> RoomSimulator:
-    settings = {"start": (1.5, 1.5, 0.0), "driver": Driver(points=((4.5, 1.5),), speed=0.5)} | config
-    return RoomSimulator(config=RoomConfig(**settings), seed=seed, tick_s=TICK_S, maps=MAPS)
+    usual = RoomConfig(start=(1.5, 1.5, 0.0), driver=Driver(points=((4.5, 1.5),), speed=0.5))
+    return RoomSimulator(config=msgspec.structs.replace(usual, **config), seed=seed, tick_s=TICK_S, maps=MAPS)
 
 
 def run(node: RoomSimulator, ticks: range) -> list[Result]:
@@ -83,8 +85,8 @@ def test_the_driver_stops_before_people() -> None:
 
 
 def test_a_thawed_room_goes_on_as_the_frozen_one_and_another_seed_does_not() -> None:
-    config = {"people": PeopleParams(number=3), "doors": (Door(segment=DOOR),)}
-    first, second, other = room(**config), room(**config), room(seed=2, **config)
+    lively = partial(room, people=PeopleParams(number=3), doors=(Door(segment=DOOR),))
+    first, second, other = lively(), lively(), lively(seed=2)
     run(first, range(50))
     second.thaw(decode_state(encode_state(first.freeze())))
     expected = run(first, range(50, 90))

@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 from dynpf_protocol.errors import ScenarioError
@@ -21,7 +22,8 @@ DRIVE = Command(vx=0.5, w=0.4)
 
 
 def room(seed: int = 1, **config: object) -> RoomSimulator:
-    return RoomSimulator(config=RoomConfig(**config), seed=seed, tick_s=TICK_S, landmarks=LANDMARKS)
+    chosen = msgspec.structs.replace(RoomConfig(), **config)
+    return RoomSimulator(config=chosen, seed=seed, tick_s=TICK_S, landmarks=LANDMARKS)
 
 
 def advance(node: RoomSimulator, tick: int, command: Command | None = None) -> Result:
@@ -54,7 +56,8 @@ def test_the_twist_told_is_the_one_that_leads_to_the_next_pose() -> None:
     assert state(advance(node, 0)) == RobotState(x=0.5, y=-0.5, theta=math.pi / 2)
     assert state(advance(node, 1, DRIVE)) == RobotState(x=0.5, y=-0.5, theta=math.pi / 2, v=0.5, w=0.4)
     halted = state(advance(node, 2, Command()))
-    assert (halted.theta, halted.v, halted.w) == (pytest.approx(math.pi / 2 + 0.4 * TICK_S), 0.0, 0.0)
+    assert halted.theta == pytest.approx(math.pi / 2 + 0.4 * TICK_S)
+    assert (halted.v, halted.w) == (0.0, 0.0)
     assert math.dist((halted.x, halted.y), (0.5, -0.5)) == pytest.approx(0.5 * TICK_S, rel=1e-3)
     assert state(advance(node, 3)) == halted
 
@@ -134,7 +137,7 @@ MAPS = {"segments": Maps(segments=WALLS, grid=WALLS.rasterize(0.05)), "cells": M
 
 
 def among_walls(maps: Maps, **config: object) -> RoomSimulator:
-    return RoomSimulator(config=RoomConfig(**config), seed=1, tick_s=TICK_S, maps=maps)
+    return RoomSimulator(config=msgspec.structs.replace(RoomConfig(), **config), seed=1, tick_s=TICK_S, maps=maps)
 
 
 @pytest.mark.parametrize("maps", MAPS.values(), ids=MAPS)

@@ -215,5 +215,6 @@ def test_the_board_lies_on_the_table_in_the_first_frame_alone():
     for tick in range(3):
         messages = [output.message for output in node.step(Step(tick, tick, tick * 50_000_000, ())).outputs]
         data = next(message.data for message in messages if isinstance(message, CompressedImage))
-        frames.append(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_4))
+        frame = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_4)
+        frames.append(np.asarray(frame, np.uint8))
     assert [len(detect_discs(frame, DetectionParams())) for frame in frames] == [49, 2, 2]

@@ -51,7 +51,10 @@ def slice_of_intel() -> LaserLog:
 def test_odometry_tells_nothing_of_the_way_that_is_withheld(log: LaserLog) -> None:
     at = log.scans[10]
     left = kidnapped(log.records, at, CARRIED_M)
-    away = math.dist(log.records[at].truth[:2], left[at].truth[:2])
+    before, after = log.records[at].truth, left[at].truth
+    assert before is not None
+    assert after is not None
+    away = math.dist(before[:2], after[:2])
     assert CARRIED_M < away < CARRIED_M + 1.5
     assert isinstance(left[at].message, LaserScan)
     assert left[:at] == list(log.records[:at])

@@ -1,6 +1,7 @@
 """A sweep: a table of what varies and what is asked, whose trials are runs as ``dynpf run`` makes them."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -43,7 +44,11 @@ def test_each_trial_is_the_run_of_its_settings_and_seed(tmp_path: Path) -> None:
 
 
 def test_the_rows_are_the_same_on_any_number_of_processes_and_for_chosen_settings() -> None:
-    measures = {"rmse_m": "position_rmse_m", "estimates": count_of_estimates, "many": lambda run: len(run.topics) > 2}
+    measures: dict[str, str | Callable[[RunMessages], float | bool]] = {
+        "rmse_m": "position_rmse_m",
+        "estimates": count_of_estimates,
+        "many": lambda run: len(run.topics) > 2,
+    }
     study = sweep(scenario="landmark-room", grid={**SHORT, "estimator.n": (20,)}, measures=measures)
     settings = settings_from(study.settings, ["estimator.n=[30, 40]"])
     rows = run_study(study, settings, 2, 1, 1)
