@@ -22,7 +22,7 @@ def needing(package: str, *, extra: str, what: str) -> Iterator[None]:
 
 def plotting() -> Any:
     """Return matplotlib's pyplot with a backend for files; raises UsageError where it is not installed."""
-    with needing("matplotlib", extra="figures", what="drawing the figures of a study, whose rows are written,"):
+    with needing("matplotlib", extra="figures", what="drawing them"):
         import matplotlib  # noqa: PLC0415
     matplotlib.use("Agg")
     from matplotlib import pyplot  # noqa: PLC0415

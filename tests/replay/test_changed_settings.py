@@ -45,6 +45,11 @@ def test_the_setting_that_it_had_changes_nothing(recorded, capsys, node):
     assert (code, found["same"], found["first"]) == (0, True, None)
 
 
+def test_a_setting_of_another_node_is_refused_for_one_that_is_replayed_by_itself(recorded, capsys):
+    assert main(["replay", recorded, "--node", "controller", "--set", "estimator.n=50"]) == 2
+    assert "a setting of estimator does not reach controller" in capsys.readouterr().err
+
+
 def test_the_changed_run_is_kept_where_asked(recorded, capsys, tmp_path: Path):
     path = tmp_path / "new.mcap"
     replay(capsys, recorded, "--node", "estimator", "--set", "estimator.n=50", "-o", str(path))

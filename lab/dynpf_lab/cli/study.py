@@ -80,7 +80,12 @@ def report(
     if folder is not None:
         (folder / "rows.json").write_bytes(document)
         (folder / "rows.csv").write_text(as_csv(rows), encoding="utf-8")
-        for path in study.figures(settings, seed, rows, folder):
+        try:
+            figures = study.figures(settings, seed, rows, folder)
+        except UsageError as error:  # rows do not need what draws figures
+            print(f"{options.prog}: no figures: {error}", file=sys.stderr)
+            return 0
+        for path in figures:
             print(f"{options.prog}: {path}", file=sys.stderr)
     return 0
 

@@ -55,6 +55,8 @@ def values_of(override: str) -> tuple[str, list[Any]]:
     key, equals, text = override.partition("=")
     if not equals or not key or not text:
         raise UsageError(f"--set {override}: expected KEY=VALUE,..., such as estimator.n=50,500")
+    if key == "seed":
+        raise UsageError(f"--set {override}: seeds are chosen by --seeds FIRST:LAST, such as --seeds 1:200")
     try:
         return key, tomllib.loads(f"values = [{text}]")["values"]
     except tomllib.TOMLDecodeError:

@@ -116,6 +116,9 @@ def _reads(context: Context, written: Sequence[Topic]) -> dict[str, str]:
     for own in sorted(declared, key=str):  # sets have another order in every process
         if isinstance(own, str):
             topic = names.topic(own)
+            choices = [*known_topics(), *(row.name for row in written)]
+            if isinstance(scenario.nodes[context.name], UserComponent) and {own, topic}.isdisjoint(choices):
+                raise ScenarioError(f"{key_of(context.name)}: reads {own}, which no node writes{nearest(own, choices)}")
             if topic in found:
                 raise ScenarioError(f"{key_of(context.name)}.remap.{own}: {topic} is its {found[topic]} already")
             found[topic] = own

@@ -45,7 +45,22 @@ def scenario_of_replay(
     check_allowed(named, scenario.user_code, str(recording.path))
     if node is not None and node not in scenario.nodes:
         raise UsageError(f"{recording.path}: has no node {node!r}; its nodes are {', '.join(scenario.nodes)}")
+    if node is not None:
+        _check_concerns(node, overrides, scenario)
     return scenario
+
+
+def _check_concerns(node: str, overrides: Sequence[str], scenario: Scenario) -> None:
+    """Refuse settings of other nodes, which cannot reach one that is replayed by itself, on its recorded inputs."""
+    others = {key_of(other): other for other in scenario.nodes if other != node}
+    for override in overrides:
+        key = override.partition("=")[0]
+        for other, name in others.items():
+            if key == other or key.startswith(f"{other}."):
+                raise UsageError(
+                    f"--set {override}: a setting of {name} does not reach {node}, which is replayed on its recorded "
+                    "inputs; without --node the whole run is executed again"
+                )
 
 
 def changed_code(recording: Recording, scenario: Scenario) -> Iterator[ChangedModule]:

@@ -42,7 +42,16 @@ class UserNode:
                 f"step returned a state of type {type(state).__name__}; expected {type(self._state).__name__}"
             )
         self._state = state
-        return Result(tuple(self._output(message) for message in messages), finished=bool(finished))
+        return Result(tuple(self._checked(self._output(message)) for message in messages), finished=bool(finished))
+
+    @staticmethod
+    def _checked(output: Output) -> Output:
+        """Return an output whose fields have their types; those of a struct are not checked when it is made."""
+        try:
+            msgspec.convert(msgspec.to_builtins(output.message), type(output.message))
+        except msgspec.ValidationError as error:
+            raise TypeError(f"{output.topic}: {type(output.message).__name__}: {error}") from error
+        return output
 
     def _output(self, message: Any) -> Output:
         if isinstance(message, tuple):
@@ -122,6 +131,11 @@ def _rows(kind: type[Node], node: str) -> dict[str, Topic]:
     for own, what in kind.writes.items():
         if not isinstance(what, Topic) and not (isinstance(what, type) and issubclass(what, Message)):
             raise ValueError(f"{kind.__name__}.writes: {own!r} is {what!r}; expected a type of messages")
+        carried = what.type if isinstance(what, Topic) else what
+        if not hasattr(carried, "schema_name"):
+            raise ValueError(
+                f"{carried.__name__} lacks its schema_name, such as schema_name = 'mylab.{carried.__name__}'"
+            )
         if isinstance(what, Topic) and not what.compared:
             raise ValueError(
                 f"{kind.__name__}.writes: {own!r} has compared=False; the outputs of a node are always compared"

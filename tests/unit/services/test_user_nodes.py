@@ -69,6 +69,29 @@ MODULE = """
             return state, [("elsewhere", Count(seen=1))]
 
 
+    class Untyped(Counter, frozen=True, kw_only=True):
+        def step(self, state, moment):
+            return state, [Count(seen="x")]
+
+
+    class Nameless(Message, frozen=True, kw_only=True):
+        seen: int
+
+
+    class Anonymous(Node, frozen=True, kw_only=True):
+        writes = {"count": Nameless}
+
+        def step(self, state, moment):
+            return state, ()
+
+
+    class Misreader(Node, frozen=True, kw_only=True):
+        reads = ("truth/robt",)
+
+        def step(self, state, moment):
+            return state, ()
+
+
     class Undecided(Counter, frozen=True, kw_only=True):
         class State(NamedTuple):
             seen: int
@@ -166,6 +189,8 @@ def test_a_sensor_reads_every_so_many_true_states(room: Any) -> None:
         ("Stranger", [], "nodes.own.kind: 'counting:Stranger' is no node; expected a subclass of dynpf_lab.Node"),
         ("Silent", [], "nodes.own.kind: 'counting:Silent' has no method sense"),
         ("Undecided", [], "nodes.own: Undecided.State needs a default for each of its fields"),
+        ("Anonymous", [], "nodes.own: Nameless lacks its schema_name, such as schema_name = 'mylab.Nameless'"),
+        ("Misreader", [], "nodes.own: reads truth/robt, which no node writes; did you mean 'truth/robot'?"),
         ("Plain", [], "nodes.own: Plain.writes: 'count' is 3; expected a type of messages"),
         (
             "Uncompared",
@@ -186,6 +211,7 @@ def test_what_is_no_node_is_told_before_a_run(room: Any, name: str, settings: li
         ("Twice", "returned a Count, which 2 of its topics carry; it writes one, other; return (topic, message)"),
         ("Forgetful", "step returned a state of type NoneType; expected State"),
         ("Loud", "returned messages for elsewhere, which it does not declare"),
+        ("Untyped", "count: Count: Expected `int`, got `str` - at `$.seen`"),
     ],
 )
 def test_what_a_step_may_not_return_ends_the_run_with_the_node_s_name(room: Any, name: str, told: str) -> None:

@@ -81,6 +81,7 @@ def test_values_are_numbers_texts_or_lists() -> None:
     [
         (["landmark-room", "--measure", "rmse", "--set", "max_ticks=5"], "no measure 'rmse'; it has position_rmse_m"),
         (["landmark-room", "--measure", "npl", "--set", "max_ticks"], "--set max_ticks: expected KEY=VALUE,..."),
+        (["landmark-room", "--measure", "npl", "--set", "seed=3,4"], "seeds are chosen by --seeds FIRST:LAST"),
         (["landmark-mrclam", "--measure", "npl"], "plays an imported log: give it with --log"),
         (["landmark-room", "--measure", "npl", "--seeds", "3:1"], "expected LAST not below FIRST"),
         (["landmark-room", "--measure", "npl", "--set", "estimator.m=5"], "estimator.m"),
