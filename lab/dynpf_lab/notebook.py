@@ -4,6 +4,7 @@ They use the functions of the command line: a run is that of ``dynpf run --runne
 ``dynpf metrics``, the columns of a topic those of ``dynpf export``, a replay that of ``dynpf replay``.
 """
 
+import os
 import shutil
 import tempfile
 import weakref
@@ -269,5 +270,11 @@ def _made(path: str | Path | None, make: Callable[[Path], object]) -> Run:
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
-    weakref.finalize(made, shutil.rmtree, folder, ignore_errors=True)
+    weakref.finalize(made, _remove, folder, os.getpid())
     return made
+
+
+def _remove(folder: Path, owner: int) -> None:
+    """Remove a temporary folder, unless this is only a copy, by a fork, of the process that made it."""
+    if os.getpid() == owner:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -1,6 +1,8 @@
 """A user's own models, in a folder on PYTHONPATH, take part in runs and replays as the library's do."""
 
 import json
+import subprocess
+import sys
 from textwrap import dedent
 
 from dynpf_formats.recording.digest import content_digest
@@ -125,3 +127,25 @@ def test_where_a_module_has_begun_threads_each_process_has_them(tmp_path, dynpf)
     own = ("--code", tmp_path, "--set", "nodes.watcher={kind='threaded:Threaded'}", "--set", "max_ticks=3")
     run = dynpf("run", "landmark-room", *own, "-o", tmp_path / "run.mcap")
     assert run.wait() == 0, run.stderr
+
+
+SCRIPT = """
+    import sys
+    import threading
+
+    from dynpf_lab.cli.main import main
+
+    threading.Thread(target=threading.Event().wait, daemon=True).start()
+    sys.exit(main(["run", "landmark-room", "--set", "max_ticks=3", "-o", sys.argv[1]]))
+"""
+
+
+def test_a_script_with_threads_runs_a_scenario_and_is_executed_once(tmp_path):
+    """Processes started afresh must not execute the script of their parent again."""
+    (tmp_path / "script.py").write_text(dedent(SCRIPT), encoding="utf-8")
+    command = [sys.executable, str(tmp_path / "script.py"), str(tmp_path / "run.mcap")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=180, cwd=tmp_path, check=False)
+    assert done.returncode == 0, done.stderr
+    end = read_recording(tmp_path / "run.mcap").end
+    assert end is not None
+    assert end.complete

@@ -1,9 +1,12 @@
 """``dynpf compose``: a Compose file of a scenario, one container a process."""
 
 import argparse
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+from dynpf_protocol.errors import UsageError
 
 from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
 
@@ -66,26 +69,46 @@ def compose_file(
 
     mounts: list[str] = []
     words = [_mounted(Path(scenario), "/scenario", mounts) if scenario.endswith(".toml") else scenario]
-    words += ["--seed", f"${{SEED:-{1 if seed is None else seed}}}"]
+    made_by = [scenario]
     for override in overrides:
-        words += ["--set", override.replace("$", "$$")]  # Compose takes a dollar for the name of a variable
+        words += ["--set", override]
+        made_by += ["--set", override]
     for index, folder in enumerate(code):
-        mounts.append(f"{folder.absolute()}:/code/{index}:ro")
+        mounts.append(_mount(folder, f"/code/{index}"))
         words += ["--code", f"/code/{index}"]
+        made_by += ["--code", str(folder)]
     if log is not None:
         words += ["--log", _mounted(log, "/log", mounts)]
+        made_by += ["--log", str(log)]
+    words = [*map(_escaped, words), "--seed", f"${{SEED:-{1 if seed is None else seed}}}"]
     services = {"router": _service("router", [*words, "--listen", f"tcp/0.0.0.0:{PORT}"], mounts)}
     for name in (*nodes, "recorder"):
         services[name.replace("/", ".")] = _service(name, [*words, "--connect", f"tcp/router:{PORT}"], mounts)
-    whole = {"services": services, "volumes": {"recordings": None}}
-    text: str = yaml.safe_dump(whole, sort_keys=False, default_flow_style=None, width=120)
-    shown = " ".join([scenario, *(f"--set {override}" for override in overrides)])
-    return HEAD.format(scenario=scenario, words=shown) + "\n" + text.replace("recordings: null", "recordings:")
+    text: str = yaml.safe_dump({"services": services}, sort_keys=False, default_flow_style=None, width=120)
+    head = HEAD.format(scenario=_shown([scenario]), words=_shown(made_by))
+    return f"{head}\n{text}volumes:\n  recordings:\n"
+
+
+def _shown(words: Sequence[str]) -> str:
+    """Return words of a command line for a comment, which ends where its line ends."""
+    return " ".join(shlex.join(words).split())
+
+
+def _escaped(text: str) -> str:
+    """Return a text in which Compose finds no name of a variable."""
+    return text.replace("$", "$$")
+
+
+def _mount(folder: Path, inside: str) -> str:
+    """Return the mount of a folder, read-only; raises UsageError for a path that Compose cannot tell apart from it."""
+    if ":" in str(folder.absolute()):
+        raise UsageError(f"{folder}: Compose takes no folder with ':' in its path")
+    return f"{_escaped(str(folder.absolute()))}:{inside}:ro"
 
 
 def _mounted(file: Path, folder: str, mounts: list[str]) -> str:
     """Mount the folder of a file, and return the file's path in the container."""
-    mounts.append(f"{file.absolute().parent}:{folder}:ro")
+    mounts.append(_mount(file.absolute().parent, folder))
     return f"{folder}/{file.name}"
 
 

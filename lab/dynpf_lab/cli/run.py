@@ -40,10 +40,9 @@ def default_output(scenario: str, seed: int) -> Path:
     try:
         folder.mkdir(exist_ok=True)
     except OSError as error:
-        raise UsageError(
-            f"{folder.absolute()}: cannot be made: {error.strerror}; choose the recording with -o"
-        ) from error
-    return folder / f"{scenario}-{seed}-{datetime.now():%Y%m%d-%H%M%S}.mcap"
+        raise UsageError(f"{folder}: cannot be made: {error.strerror}; choose the recording with -o") from error
+    now = datetime.now()  # to the millisecond, for runs that begin in the same second
+    return folder / f"{scenario}-{seed}-{now:%Y%m%d-%H%M%S}-{now.microsecond // 1000:03d}.mcap"
 
 
 def run(options: argparse.Namespace) -> int:

@@ -53,9 +53,8 @@ def _run(options: argparse.Namespace) -> int:
     with StopSignal.installed(options.parent) as stop:
         if options.name == "router":
             from dynpf_services.router.host import run_router
-            from dynpf_services.scenario.schema import resolved_json
 
-            run_router(resolved_json(scenario), options.listen, stop, quiet=options.quiet)
+            run_router(plan_of(scenario), options.listen, stop, quiet=options.quiet)
         elif options.name == "recorder":
             from dynpf_services.recorder.host import run_recorder
             from dynpf_services.scenario.recorded import attachments_of

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from types import ModuleType
 
 from dynpf_protocol.errors import BROKEN_OFF, RunError
 from setproctitle import setproctitle
@@ -78,7 +79,7 @@ def _processes(command: Command, services: dict[str, list[str]]) -> Iterator[dic
     context = multiprocessing.get_context("fork" if _may_fork() else "spawn")
     processes: dict[str, BaseProcess] = {}
     try:
-        with _signals_held():
+        with _signals_held(), _no_main():
             for name, words in services.items():
                 process = context.Process(target=_serve, args=(command, words), name=name)  # type: ignore[attr-defined]
                 process.start()
@@ -107,14 +108,31 @@ def _signals_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+@contextlib.contextmanager
+def _no_main() -> Iterator[None]:
+    """Hide the module that this process was started with, which a new process would else execute once more.
+
+    It may be a script of the user's that calls us.
+    """
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
+
+
 def _serve(command: Command, words: Sequence[str]) -> None:
     """Run a process of the run; does not return."""
     os.setsid()  # its own session: Ctrl-C reaches only the parent, which asks the run to end cleanly
     setproctitle(" ".join(["dynpf", *words]))
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPS)
-    sys.exit(command(words))
+    try:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPS)
+        sys.exit(command(words))
+    except KeyboardInterrupt:  # it came before the command could take it; the parent tells of it
+        sys.exit(1)
 
 
 def _end(processes: dict[str, BaseProcess]) -> None:

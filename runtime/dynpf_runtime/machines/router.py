@@ -10,6 +10,7 @@ from dynpf_runtime.machines.effects import NEVER_NS, Answer, Declare, Effect, En
 from dynpf_runtime.machines.events import Arrived, Event, Now, Started, StopAsked, Token
 from dynpf_runtime.machines.membership import BEAT_NS
 from dynpf_runtime.machines.roster import Roster, holder
+from dynpf_runtime.plan import Plan
 
 __all__ = ["LAST_WORD_NS", "RouterMachine"]
 
@@ -18,11 +19,12 @@ LAST_WORD_NS = 500_000_000
 
 
 class RouterMachine:
-    """Answers queries for the resolved ``scenario`` of a run, until the run has ended and all processes have left."""
+    """Answers queries for the resolved scenario of ``plan``, until it has ended and all its processes have left."""
 
-    def __init__(self, scenario: str, boot: str) -> None:
+    def __init__(self, plan: Plan, boot: str) -> None:
         self.wake_ns = 0
-        self._scenario = scenario
+        self._scenario = plan.text
+        self._names = {*plan.graph.nodes, RECORDER}
         self._boot = boot
         self._present: set[str] = set()
         self._recorder = Roster({RECORDER})
@@ -67,11 +69,13 @@ class RouterMachine:
 
     def _token(self, token: Token) -> None:
         name, _, ready = holder(token)
+        if name not in self._names:
+            return  # its own, or a stranger's
         if name == RECORDER:
             self._recorder.take(token)
         if ready:
             self._began = True
-        elif name != ROUTER:
+        else:
             (self._present.add if token.present else self._present.discard)(token.key)
 
     def _hear(self, arrived: Arrived) -> Iterator[Effect]:

@@ -5,16 +5,17 @@ from dynpf_runtime.bus.edge import drive, new_boot
 from dynpf_runtime.bus.session import open_router
 from dynpf_runtime.bus.terminal import StopSignal, say
 from dynpf_runtime.machines.router import RouterMachine
+from dynpf_runtime.plan import Plan
 
 __all__ = ["run_router"]
 
 
-def run_router(scenario: str, endpoint: str, stop: StopSignal, *, quiet: bool) -> None:
-    """Route at ``endpoint`` until the run of the resolved ``scenario`` has ended and all processes have left.
+def run_router(plan: Plan, endpoint: str, stop: StopSignal, *, quiet: bool) -> None:
+    """Route at ``endpoint`` until the run of ``plan`` has ended and all processes have left.
 
     Raises UsageError if it cannot listen there, BrokenOffError if all left before the run was recorded.
     """
     with open_router(endpoint) as bus:
         if not quiet:
             say(ROUTER, f"listening at {endpoint}")
-        drive(ROUTER, RouterMachine(scenario, new_boot()), bus, stop)
+        drive(ROUTER, RouterMachine(plan, new_boot()), bus, stop)

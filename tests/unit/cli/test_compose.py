@@ -31,7 +31,7 @@ def test_each_process_of_a_scenario_has_its_container_and_no_other_has(
     assert [*services] == ["router", *nodes, "recorder"]
     for name, service in services.items():
         where = ["--listen", "tcp/0.0.0.0:7447"] if name == "router" else ["--connect", "tcp/router:7447"]
-        words = ["service", name, scenario, "--seed", "${SEED:-1}", "--set", "max_ticks=7", *where]
+        words = ["service", name, scenario, "--set", "max_ticks=7", "--seed", "${SEED:-1}", *where]
         assert service["command"] == words
         assert service["healthcheck"]["test"][:4] == ["CMD", "dynpf", "health", name]
 
@@ -46,7 +46,7 @@ def test_files_of_ones_own_are_mounted_where_the_command_looks_for_them(
     made = yaml.safe_load(printed(capsys, "mine/own.toml", "--code", "code", "--set", "title='a $5 robot'"))
     service = made["services"]["estimator"]
     assert service["volumes"] == [f"{tmp_path}/mine:/scenario:ro", f"{tmp_path}/code:/code/0:ro"]
-    assert shlex.join(service["command"]).startswith("service estimator /scenario/own.toml --seed")
+    assert shlex.join(service["command"]).startswith("service estimator /scenario/own.toml --set")
     assert "title='a $$5 robot'" in service["command"]
     assert made["services"]["recorder"]["volumes"][-1] == "recordings:/dynpf/runs"
 
@@ -55,3 +55,18 @@ def test_the_nodes_of_several_robots_have_names_that_compose_takes(capsys: pytes
     services = yaml.safe_load(printed(capsys, "landmark-team", "--set", "needs_log=true"))["services"]
     assert services["r3.estimator"]["command"][:2] == ["service", "r3/estimator"]
     assert all(re.fullmatch(r"[A-Za-z0-9._-]+", name) for name in services)
+
+
+def test_no_value_of_a_setting_becomes_a_part_of_the_file(capsys: pytest.CaptureFixture[str]) -> None:
+    odd = 'title="""recordings: null\nx-evil: [1] #"""'
+    made = yaml.safe_load(printed(capsys, "landmark-room", "--set", odd))
+    assert [*made] == ["services", "volumes"]
+    assert odd in made["services"]["estimator"]["command"]
+
+
+def test_a_folder_with_a_colon_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "b:c"
+    folder.mkdir()
+    (folder / "own.toml").write_text((ROOT / "scenarios/dynpf_scenarios/landmark-room.toml").read_text())
+    assert main(["compose", str(folder / "own.toml")]) == 2
+    assert "Compose takes no folder with ':'" in capsys.readouterr().err

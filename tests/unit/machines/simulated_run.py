@@ -54,7 +54,7 @@ def simulated(
     simulation = Simulation(seed, ROUTER, network)
     file = files.enter_context(RecorderFile(plan, "recorder-1", path, attachments))
     if ROUTER not in without:
-        simulation.add(ROUTER, RouterMachine(plan.text, "router-1"))
+        simulation.add(ROUTER, RouterMachine(plan, "router-1"))
     if RECORDER not in without:
         simulation.add(RECORDER, RecorderMachine(plan, "recorder-1", ENDPOINT, str(path)), file.perform)
     for name in plan.graph.nodes:

@@ -6,13 +6,16 @@ from dynpf_protocol.keys import ALIVE, CONTROL, READY
 from dynpf_runtime.machines.effects import Ended
 from dynpf_runtime.machines.events import Arrived, Event, Now, Started, Token, Woke
 from dynpf_runtime.machines.router import LAST_WORD_NS, RouterMachine
+from dynpf_services.scenario.build import plan_of
+from dynpf_services.scenario.load import load_scenario
 
+PLAN = plan_of(load_scenario("landmark-room"))
 LAST_WORD = Arrived(f"{CONTROL}recorded", encode_control(Recorded("r1", True, "finished", "run.mcap")), b"")
 
 
 def left_by_all() -> RouterMachine:
     """Return a router whose run has begun, and whose processes have left at 0 ns."""
-    router = RouterMachine("{}", "router-1")
+    router = RouterMachine(PLAN, "router-1")
     assert ended(router, Started(), 0) is None
     for key in (f"{ALIVE}recorder/r1", f"{ALIVE}estimator/e1", f"{READY}recorder/r1", f"{READY}estimator/e1"):
         assert ended(router, Token(key, True), 0) is None
@@ -45,3 +48,13 @@ def test_a_process_that_comes_back_meanwhile_is_waited_for() -> None:
     router = left_by_all()
     assert ended(router, Token(f"{ALIVE}recorder/r1", True), 1) is None
     assert ended(router, Woke(), 2 * LAST_WORD_NS) is None
+
+
+def test_a_strangers_tokens_neither_end_the_run_nor_keep_it() -> None:
+    router = RouterMachine(PLAN, "router-1")
+    assert ended(router, Started(), 0) is None
+    assert ended(router, Token(f"{READY}nobody/x", True), 0) is None  # nobody of the run has come yet
+    assert ended(router, Woke(), 10 * LAST_WORD_NS) is None
+    router = left_by_all()
+    assert ended(router, Token(f"{ALIVE}nobody/x", True), 1) is None
+    assert ended(router, LAST_WORD, 2) == Ended(None)

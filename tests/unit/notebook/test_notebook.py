@@ -3,6 +3,7 @@
 import csv
 import gc
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -95,6 +96,12 @@ def test_a_temporary_recording_goes_with_its_run() -> None:
     folder = states.run.path.parent
     gc.collect()
     assert len(states) == 3  # what is used keeps it
+    if (child := os.fork()) == 0:  # a copy of this process that drops its copy of the run
+        del states
+        gc.collect()
+        os._exit(0)
+    os.waitpid(child, 0)
+    assert folder.exists()
     del states
     gc.collect()
     assert not folder.exists()
