@@ -1,7 +1,7 @@
 """Measures of a run against its truth, under stable names.
 
-Each system lists and documents its own (``MEASURES``). Every recording also has the number of its ``messages``, the
-number of missing ones as ``gaps``, whether it is ``complete``, and its ``content_digest``.
+Each system lists and documents its own (``MEASURES``). Every recording also has the number of its ``messages`` that are
+compared, the number of missing ones as ``gaps``, whether it is ``complete``, and its ``content_digest``.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,6 +12,7 @@ from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import Recording
 from dynpf_formats.shipped import listed, load
 from dynpf_protocol.messages import Message
+from dynpf_protocol.topics import is_compared
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import override_resolved
 from dynpf_services.scenario.schema import Scenario
@@ -79,7 +80,7 @@ def _figures(recording: Recording) -> dict[str, Any]:
     end = recording.end
     return {
         **measure_run(recorded(recording)),
-        "messages": sum(1 for _ in recording.messages()),
+        "messages": sum(is_compared(record.topic) for record in recording.messages()),
         "gaps": end.missing if end is not None else None,
         "complete": end is not None and end.complete and not recording.truncated,
     }
