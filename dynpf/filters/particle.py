@@ -69,7 +69,7 @@ class Report(NamedTuple, Generic[EstimateT]):
 class ParticleFilter(Generic[EstimateT]):
     """Sequential importance resampling with any proposal (Arulampalam et al., 2002, algorithm 3).
 
-    ``update`` is the algorithm; each of its steps is a method, and what does not apply leaves things as they are.
+    ``update`` is the algorithm; each of its steps is a method.
     """
 
     def __init__(
@@ -117,26 +117,21 @@ class ParticleFilter(Generic[EstimateT]):
         """
         proposed = self.propose(cloud, control, readings, stream)
         weighed = self.weigh(proposed, cloud, control)
-        estimate = self.estimate(weighed.cloud.particles, weighed.cloud.weights)
-        doubt = self.doubt(weighed, readings)
-        after = weighed.cloud if doubt is None else weighed.cloud._replace(memory=doubt.memory)
-        ancestors, missing = proposed.ancestors, 0
-        if self.due(weighed, doubt):
-            survivors = self.resample(after, doubt, stream)
-            particles = self.spread(survivors, after, stream)
-            particles = self.renew(particles, survivors.missing, doubt, readings, stream)
-            after, missing = uniform_cloud(particles, after.memory), survivors.missing
-            ancestors = survivors.chosen if ancestors is None else ancestors[survivors.chosen]
-        return after, Report(
-            estimate=estimate,
-            n_eff=weighed.cloud.n_eff,
-            outcomes=weighed.outcomes,
-            log_evidence=weighed.log_evidence,
-            survivors=ancestors,
-            renewed=missing,
-            readings=weighed.readings,
-            doubt=doubt,
-        )
+        after, outcomes, log_evidence, informed, count = weighed
+        estimate, n_eff = self.estimate(after.particles, after.weights), after.n_eff
+        ancestors, missing, doubt = proposed.ancestors, 0, None
+        if self.rescue is not None and informed:
+            doubt = self.doubt(self.rescue, weighed, readings)
+            after = after._replace(memory=doubt.memory)
+        if informed and self.due(after, doubt):
+            particles, chosen, missing = self.resample(after, doubt, stream)
+            if self.regularization is not None:
+                particles = self.spread(self.regularization, particles, after, stream)
+            if doubt is not None and missing > 0:
+                particles = self.renew(doubt, particles, missing, readings, stream)
+            after = uniform_cloud(particles, after.memory)
+            ancestors = chosen if ancestors is None else ancestors[chosen]
+        return after, Report(estimate, n_eff, outcomes, log_evidence, ancestors, missing, count, doubt)
 
     def propose(self, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream) -> Proposed:
         """Draw x_k ~ q(x_k | x_k-1, z_k) for each particle (Arulampalam et al., 2002, algorithm 1)."""
@@ -160,47 +155,40 @@ class ParticleFilter(Generic[EstimateT]):
         belief = Cloud(particles, belief.weights, belief.log_weights, belief.n_eff, moved, cloud.memory)
         return Weighed(belief, outcomes, log_evidence, proposed.log_weights is not None, proposed.readings)
 
-    def doubt(self, weighed: Weighed, readings: Sequence[Any]) -> Doubt | None:
-        """Ask the rescue how far the particles can be trusted (Thrun et al., 2005, table 8.3); None: not at all."""
-        if self.rescue is None or not weighed.informed:
-            return None
-        return self.rescue.doubt(weighed.cloud, weighed.log_evidence, weighed.readings, readings)
+    def doubt(self, rescue: Rescuer, weighed: Weighed, readings: Sequence[Any]) -> Doubt:
+        """Ask the rescue how far the particles can be trusted (Thrun et al., 2005, table 8.3)."""
+        return rescue.doubt(weighed.cloud, weighed.log_evidence, weighed.readings, readings)
 
-    def due(self, weighed: Weighed, doubt: Doubt | None) -> bool:
+    def due(self, cloud: Cloud, doubt: Doubt | None) -> bool:
         """Return whether to resample: N_eff is low (Arulampalam et al., 2002, eq. 51), or particles are doubted."""
-        return weighed.informed and (_share(doubt) > 0.0 or self.resampling.due(weighed.cloud))
+        return (doubt is not None and doubt.share > 0.0) or self.resampling.due(cloud)
 
     def resample(self, cloud: Cloud, doubt: Doubt | None, stream: Stream) -> Survivors:
         """Choose survivors so that each has N w copies in the mean (Arulampalam et al., 2002, algorithm 2).
 
         As many are missing as the doubted share of the particles that there are to be.
         """
-        count, share = self.count(cloud, doubt), _share(doubt)
-        missing = min(int(share * count + stream.part("share").uniform()), count) if share > 0.0 else 0
+        count, missing = cloud.weights.size, 0
+        if self.sizing is not None:
+            count = self.size(self.sizing, cloud, doubt)
+        if doubt is not None and doubt.share > 0.0:
+            missing = min(int(doubt.share * count + stream.part("share").uniform()), count)
         chosen = self.resampling.select(cloud.weights, count - missing, stream.part("resampling"))
         return Survivors(gathered(cloud.particles, chosen), chosen, missing)
 
-    def count(self, cloud: Cloud, doubt: Doubt | None) -> int:
-        """Return how many particles there are to be: as many as before, or what the sizing calls for (Fox, 2003)."""
-        if self.sizing is None:
-            return cloud.weights.size
-        count = self.sizing.size(cloud.particles, cloud.weights)
+    def size(self, sizing: Sizing, cloud: Cloud, doubt: Doubt | None) -> int:
+        """Return the number of particles that the sizing calls for (Fox, 2003), here and where the robot is sought."""
+        count = sizing.size(cloud.particles, cloud.weights)
         if doubt is None or doubt.places is None or not doubt.share > 0.0:
             return count
-        return max(count, self.sizing.size(doubt.places.poses, doubt.places.weights))
+        return max(count, sizing.size(doubt.places.poses, doubt.places.weights))
 
-    def spread(self, survivors: Survivors, cloud: Cloud, stream: Stream) -> Floats:
+    def spread(self, kernel: Regularization, particles: Floats, cloud: Cloud, stream: Stream) -> Floats:
         """Set copies apart by draws from a kernel about each (Arulampalam et al., 2002, algorithm 6)."""
-        if self.regularization is None:
-            return survivors.particles
-        return self.regularization.spread(survivors.particles, cloud, stream.part("regularization"))
+        return kernel.spread(particles, cloud, stream.part("regularization"))
 
-    def renew(
-        self, particles: Floats, missing: int, doubt: Doubt | None, readings: Sequence[Any], stream: Stream
-    ) -> Floats:
+    def renew(self, doubt: Doubt, particles: Floats, missing: int, readings: Sequence[Any], stream: Stream) -> Floats:
         """Append the missing particles, drawn where the rescue looks for the robot (Thrun et al., 2005, table 8.3)."""
-        if doubt is None or missing == 0:
-            return particles
         poses = doubt.source.draw(missing, readings, stream.part("anew"))
         fresh = self.models.motion.particles(poses, stream.part("fresh"))
         return np.concatenate([particles, fresh], axis=1)
@@ -217,8 +205,3 @@ def moves(control: Any) -> bool:
 
 def _checked(part: PartT) -> PartT:
     return validated(part) if isinstance(part, msgspec.Struct) else part
-
-
-def _share(doubt: Doubt | None) -> float:
-    """Return the share of the particles that is doubted."""
-    return 0.0 if doubt is None else doubt.share

@@ -124,9 +124,8 @@ class RecorderMachine:
         elif stage is _Stage.BROKEN:
             if type(event) is Woke:
                 self._stage = _Stage.CLOSING
-                yield Close(
-                    False, str(self._error) or f"stopped {'by the user' if self._steps else 'before the run began'}"
-                )
+                stopped = "stopped by the user" if self._steps else "stopped before the run began"
+                yield Close(False, str(self._error) or stopped)
         elif stage is not _Stage.SEEING_OFF or type(event) is not StopAsked:
             yield from member.handle(event, now.monotonic_ns)
         if self._stage is _Stage.ASSEMBLING and member.running:

@@ -113,11 +113,12 @@ def _reads(context: Context, written: Sequence[Topic]) -> dict[str, str]:
     scenario, names = context.scenario, _names(context)
     found: dict[str, str] = {}
     declared = node_kind(scenario.kinds[context.name]).reads(scenario.nodes[context.name], context)
+    user = isinstance(scenario.nodes[context.name], UserComponent)  # whose names of topics nobody else has checked
+    choices = [*known_topics(), *(row.name for row in written)] if user else []
     for own in sorted(declared, key=str):  # sets have another order in every process
         if isinstance(own, str):
             topic = names.topic(own)
-            choices = [*known_topics(), *(row.name for row in written)]
-            if isinstance(scenario.nodes[context.name], UserComponent) and {own, topic}.isdisjoint(choices):
+            if user and {own, topic}.isdisjoint(choices):
                 raise ScenarioError(f"{key_of(context.name)}: reads {own}, which no node writes{nearest(own, choices)}")
             if topic in found:
                 raise ScenarioError(f"{key_of(context.name)}.remap.{own}: {topic} is its {found[topic]} already")

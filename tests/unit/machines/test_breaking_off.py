@@ -175,6 +175,8 @@ def test_asked_to_stop_twice_a_process_ends_at_once_and_the_recording_is_closed(
     assert all(error is None or isinstance(error, BrokenOffError) for error in others)  # None: its last step was made
     assert others != {None}
     assert end_of(path)[0] is False
+    if name == "recorder":
+        assert end_of(tmp_path / "run.mcap") == (False, "stopped by the user")
 
 
 @pytest.mark.parametrize("name", EVERYBODY)

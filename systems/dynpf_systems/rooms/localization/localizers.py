@@ -129,13 +129,15 @@ class ParticleLocalizer:
         """See Localizer."""
         cloud, _ = _rehearsed(self, poses, control, readings, stream)
         if isinstance(self.filter, ParticleFilter):
-            rescue, doubt = self.filter.rescue, None
+            rescue, kernel, doubt = self.filter.rescue, self.filter.regularization, None
             if rescue is not None:
                 doubt = rescue.doubt(cloud, 0.0, 1, readings)._replace(share=0.5)
             stream = stream.part("resample")
-            survivors = self.filter.resample(cloud, doubt, stream)
-            particles = self.filter.spread(survivors, cloud, stream)
-            self.filter.renew(particles, survivors.missing, doubt, readings, stream)
+            particles, _, missing = self.filter.resample(cloud, doubt, stream)
+            if kernel is not None:
+                particles = self.filter.spread(kernel, particles, cloud, stream)
+            if doubt is not None:
+                self.filter.renew(doubt, particles, missing, readings, stream)
 
     def freeze(self, belief: Cloud) -> Mapping[str, Any]:
         """See Localizer."""

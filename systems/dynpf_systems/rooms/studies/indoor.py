@@ -24,6 +24,7 @@ from dynpf_systems.rooms.localization.config import LocalizationConfig
 from dynpf_systems.rooms.studies.beam_fit import fit_scans
 from dynpf_systems.rooms.studies.figures import Shown, draw
 from dynpf_systems.rooms.studies.ways import (
+    SEARCH_COLUMNS,
     Epoch,
     Way,
     World,
@@ -216,17 +217,7 @@ STUDY = Study(
     run_task=_run,
     rows=summarized,
     columns=(
-        ("dataset", "", "dataset"),
-        ("case", "", "case"),
-        ("start", "", "start"),
-        ("filter", "", "filter"),
-        ("n", "", "n"),
-        ("trials", "", "trials"),
-        ("success %", ".0f", "success_percent"),
-        ("95 %", ".0f", "success_percent_ci_low success_percent_ci_high"),
-        ("updates", ".0f", "updates_to_converge_median"),
-        ("position m", ".3f", "position_rmse_m_median position_rmse_m_p95"),
-        ("heading rad", ".4f", "heading_rmse_rad_median"),
+        *SEARCH_COLUMNS,
         ("particles", ".0f", "particles_mean"),
         ("hit/short/max/rand", ".3f", "z_hit_mean z_short_mean z_max_mean z_rand_mean"),
         ("sigma m, lambda /m", ".3f", "sigma_hit_mean lambda_short_mean"),

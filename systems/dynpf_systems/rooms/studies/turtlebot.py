@@ -23,6 +23,7 @@ from dynpf_systems.rooms.config import Door
 from dynpf_systems.rooms.localization.config import LocalizationConfig
 from dynpf_systems.rooms.studies.figures import Shown, draw
 from dynpf_systems.rooms.studies.ways import (
+    SEARCH_COLUMNS,
     Epoch,
     Way,
     World,
@@ -245,18 +246,6 @@ STUDY = Study(
     tasks=_parts,
     run_task=_run,
     rows=summarized,
-    columns=(
-        ("dataset", "", "dataset"),
-        ("case", "", "case"),
-        ("start", "", "start"),
-        ("filter", "", "filter"),
-        ("n", "", "n"),
-        ("trials", "", "trials"),
-        ("success %", ".0f", "success_percent"),
-        ("95 %", ".0f", "success_percent_ci_low success_percent_ci_high"),
-        ("updates", ".0f", "updates_to_converge_median"),
-        ("position m", ".3f", "position_rmse_m_median position_rmse_m_p95"),
-        ("heading rad", ".4f", "heading_rmse_rad_median"),
-    ),
+    columns=SEARCH_COLUMNS,
     figures=_figures,
 )

@@ -46,6 +46,7 @@ from dynpf_systems.rooms.studies.laser_logs import LaserLog, Record, encoded, lo
 from dynpf_systems.rooms.studies.laser_runs import UpdateCount
 
 __all__ = [
+    "SEARCH_COLUMNS",
     "Drive",
     "Epoch",
     "Track",
@@ -63,6 +64,21 @@ __all__ = [
 
 LASTING = 10
 """Number of updates for which an estimate has to stay right."""
+
+SEARCH_COLUMNS = (
+    ("dataset", "", "dataset"),
+    ("case", "", "case"),
+    ("start", "", "start"),
+    ("filter", "", "filter"),
+    ("n", "", "n"),
+    ("trials", "", "trials"),
+    ("success %", ".0f", "success_percent"),
+    ("95 %", ".0f", "success_percent_ci_low success_percent_ci_high"),
+    ("updates", ".0f", "updates_to_converge_median"),
+    ("position m", ".3f", "position_rmse_m_median position_rmse_m_p95"),
+    ("heading rad", ".4f", "heading_rmse_rad_median"),
+)
+"""What the tables of studies tell of filters that find the robot, or track it, on such ways."""
 
 _SENSED = ("truth/robot", "sensors/odometry", "sensors/scan", "sensors/landmarks")
 
