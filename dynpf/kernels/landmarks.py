@@ -1,7 +1,8 @@
 """Likelihood of ranges and bearings to point landmarks: each of many readings against each of many poses.
 
-Poses are x, y, theta, each (N,) float32. Readings, landmarks and noise come as the named tuples of
-``dynpf.measurement.range_bearing``: RangeBearingReadings without places, Marks and SightingNoise.
+Poses (3, N) are x, y, theta, float32. Readings (K,) are of ``landmarks``, int64, with ``ranges`` and ``bearings``,
+float32. The map has ``ids`` (M,), int64, at ``positions`` (2, M), float32: east and north. ``noise`` (6,), float64, is
+the values of ``dynpf.measurement.range_bearing.SightingNoise``: a call with tuples costs four times as much.
 """
 
 import numpy as np
@@ -18,6 +19,8 @@ _hypot, _direction = elementary64.hypot, elementary64.atan2
 _WHOLE_TURN, _NEAREST = 2.0 * np.pi, 1e-300
 _HALF, _ONE, _TWO_PI, _INFINITY = _f(0.5), _f(1.0), _f(2.0 * np.pi), _f(np.inf)
 _LARGEST, _LN_2 = _f(3.0e38), _f(0.6931471805599453)
+# Places in ``noise``.
+_SIGMA_RANGE, _SIGMA_RANGE_PER_M, _SIGMA_BEARING, _OUTLIERS, _OUTLIER_RANGE, _TEMPERING = range(6)
 _FRACTION, _EXPONENT_ONE = np.int32(0x007FFFFF), np.int32(0x3F800000)
 
 
@@ -69,18 +72,17 @@ def _half_square(far, turned, range_scale, bearing_scale):
 
 
 @kernel
-def log_likelihood(x, y, theta, readings, marks, noise, out):
+def log_likelihood(poses, landmarks, ranges, bearings, ids, positions, noise, out):
     """Fill ``out`` (N,) with the tempered log-density of the readings (K,) at poses.
 
     A reading that is not finite, or of no landmark in the map, counts as nothing; a pose that is not finite is
     impossible.
     """
-    landmarks, ranges, bearings = readings.landmarks, readings.ranges, readings.bearings
-    ids, easts, norths = marks.ids, marks.easts, marks.norths
-    sigma_range, sigma_range_per_m, sigma_bearing = noise.sigma_range, noise.sigma_range_per_m, _f(noise.sigma_bearing)
-    outliers, tempering = _f(noise.outlier_fraction), _f(noise.tempering)
+    x, y, theta, easts, norths = poses[0], poses[1], poses[2], positions[0], positions[1]
+    sigma_range, sigma_range_per_m = noise[_SIGMA_RANGE], noise[_SIGMA_RANGE_PER_M]
+    sigma_bearing, outliers, tempering = _f(noise[_SIGMA_BEARING]), _f(noise[_OUTLIERS]), _f(noise[_TEMPERING])
     bearing_scale = _HALF / (sigma_bearing * sigma_bearing)
-    floor = outliers / (_f(noise.outlier_range) * _TWO_PI)
+    floor = outliers / (_f(noise[_OUTLIER_RANGE]) * _TWO_PI)
     total, product = np.empty(BLOCK, dtype=np.float32), np.empty(BLOCK, dtype=np.float32)
     half_square, exponent = np.empty(BLOCK, dtype=np.float32), np.empty(BLOCK, dtype=np.int32)
     for start in range(0, x.size, BLOCK):
@@ -119,15 +121,15 @@ def log_likelihood(x, y, theta, readings, marks, noise, out):
 
 
 @kernel
-def distances(x, y, theta, weights, readings, marks, noise, out):
+def distances(poses, weights, landmarks, ranges, bearings, ids, positions, noise, out):
     """Fill ``out`` (K,), float64, with the squared Mahalanobis distance of each reading's mean innovation.
 
     Mean and covariance are those of the poses under ``weights`` (N,); the reading's noise is added to the covariance.
     NaN for a reading that is not finite or of no landmark in the map.
     """
-    landmarks, ranges, bearings = readings.landmarks, readings.ranges, readings.bearings
-    ids, easts, norths = marks.ids, marks.easts, marks.norths
-    sigma_range, sigma_range_per_m, sigma_bearing = noise.sigma_range, noise.sigma_range_per_m, noise.sigma_bearing
+    x, y, theta, easts, norths = poses[0], poses[1], poses[2], positions[0], positions[1]
+    sigma_range, sigma_range_per_m = noise[_SIGMA_RANGE], noise[_SIGMA_RANGE_PER_M]
+    sigma_bearing = noise[_SIGMA_BEARING]
     total = np.float64(0.0)
     for i in range(x.size):
         total += np.float64(weights[i])
@@ -216,19 +218,19 @@ def _add_log(total, best, share, peak, floor):
 
 
 @kernel
-def log_likelihood_unlabelled(x, y, theta, readings, positions, mixture, noise, out):
+def log_likelihood_unlabelled(poses, readings, positions, mixture, noise, out):
     """Fill ``out`` (N,) with the tempered log-density of readings of any of the landmarks, M at least 1.
 
-    ``readings``: UnlabelledReadings (K,); ``positions`` (2, M): east and north. Of the landmarks' densities, the
-    greatest is taken, or with ``mixture`` the mean. A reading that is not finite counts as nothing; a pose that is not
-    finite is impossible. All arrays are float32.
+    ``readings`` (2, K), float32: ranges and bearings. Of the landmarks' densities, the greatest is taken, or with
+    ``mixture`` the mean. A reading that is not finite counts as nothing; a pose that is not finite is impossible.
     """
-    ranges, bearings, easts, norths = readings.ranges, readings.bearings, positions[0], positions[1]
-    sigma_range, sigma_range_per_m, sigma_bearing = noise.sigma_range, noise.sigma_range_per_m, _f(noise.sigma_bearing)
-    outliers, tempering = _f(noise.outlier_fraction), _f(noise.tempering)
+    x, y, theta = poses[0], poses[1], poses[2]
+    ranges, bearings, easts, norths = readings[0], readings[1], positions[0], positions[1]
+    sigma_range, sigma_range_per_m = noise[_SIGMA_RANGE], noise[_SIGMA_RANGE_PER_M]
+    sigma_bearing, outliers, tempering = _f(noise[_SIGMA_BEARING]), _f(noise[_OUTLIERS]), _f(noise[_TEMPERING])
     count = easts.size
     bearing_scale = _HALF / (sigma_bearing * sigma_bearing)
-    floor = outliers / (_f(noise.outlier_range) * _TWO_PI)
+    floor = outliers / (_f(noise[_OUTLIER_RANGE]) * _TWO_PI)
     expected = np.empty((count, BLOCK), dtype=np.float32)
     direction = np.empty((count, BLOCK), dtype=np.float32)
     best, share = np.empty(BLOCK, dtype=np.float32), np.empty(BLOCK, dtype=np.float32)

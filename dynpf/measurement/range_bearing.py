@@ -65,16 +65,23 @@ class SensorRows(NamedTuple):
     range_scale: int
 
 
+class Sighted(NamedTuple):
+    """Readings as the kernels take them, (K,) each: int64, and float32 in metres and radians."""
+
+    landmarks: NDArray[np.int64]
+    ranges: NDArray[np.float32]
+    bearings: NDArray[np.float32]
+
+
 class Marks(NamedTuple):
-    """The map's landmarks as the kernels take them, (M,) each: int64, and float32 in metres."""
+    """The map's landmarks as the kernels take them: (M,) int64, and (2, M) float32 in metres."""
 
     ids: NDArray[np.int64]
-    easts: Floats
-    norths: Floats
+    positions: Floats
 
 
 class SightingNoise(NamedTuple):
-    """Noise of ranges and bearings as the kernels take it: see RangeBearingParams."""
+    """Noise of ranges and bearings, see RangeBearingParams, in the order in which the kernels take it as an array."""
 
     sigma_range: float
     sigma_range_per_m: float
@@ -97,8 +104,8 @@ class RangeBearing:
         self.rows = rows
         self.landmarks = landmarks
         positions = np.array(landmarks.positions, dtype=np.float32, order="C")
-        self._marks = Marks(np.array(landmarks.ids, dtype=np.int64), *positions)
-        self._noise = SightingNoise(
+        self._marks = Marks(np.array(landmarks.ids, dtype=np.int64), positions)
+        noise = SightingNoise(
             params.sigma_range,
             params.sigma_range_per_m,
             params.sigma_bearing,
@@ -106,6 +113,7 @@ class RangeBearing:
             params.outlier_range,
             params.tempering,
         )
+        self._noise = np.array(noise)
 
     def admit(self, particles: Floats, weights: Floats, reading: RangeBearingReadings) -> RangeBearingReadings | None:
         """Return the readings that carry information and lie within the gate, None if there is none.
@@ -132,9 +140,9 @@ class RangeBearing:
         Finite wherever there is a share of outliers. Raises ValueError where the readings' arrays differ in length.
         """
 
-        def of(poses: Floats, sighted: RangeBearingReadings) -> NDArray[np.float32]:
+        def of(poses: Floats, sighted: Sighted) -> NDArray[np.float32]:
             out = np.empty(poses.shape[1], dtype=np.float32)
-            kernels.landmarks.log_likelihood(*poses, sighted, marks, self._noise, out)
+            kernels.landmarks.log_likelihood(poses, *sighted, *marks, self._noise, out)
             return out
 
         sighted, marks = self._located(reading)
@@ -213,9 +221,9 @@ class RangeBearing:
             raise ValueError(f"weights of shape {weights.shape} for {particles.shape[1]} particles")
         shares = np.ascontiguousarray(weights, dtype=np.float32)
 
-        def of(poses: Floats, sighted: RangeBearingReadings) -> FloatArray:
+        def of(poses: Floats, sighted: Sighted) -> FloatArray:
             out = np.empty(sighted.ranges.size)
-            kernels.landmarks.distances(*poses, shares, sighted, marks, self._noise, out)
+            kernels.landmarks.distances(poses, shares, *sighted, *marks, self._noise, out)
             return out
 
         sighted, marks = self._located(reading)
@@ -224,9 +232,7 @@ class RangeBearing:
         distances = [of(poses, each) for poses, each in self._one_by_one(particles, sighted, marks)]
         return np.concatenate(distances) if distances else np.empty(0)
 
-    def _one_by_one(
-        self, particles: Floats, sighted: RangeBearingReadings, marks: Marks
-    ) -> Iterator[tuple[Floats, RangeBearingReadings]]:
+    def _one_by_one(self, particles: Floats, sighted: Sighted, marks: Marks) -> Iterator[tuple[Floats, Sighted]]:
         """Yield each reading, and the poses (3, N) whose own sensor, uncalibrated, would read as the particles' does.
 
         They are as much farther from the landmark as the range is scaled, and turned against the bias. So one kernel
@@ -236,11 +242,11 @@ class RangeBearing:
         for k, landmark in enumerate(sighted.landmarks.tolist()):
             poses = np.array(particles[:3], dtype=np.float32, order="C")
             for mark in np.flatnonzero(marks.ids == landmark)[:1]:
-                for row, axis in enumerate((marks.easts, marks.norths)):
+                for row, axis in enumerate(marks.positions):
                     poses[row] = axis[mark] + scale * (poses[row] - axis[mark])
             poses[2] -= bias
             kept = slice(k, k + 1)
-            yield poses, RangeBearingReadings(sighted.landmarks[kept], sighted.ranges[kept], sighted.bearings[kept])
+            yield poses, Sighted(sighted.landmarks[kept], sighted.ranges[kept], sighted.bearings[kept])
 
     def _calibration(self, states: Floats) -> tuple[Floats | float, Floats | float]:
         """Return what multiplies ranges and what is added to bearings; of mere poses, nothing is known of either."""
@@ -268,21 +274,22 @@ class RangeBearing:
             )
         return places
 
-    def _located(self, reading: RangeBearingReadings) -> tuple[RangeBearingReadings, Marks]:
+    def _located(self, reading: RangeBearingReadings) -> tuple[Sighted, Marks]:
         """Return the readings and the landmarks as the kernels take them.
 
         Of a landmark that moves, each reading has an identity of its own, for which the map has none: below zero.
         """
-        ids, ranges, bearings = _arrays(reading)
+        sighted = _arrays(reading)
+        if reading.places is None:
+            return sighted, self._marks
         moving = np.flatnonzero(_moving(reading))
-        if not moving.size or reading.places is None:
-            return RangeBearingReadings(ids, ranges, bearings), self._marks
         own = -1 - np.arange(moving.size)
-        ids = ids.copy()
+        ids = sighted.landmarks.copy()
         ids[moving] = own
-        added = own, *np.asarray(reading.places[:, moving], dtype=np.float32)
-        marks = Marks(*(np.concatenate(both) for both in zip(self._marks, added, strict=True)))
-        return RangeBearingReadings(ids, ranges, bearings), marks
+        known = self._marks
+        added = np.asarray(reading.places[:, moving], dtype=np.float32)
+        marks = Marks(np.concatenate([known.ids, own]), np.concatenate([known.positions, added], axis=1))
+        return sighted._replace(landmarks=ids), marks
 
 
 def _poses(states: Floats) -> FloatArray:
@@ -299,14 +306,14 @@ def _moving(reading: RangeBearingReadings) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(reading.places).all(axis=0), dtype=np.bool_)
 
 
-def _arrays(reading: RangeBearingReadings) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
+def _arrays(reading: RangeBearingReadings) -> Sighted:
     """Return the readings as the kernels take them; raises ValueError where the arrays differ in length."""
     landmarks = _array(reading.landmarks, np.dtype(np.int64))
     ranges, bearings = _array(reading.ranges, np.dtype(np.float32)), _array(reading.bearings, np.dtype(np.float32))
     if not landmarks.shape == ranges.shape == bearings.shape:
         sizes = f"{landmarks.size} landmarks, {ranges.size} ranges and {bearings.size} bearings"
         raise ValueError(f"{sizes}: a reading needs one of each")
-    return landmarks, ranges, bearings
+    return Sighted(landmarks, ranges, bearings)
 
 
 def _array(values: ArrayLike, dtype: np.dtype[Any]) -> NDArray[Any]:

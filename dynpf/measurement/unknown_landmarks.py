@@ -58,7 +58,7 @@ class UnknownLandmarks:
         self.params = validated(params)
         positions = landmarks.positions if isinstance(landmarks, LandmarkMap) else landmarks
         self._positions = np.array(positions, dtype=np.float32, order="C")
-        self._noise = SightingNoise(
+        noise = SightingNoise(
             params.sigma_range,
             params.sigma_range_per_m,
             params.sigma_bearing,
@@ -66,6 +66,7 @@ class UnknownLandmarks:
             params.outlier_range,
             params.tempering,
         )
+        self._noise = np.array(noise)
 
     def admit(self, particles: Floats, weights: Floats, reading: ReadingsT) -> ReadingsT | None:  # noqa: ARG002
         """Return the readings that carry information, None if there is none: any landmark may explain any of them."""
@@ -88,13 +89,12 @@ class UnknownLandmarks:
 
         Finite wherever there is a share of outliers. Raises ValueError where the readings' arrays differ in length.
         """
-        x, y, theta = np.ascontiguousarray(particles[:3], dtype=np.float32)
-        readings = UnlabelledReadings(*_arrays(reading))
-        if not self._positions.size:
-            return np.zeros(x.size, dtype=np.float32)
-        out = np.empty(x.size, dtype=np.float32)
-        mixture = self.params.association == "mixture"
-        kernels.landmarks.log_likelihood_unlabelled(x, y, theta, readings, self._positions, mixture, self._noise, out)
+        poses = np.ascontiguousarray(particles[:3], dtype=np.float32)
+        readings = _arrays(reading)
+        out = np.zeros(poses.shape[1], dtype=np.float32)
+        if self._positions.size:
+            mixture = self.params.association == "mixture"
+            kernels.landmarks.log_likelihood_unlabelled(poses, readings, self._positions, mixture, self._noise, out)
         return out
 
 

@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 from dynpf import kernels
 from dynpf.maps import LandmarkMap
 from dynpf.measurement import RangeBearing, RangeBearingParams, RangeBearingReadings
-from dynpf.measurement.range_bearing import Marks, SensorRows, SightingNoise
+from dynpf.measurement.range_bearing import SensorRows, SightingNoise
 from dynpf.reference import landmarks as reference_landmarks
 from dynpf.rng import Stream
 from dynpf.se2 import wrap_angle
@@ -345,11 +345,11 @@ def test_the_gate_s_kernel_is_the_reference(
         particles[2] = np.arctan2(north - particles[1], east - particles[0]) + particles[2] / 70.0
     weights = np.arange(1, len(poses) + 1, dtype=np.float32)
     landmark, distance, bearing = readings(reading)[:3]
-    ids, (easts, norths) = np.array(some.ids), some.positions.astype(np.float32)
-    seen = RangeBearingReadings(landmark, distance.astype(np.float32), bearing.astype(np.float32))
-    noise = SightingNoise(0.3, 0.1, 0.2, outlier_fraction=0.0, outlier_range=1.0, tempering=1.0)
+    ids, positions = np.array(some.ids), some.positions.astype(np.float32)
+    seen = landmark, distance.astype(np.float32), bearing.astype(np.float32)
+    noise = np.array(SightingNoise(0.3, 0.1, 0.2, outlier_fraction=0.0, outlier_range=1.0, tempering=1.0))
     out = np.empty(1)
-    kernels.landmarks.distances(*particles, weights, seen, Marks(ids, easts, norths), noise, out)
+    kernels.landmarks.distances(particles, weights, *seen, ids, positions, noise, out)
     x, y, theta = particles
     expected = reference_landmarks.distances(
         x,
@@ -360,8 +360,8 @@ def test_the_gate_s_kernel_is_the_reference(
         ranges=distance,
         bearings=bearing,
         ids=ids,
-        easts=easts,
-        norths=norths,
+        easts=positions[0],
+        norths=positions[1],
         sigma_range=0.3,
         sigma_range_per_m=0.1,
         sigma_bearing=0.2,
