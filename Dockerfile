@@ -1,6 +1,7 @@
 # One image for every process: `docker build -t dynpf .`, or compose.yaml. Where packages come through a private certificate
 # authority, put its certificates into ca-certificates.pem beside this file; they stay out of the image.
-ARG BASE=python:3.11-slim-bookworm
+# The base is pinned by the digest of Docker Hub's index of 2026-10-01; BASE names another, such as a mirror's.
+ARG BASE=python:3.11-slim-bookworm@sha256:a36c24f9cbdf4fd0f52d67f0823eeac19c2028c637cecc392d97f980d4fec56b
 
 FROM ${BASE} AS build
 WORKDIR /build

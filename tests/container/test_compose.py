@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -29,13 +30,15 @@ def run(
 
 
 @pytest.fixture(scope="module")
-def engine() -> None:
+def base() -> str:
+    """Return the name of the base image; without an engine the tests are skipped."""
     in_ci = os.environ.get("CI") == "true"
     script = [str(ROOT / ".ci/docker-engine"), *(["--install"] if in_ci else [])]
     ready = subprocess.run(script, capture_output=True, text=True, check=False)
     if ready.returncode != 0:
         reason = ready.stderr.strip().rpartition("\n")[2]
         pytest.fail(reason) if in_ci else pytest.skip(f"{reason}; as root, .ci/docker-engine --install may help")
+    return ready.stdout.strip().rpartition("\n")[2]
 
 
 class Compose:
@@ -54,7 +57,7 @@ class Compose:
 
 
 @pytest.fixture(scope="module")
-def finished(engine: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Compose]:
+def finished(base: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Compose]:
     """Build what a checkout holds, and let its processes run until the last has ended."""
     folder = tmp_path_factory.mktemp("checkout")
     ignore = (ROOT / ".dockerignore").read_text().splitlines()
@@ -66,7 +69,7 @@ def finished(engine: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     if certificates := os.environ.get("PIP_CERT"):
         shutil.copy(certificates, folder / "ca-certificates.pem")
     compose = Compose(folder)
-    compose("build", seconds=900)
+    compose("build", "--build-arg", f"BASE={base}", seconds=900)
     try:
         print(compose("up", "--no-color", seconds=600))
         yield compose
@@ -82,6 +85,19 @@ def test_every_process_ends_well_and_unprivileged(finished: Compose) -> None:
         service, code, user = run(["docker", "inspect", "--format", form, container]).split()
         states[service] = (int(code), user)
     assert states == dict.fromkeys(SERVICES, (0, "dynpf"))
+
+
+def test_no_process_can_change_its_image_or_gain_privileges(finished: Compose) -> None:
+    """Container by container; a process inside one finds its root read-only and has no capability."""
+    form = "{{.HostConfig.ReadonlyRootfs}} {{.HostConfig.CapDrop}} {{.HostConfig.SecurityOpt}}"
+    for container in finished("ps", "--all", "--quiet").split():
+        assert run(["docker", "inspect", "--format", form, container]).strip() == "true [ALL] [no-new-privileges:true]"
+    probe = "import pathlib; print(pathlib.Path('/proc/self/status').read_text()); pathlib.Path('/opt/dynpf/x').touch()"
+    command = ["run", "--rm", "--no-deps", "-T", "--entrypoint", "python", "estimator", "-c", probe]
+    with pytest.raises(AssertionError, match="Read-only file system") as caught:
+        finished(*command)
+    assert re.search(r"CapBnd:\s+0+\n", str(caught.value))
+    assert re.search(r"NoNewPrivs:\s+1\n", str(caught.value))
 
 
 def test_health_of_a_process_that_is_absent_is_bad(finished: Compose) -> None:

@@ -3,6 +3,7 @@
 import argparse
 import shlex
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,19 @@ HEAD = """\
 # compose v2 both understand.
 """
 PORT = 7447
-PROCESS: Mapping[str, Any] = {"image": "${DYNPF_IMAGE:-dynpf}", "build": ".", "init": True}
+KERNELS = "/var/cache/dynpf"
+"""Where the image has its compiled kernels. Each container has a volume of its own there, which begins as that folder:
+another kind of processor compiles into it, and no container can hand another one machine code."""
+
+PROCESS: Mapping[str, Any] = {
+    "image": "${DYNPF_IMAGE:-dynpf}",
+    "build": ".",
+    "init": True,
+    "read_only": True,
+    "tmpfs": ["/tmp"],
+    "cap_drop": ["ALL"],
+    "security_opt": ["no-new-privileges:true"],
+}
 ROUTER_PACE: Mapping[str, Any] = {"interval": "2s", "timeout": "10s", "retries": 30}
 PACE: Mapping[str, Any] = {"interval": "10s", "timeout": "10s", "start_period": "15s"}
 
@@ -113,13 +126,13 @@ def _mounted(file: Path, folder: str, mounts: list[str]) -> str:
 
 
 def _service(name: str, words: Sequence[str], mounts: Sequence[str]) -> dict[str, Any]:
-    volumes = [*mounts, *(["recordings:/dynpf/runs"] if name == "recorder" else [])]
+    volumes = [KERNELS, *mounts, *(["recordings:/dynpf/runs"] if name == "recorder" else [])]
     host = "127.0.0.1" if name == "router" else "router"
     test = ["CMD", "dynpf", "health", name, "--connect", f"tcp/{host}:{PORT}"]
     return {
-        **PROCESS,
+        **deepcopy(PROCESS),  # YAML would refer from one service to another's list
         **({} if name == "router" else {"depends_on": {"router": {"condition": "service_healthy"}}}),
         "command": ["service", name, *words],
-        **({"volumes": volumes} if volumes else {}),
+        "volumes": volumes,
         "healthcheck": {"test": test, **(ROUTER_PACE if name == "router" else PACE)},
     }

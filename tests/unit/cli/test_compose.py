@@ -36,6 +36,17 @@ def test_each_process_of_a_scenario_has_its_container_and_no_other_has(
         assert service["healthcheck"]["test"][:4] == ["CMD", "dynpf", "health", name]
 
 
+def test_no_container_can_change_its_image_or_gain_privileges(capsys: pytest.CaptureFixture[str]) -> None:
+    services = yaml.safe_load(printed(capsys, "parts-3-easy"))["services"]
+    for name, service in services.items():
+        assert service["read_only"], name
+        assert service["cap_drop"] == ["ALL"], name
+        assert service["security_opt"] == ["no-new-privileges:true"], name
+        assert [volume for volume in service["volumes"] if volume.startswith("recordings")] == (
+            ["recordings:/dynpf/runs"] if name == "recorder" else []
+        )
+
+
 def test_files_of_ones_own_are_mounted_where_the_command_looks_for_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -45,7 +56,7 @@ def test_files_of_ones_own_are_mounted_where_the_command_looks_for_them(
     (tmp_path / "code").mkdir()
     made = yaml.safe_load(printed(capsys, "mine/own.toml", "--code", "code", "--set", "title='a $5 robot'"))
     service = made["services"]["estimator"]
-    assert service["volumes"] == [f"{tmp_path}/mine:/scenario:ro", f"{tmp_path}/code:/code/0:ro"]
+    assert service["volumes"] == ["/var/cache/dynpf", f"{tmp_path}/mine:/scenario:ro", f"{tmp_path}/code:/code/0:ro"]
     assert shlex.join(service["command"]).startswith("service estimator /scenario/own.toml --set")
     assert "title='a $$5 robot'" in service["command"]
     assert made["services"]["recorder"]["volumes"][-1] == "recordings:/dynpf/runs"
