@@ -8,7 +8,7 @@ from dynpf_formats.shipped import known_topics
 from dynpf_protocol.codec import encode
 from dynpf_protocol.control import Recorded, Stop, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
-from dynpf_protocol.keys import BEAT, CONTROL, DATA, TICK
+from dynpf_protocol.keys import BEAT, DATA, RECORDED, STOP, TICK
 from dynpf_systems.parts.messages import Detections
 
 from tests.integration.processes import watch_run
@@ -36,10 +36,10 @@ def test_what_a_stranger_publishes_is_refused_and_changes_nothing(tmp_path, dynp
         put(TOPIC, good, "sensors", boot, 3)
         put(TOPIC, b"\xff\x00", "sensors", boot, 4)
         put("no/such/topic", good, "sensors", boot, 0)
-        for key in (f"{TICK}sensors", f"{BEAT}sensors", f"{CONTROL}stop", f"{CONTROL}recorded"):
+        for key in (f"{TICK}sensors", f"{BEAT}sensors", f"{STOP}sensors", RECORDED):
             watched.bus.put(key, b"\xff")
-        watched.bus.put(f"{CONTROL}stop", encode_control(Stop("sensors", "deadbeef", "enough")))
-        watched.bus.put(f"{CONTROL}recorded", encode_control(Recorded("deadbeef", False, "no room left", "run.mcap")))
+        watched.bus.put(f"{STOP}sensors", encode_control(Stop("sensors", "deadbeef", "enough")))
+        watched.bus.put(RECORDED, encode_control(Recorded("deadbeef", False, "no room left", "run.mcap")))
         watched.await_ticks(30)
     assert run.wait() == 0, run.stderr
     assert "Traceback" not in run.stderr
@@ -65,7 +65,7 @@ def test_what_a_stranger_publishes_is_refused_and_changes_nothing(tmp_path, dynp
     for name, key in (
         ("estimator", "tick/sensors"),
         ("estimator", f"{BEAT}sensors"),
-        ("simulator", f"{CONTROL}stop"),
-        ("router", f"{CONTROL}recorded"),
+        ("simulator", f"{STOP}sensors"),
+        ("router", RECORDED),
     ):
         assert f"dynpf {name}: {key}: message refused" in run.stderr

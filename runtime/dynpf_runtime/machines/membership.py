@@ -9,7 +9,7 @@ from enum import IntEnum
 
 from dynpf_protocol.control import Beat, Recorded, Stop, decode_control, encode_control
 from dynpf_protocol.errors import BrokenOffError, ProtocolError, RunError, UsageError
-from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, READY, RECORDER, ROUTER, SCENARIO
+from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, OPERATOR, READY, RECORDED, RECORDER, ROUTER, SCENARIO, STOP
 
 from dynpf_runtime.machines.agreement import first_difference
 from dynpf_runtime.machines.effects import NEVER_NS, Ask, Count, Declare, Effect, Put, Subscribe, Tell, Watch
@@ -65,7 +65,7 @@ class Membership:
         self._stage = _Stage.ASKING
         self._stop_sent = False
         self._roster = Roster(self.peers)
-        self._router = Roster({ROUTER})
+        self._others = Roster({ROUTER, OPERATOR})
         self._rivals: set[str] = set()
         self._beats: dict[tuple[str, str], int] = {}
         self._peer_ticks: dict[str, int] = {}
@@ -171,7 +171,7 @@ class Membership:
                 raise self._taken(others[0])
             self._stage = _Stage.JOINING
             yield from self._prepare
-            yield from (Subscribe(f"{CONTROL}*"), Subscribe(f"{BEAT}**"), Watch(f"{ALIVE}**"), Watch(f"{READY}**"))
+            yield from (Subscribe(f"{CONTROL}**"), Subscribe(f"{BEAT}**"), Watch(f"{ALIVE}**"), Watch(f"{READY}**"))
             yield Declare(f"{ALIVE}{self.name}/{self.boot}")
             yield Count(f"{ALIVE}{self.name}/*")
             return
@@ -229,8 +229,8 @@ class Membership:
         node, boot, ready = holder(token)
         if node == self.name and boot != self.boot:
             self._rival(boot, ready=ready, present=token.present)
-        elif node == ROUTER:
-            self._router.take(token)
+        elif node in self._others.names:
+            self._others.take(token)
         elif node in self.peers:
             change = self._roster.take(token)
             if change is Change.SECOND:
@@ -259,10 +259,10 @@ class Membership:
                 if self.boots.get(beat.node) == beat.boot:  # not from a stranger under a peer's name
                     self._beats[beat.node, beat.boot] = now_ns
                     self._peer_ticks[beat.node] = beat.ticks
-            elif arrived.key == f"{CONTROL}recorded":
+            elif arrived.key == RECORDED:
                 self._take_recorded(decode_control(arrived.payload, Recorded))
-            elif arrived.key == f"{CONTROL}stop":
-                self._take_stop(decode_control(arrived.payload, Stop))
+            elif arrived.key.startswith(STOP):
+                self._take_stop(arrived.key[len(STOP) :], decode_control(arrived.payload, Stop))
         except ProtocolError as error:
             yield Tell(f"{arrived.key}: message refused: {error}")
 
@@ -275,9 +275,9 @@ class Membership:
         if not recorded.complete and not self.leaving:
             raise BrokenOffError(f"the recorder has closed the recording: {recorded.reason}")
 
-    def _take_stop(self, stop: Stop) -> None:
-        known = {**self.boots, **self._router.boots, self.name: self.boot}
-        if known.get(stop.node) != stop.boot:
+    def _take_stop(self, sender: str, stop: Stop) -> None:
+        known = {**self.boots, **self._others.boots, self.name: self.boot}
+        if stop.node != sender or known.get(sender) != stop.boot:
             raise ProtocolError(f"unknown sender {stop.node!r} with boot {stop.boot!r}")
         self.stop_reason = stop.reason
 
@@ -287,4 +287,4 @@ class Membership:
         if not self._stop_sent:
             self._stop_sent = True
             self.stop_reason = self.stop_reason or event.reason
-            yield Put(f"{CONTROL}stop", encode_control(Stop(self.name, self.boot, event.reason)))
+            yield Put(f"{STOP}{self.name}", encode_control(Stop(self.name, self.boot, event.reason)))

@@ -11,7 +11,7 @@ from dynpf_protocol.control import Recorded, TickDone, decode_control, encode_co
 from dynpf_protocol.envelope import Envelope, decode_envelope
 from dynpf_protocol.errors import BadMessageError, DynpfError, ProtocolError, RunError
 from dynpf_protocol.journal import JOURNAL_PREFIX, decode_entry
-from dynpf_protocol.keys import CONTROL, DATA, JOURNAL, RECORDER, TICK
+from dynpf_protocol.keys import DATA, JOURNAL, RECORDED, RECORDER, TICK
 from dynpf_protocol.messages import Log, LogLevel, timestamp
 
 from dynpf_runtime.machines.effects import (
@@ -163,7 +163,7 @@ class RecorderMachine:
         """Announce that the file is closed; after a complete run, wait until the others have left."""
         self._member.leaving = True
         recorded = Recorded(self._boot, end.complete, end.reason, self._path)
-        yield Put(f"{CONTROL}recorded", encode_control(recorded))
+        yield Put(RECORDED, encode_control(recorded))
         if self._error is not None:
             yield Ended(self._error)
             return

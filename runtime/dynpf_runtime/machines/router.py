@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from dynpf_protocol.control import Beat, Recorded, Stop, decode_control, encode_control
 from dynpf_protocol.errors import BrokenOffError, ProtocolError
-from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, READY, RECORDER, ROUTER, SCENARIO
+from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, READY, RECORDED, RECORDER, ROUTER, SCENARIO, STOP
 
 from dynpf_runtime.machines.effects import NEVER_NS, Answer, Declare, Effect, Ended, Put, Subscribe, Tell, Watch
 from dynpf_runtime.machines.events import Arrived, Event, Now, Started, StopAsked, Token
@@ -38,11 +38,11 @@ class RouterMachine:
         match event:
             case Started():
                 yield Answer(SCENARIO, self._scenario.encode())
-                yield from (Subscribe(f"{CONTROL}*"), Watch(f"{ALIVE}**"), Watch(f"{READY}**"))
+                yield from (Subscribe(f"{CONTROL}**"), Watch(f"{ALIVE}**"), Watch(f"{READY}**"))
                 yield Declare(f"{ALIVE}{ROUTER}/{self._boot}")
             case Token():
                 self._token(event)
-            case Arrived(key) if key == f"{CONTROL}recorded":
+            case Arrived(key) if key == RECORDED:
                 yield from self._hear(event)
             case StopAsked():
                 if event.at_once or not self._began:
@@ -50,7 +50,7 @@ class RouterMachine:
                     return
                 if not self._stopping:
                     self._stopping = True
-                    yield Put(f"{CONTROL}stop", encode_control(Stop(ROUTER, self._boot, event.reason)))
+                    yield Put(f"{STOP}{ROUTER}", encode_control(Stop(ROUTER, self._boot, event.reason)))
         if self._over(now):
             yield Ended(self._outcome())
         elif now.monotonic_ns >= self.wake_ns:

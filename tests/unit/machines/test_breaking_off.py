@@ -9,7 +9,7 @@ from dynpf_formats.recording.reader import read_recording
 from dynpf_protocol.control import Beat, Recorded, Stop, TickDone, decode_control, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
 from dynpf_protocol.errors import BrokenOffError, RunError, UsageError
-from dynpf_protocol.keys import BEAT, CONTROL, DATA, JOURNAL, TICK
+from dynpf_protocol.keys import BEAT, DATA, JOURNAL, RECORDED, STOP, TICK
 from dynpf_runtime.machines.effects import Effect, Record
 from dynpf_runtime.machines.events import Arrived, Event
 from dynpf_runtime.machines.membership import BEAT_NS, WEDGED_NS
@@ -229,7 +229,7 @@ def test_a_message_that_the_recorder_never_gets_makes_the_recording_incomplete(
 
 def test_a_confirmation_that_never_comes_is_told_after_half_a_minute(tmp_path: Path, simulate: Simulate) -> None:
     simulation = simulate(PLAN, tmp_path / "run.mcap")
-    simulation.lost = lambda process, arrived: arrived.key == f"{CONTROL}recorded" and process != "router"
+    simulation.lost = lambda process, arrived: arrived.key == RECORDED and process != "router"
     simulation.run()
     assert {str(simulation.ended[name]) for name in NODES} == {"the recorder has not confirmed the run within 30 s"}
     assert all(type(simulation.ended[name]) is RunError for name in NODES)
@@ -244,10 +244,10 @@ def test_what_a_stranger_says_changes_nothing(tmp_path: Path, simulate: Simulate
     for key, message in (
         (f"{BEAT}estimator", Beat("estimator", "another", 10**6)),
         (f"{TICK}estimator", TickDone("estimator", "another", 10**6, 10**6, 0, {}, True)),
-        (f"{CONTROL}stop", Stop("sensors", "another", "enough")),
-        (f"{CONTROL}stop", Stop("router", "another", "enough")),
-        (f"{CONTROL}recorded", Recorded("another", True, "finished", "other.mcap")),
-        (f"{CONTROL}recorded", Recorded("another", False, "no room left", "other.mcap")),
+        (f"{STOP}sensors", Stop("sensors", "another", "enough")),
+        (f"{STOP}router", Stop("router", "another", "enough")),
+        (RECORDED, Recorded("another", True, "finished", "other.mcap")),
+        (RECORDED, Recorded("another", False, "no room left", "other.mcap")),
     ):
         simulation.publish(key, encode_control(message))
         simulation.publish(key, b"\xff")
@@ -257,7 +257,7 @@ def test_what_a_stranger_says_changes_nothing(tmp_path: Path, simulate: Simulate
     assert set(simulation.ended.values()) == {None}
     assert content_digest(read_recording(path)) == undisturbed
     notices = simulation.notices("simulator")
-    assert sum("control/stop: message refused: unknown sender" in text for text in notices) == 2
+    assert sum("control/stop/" in text and "message refused: unknown sender" in text for text in notices) == 2
     assert sum("control/recorded: message refused: unknown sender 'recorder'" in text for text in notices) == 2
     assert sum("message refused" in text for text in simulation.notices("router")) == 4  # of control/recorded alone
     refusals = [text for text in simulation.notices("recorder") if f"{JOURNAL}estimator: message refused" in text]
@@ -269,7 +269,7 @@ def test_the_same_words_of_a_member_do_change_the_run(tmp_path: Path, simulate: 
     path = tmp_path / "run.mcap"
     simulation = simulate(PLAN, path)
     mid_run(simulation)
-    simulation.publish(f"{CONTROL}stop", encode_control(Stop("sensors", "sensors-1", "enough")))
+    simulation.publish(f"{STOP}sensors", encode_control(Stop("sensors", "sensors-1", "enough")))
     simulation.run()
     assert end_of(path) == (True, "enough")
     assert content_digest(read_recording(path)) != undisturbed

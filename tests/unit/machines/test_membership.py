@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from dynpf_protocol.control import Beat, Recorded, Stop, encode_control
 from dynpf_protocol.errors import BrokenOffError, DynpfError, UsageError
-from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, READY, SCENARIO
+from dynpf_protocol.keys import ALIVE, BEAT, READY, RECORDED, SCENARIO, STOP
 from dynpf_runtime.machines.effects import Ask, Count, Declare, Effect, Put, Subscribe, Tell
 from dynpf_runtime.machines.events import Answered, Arrived, Counted, Event, RouterGone, Started, Token, Woke
 from dynpf_runtime.machines.membership import BEAT_NS, SURE_NS, WEDGED_NS, Membership
@@ -187,33 +187,37 @@ def test_when_the_run_is_over_everybody_may_go() -> None:
     one.machine.leaving = True
     one.give(token(ALIVE, "estimator", present=False))
     one.now_ns += SURE_NS
-    one.give(Woke(), RouterGone(), control(f"{CONTROL}recorded", Recorded("boot", True, "finished", "run.mcap")))
+    one.give(Woke(), RouterGone(), control(RECORDED, Recorded("boot", True, "finished", "run.mcap")))
     assert one.machine.recorded is not None
     assert one.machine.recorded.reason == "finished"
 
 
 def test_a_recording_that_is_closed_too_early_breaks_the_run_off() -> None:
-    closed = control(f"{CONTROL}recorded", Recorded("boot", False, "no room left", "run.mcap"))
+    closed = control(RECORDED, Recorded("boot", False, "no room left", "run.mcap"))
     with pytest.raises(BrokenOffError, match="no room left"):
         Scripted().assembled().give(closed)
 
 
-@pytest.mark.parametrize(("node", "boot"), [("sensors", "boot"), ("router", "hub"), ("simulator", "mine")])
-def test_a_member_or_the_router_may_ask_to_stop(node: str, boot: str) -> None:
+@pytest.mark.parametrize(
+    ("node", "boot"), [("sensors", "boot"), ("router", "hub"), ("operator", "hub"), ("simulator", "mine")]
+)
+def test_a_member_the_router_and_the_operator_may_ask_to_stop(node: str, boot: str) -> None:
     one = Scripted().assembled()
-    one.give(token(ALIVE, "router", boot="hub"), control(f"{CONTROL}stop", Stop(node, boot, "enough")))
+    one.give(token(ALIVE, "router", boot="hub"), token(ALIVE, "operator", boot="hub"))
+    one.give(control(f"{STOP}{node}", Stop(node, boot, "enough")))
     assert (one.machine.stop_reason, one.told) == ("enough", [])
 
 
 @pytest.mark.parametrize(
     "stranger",
     [
-        Arrived(f"{CONTROL}stop", b"\xff\xff", b""),
-        control(f"{CONTROL}stop", Stop("sensors", "another", "enough")),
-        control(f"{CONTROL}stop", Stop("router", "boot", "enough")),
-        control(f"{CONTROL}stop", Stop("nobody", "boot", "enough")),
-        control(f"{CONTROL}recorded", Recorded("another", False, "no room left", "run.mcap")),
-        control(f"{CONTROL}recorded", Recorded("another", True, "finished", "run.mcap")),
+        Arrived(f"{STOP}sensors", b"\xff\xff", b""),
+        control(f"{STOP}sensors", Stop("sensors", "another", "enough")),
+        control(f"{STOP}router", Stop("router", "boot", "enough")),
+        control(f"{STOP}router", Stop("sensors", "boot", "enough")),
+        control(f"{STOP}nobody", Stop("nobody", "boot", "enough")),
+        control(RECORDED, Recorded("another", False, "no room left", "run.mcap")),
+        control(RECORDED, Recorded("another", True, "finished", "run.mcap")),
     ],
 )
 def test_a_strangers_word_is_refused_told_and_changes_nothing(stranger: Arrived) -> None:

@@ -2,7 +2,7 @@
 
 from dynpf_protocol.control import Recorded, encode_control
 from dynpf_protocol.errors import BrokenOffError
-from dynpf_protocol.keys import ALIVE, CONTROL, READY
+from dynpf_protocol.keys import ALIVE, READY, RECORDED
 from dynpf_runtime.machines.effects import Ended
 from dynpf_runtime.machines.events import Arrived, Event, Now, Started, Token, Woke
 from dynpf_runtime.machines.router import LAST_WORD_NS, RouterMachine
@@ -10,7 +10,7 @@ from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import load_scenario
 
 PLAN = plan_of(load_scenario("landmark-room"))
-LAST_WORD = Arrived(f"{CONTROL}recorded", encode_control(Recorded("r1", True, "finished", "run.mcap")), b"")
+LAST_WORD = Arrived(RECORDED, encode_control(Recorded("r1", True, "finished", "run.mcap")), b"")
 
 
 def left_by_all() -> RouterMachine:
