@@ -7,10 +7,12 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
-from dynpf_protocol.keys import ALIVE, TICK
+from dynpf_protocol.keys import ALIVE, OBSERVER, OPERATOR, TICK
+from dynpf_runtime.bus.keys import Credentials, load
 from dynpf_runtime.bus.session import Bus
 
 __all__ = ["DATA", "PATIENCE_S", "Child", "Running", "join_bus", "processes_of", "service_of", "start", "until"]
@@ -102,6 +104,13 @@ class Running(NamedTuple):
         """Where it finds the router."""
         return self.words[self.words.index("--connect") + 1]
 
+    def credentials(self, name: str) -> Credentials | None:
+        """The credentials of a guest or a process of its run, None if it runs without keys."""
+        if "--keys" not in self.words:
+            return None
+        own = Path(self.words[self.words.index("--keys") + 1])
+        return load(own.with_name("guests") if name in (OBSERVER, OPERATOR) else own, name, datetime.now(UTC))
+
 
 def processes_of(folder: Path) -> list[Running]:
     """Return the living processes whose command line names something in ``folder``."""
@@ -123,25 +132,25 @@ def service_of(folder: Path, name: str) -> Running | None:
 
 
 @contextmanager
-def join_bus(endpoint: str) -> Iterator[Bus]:
-    """Join a run's bus as a stranger."""
+def join_bus(endpoint: str, keys: Credentials | None = None) -> Iterator[Bus]:
+    """Join a run's bus, as a stranger where that goes without keys."""
     began = time.monotonic()
-    with Bus.connect(endpoint, lambda _: None, lambda: time.monotonic() - began > PATIENCE_S) as bus:
+    with Bus.connect(endpoint, lambda _: None, lambda: time.monotonic() - began > PATIENCE_S, keys) as bus:
         yield bus
 
 
 @contextmanager
 def watch_run(folder: Path, run: Child) -> Iterator["Watched"]:
-    """Watch the ticks of a run that ``run`` has started."""
+    """Watch the ticks of a run that ``run`` has started, as its observer or, without keys, as a stranger."""
     node = until(lambda: service_of(folder, "estimator") or run.popen.poll() is not None, "the estimator's process")
     assert isinstance(node, Running), run.stderr
-    with join_bus(node.endpoint) as bus:
+    with join_bus(node.endpoint, node.credentials(OBSERVER)) as bus:
         bus.subscribe(f"{TICK}estimator")
         yield Watched(bus, run)
 
 
 class Watched:
-    """A run as a stranger on its bus sees it."""
+    """A run as a guest on its bus sees it."""
 
     def __init__(self, bus: Bus, run: Child) -> None:
         self.bus = bus

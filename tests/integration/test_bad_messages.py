@@ -1,4 +1,4 @@
-"""A stranger on the bus: what it sends is refused, counted and told, and the run goes on as if it were not there."""
+"""A stranger on a bus without keys: what it sends is refused, counted and told, and the run goes on without it."""
 
 import json
 
@@ -19,7 +19,7 @@ TOPIC = "sensors/overhead"
 def test_what_a_stranger_publishes_is_refused_and_changes_nothing(tmp_path, dynpf, here):
     path, undisturbed = tmp_path / "run.mcap", tmp_path / "undisturbed.mcap"
     words = ["parts-3-tracked", "--set", "max_ticks=400"]
-    run = dynpf("run", *words, "-o", path)
+    run = dynpf("run", *words, "--insecure", "-o", path)
     with watch_run(tmp_path, run) as watched:
         watched.await_ticks(30)
         boot = watched.boot("sensors")

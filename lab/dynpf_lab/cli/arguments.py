@@ -4,9 +4,19 @@ import argparse
 import re
 from pathlib import Path
 
-__all__ = ["add_clock", "add_connect", "add_json", "add_log", "add_recording", "add_set", "endpoint"]
+__all__ = [
+    "DEFAULT_PORT",
+    "add_clock",
+    "add_connect",
+    "add_json",
+    "add_keys",
+    "add_log",
+    "add_recording",
+    "add_set",
+    "endpoint",
+]
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+DEFAULT_PORT = 7447
 
 
 def add_recording(parser: argparse.ArgumentParser) -> None:
@@ -40,11 +50,19 @@ def add_connect(
     parser: argparse.ArgumentParser, option: str = "--connect", text: str = "where the router listens"
 ) -> None:
     """Add an option that names an endpoint of the router."""
-    parser.add_argument(option, default=DEFAULT_ENDPOINT, type=endpoint, metavar="tcp/HOST:PORT", help=text)
+    parser.add_argument(option, type=endpoint, metavar="tls/HOST:PORT", help=f"{text}, or tcp/HOST:PORT without keys")
+
+
+def add_keys(parser: argparse.ArgumentParser) -> None:
+    """Add --keys and --insecure."""
+    parser.add_argument(
+        "--keys", type=Path, metavar="FOLDER", help="keys and certificates of this process (dynpf keys)"
+    )
+    parser.add_argument("--insecure", action="store_true", help="without keys, beyond this machine: anybody may speak")
 
 
 def endpoint(text: str) -> str:
-    """Check an endpoint of the form tcp/HOST:PORT; for argparse."""
-    if re.fullmatch(r"tcp/(\[[0-9a-fA-F:]+\]|[^/:\s]+):\d{1,5}", text) is None:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected tcp/HOST:PORT, such as {DEFAULT_ENDPOINT}")
+    """Check an endpoint of the form tls/HOST:PORT or tcp/HOST:PORT; for argparse."""
+    if re.fullmatch(r"(tcp|tls)/(\[[0-9a-fA-F:]+\]|[^/:\s]+):\d{1,5}", text) is None:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected tls/HOST:PORT, such as tls/127.0.0.1:{DEFAULT_PORT}")
     return text

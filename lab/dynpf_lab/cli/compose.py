@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dynpf_protocol.errors import UsageError
+from dynpf_protocol.keys import RECORDER, ROUTER
 
 from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
 
@@ -41,9 +42,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``dynpf compose``."""
     parser.description = (
         "dynpf compose SCENARIO > compose.yaml; docker compose up --build: each process of the run in its own "
-        "container. Folders with files of yours are mounted read-only."
+        "container. Folders with files of yours are mounted read-only. With --keys, each has its own key as a secret."
     )
     add_scenario_options(parser)
+    parser.add_argument(
+        "--keys",
+        type=Path,
+        metavar="FOLDER",
+        help="keys of all processes: dynpf keys issue --scenario SCENARIO --host router (default: no keys, plain tcp)",
+    )
     parser.set_defaults(run=run)
 
 
@@ -60,6 +67,7 @@ def run(options: argparse.Namespace) -> int:
         code=options.code,
         log=options.log,
         seed=options.seed,
+        keys=options.keys,
     )
     print(text, end="")
     return 0
@@ -73,10 +81,12 @@ def compose_file(
     code: Sequence[Path] = (),
     log: Path | None = None,
     seed: int | None = None,
+    keys: Path | None = None,
 ) -> str:
     """Return the text of a Compose file that runs ``nodes`` of a scenario, beside router and recorder.
 
-    Folders with files of the user's, such as that of the scenario, are mounted read-only.
+    Folders with files of the user's, such as that of the scenario, are mounted read-only. With a folder of ``keys``
+    each process is given its own as a secret; without, they speak plain tcp on the network that Compose makes for them.
     """
     import yaml
 
@@ -94,10 +104,16 @@ def compose_file(
         words += ["--log", _mounted(log, "/log", mounts)]
         made_by += ["--log", str(log)]
     words = [*map(_escaped, words), "--seed", f"${{SEED:-{1 if seed is None else seed}}}"]
-    services = {"router": _service("router", [*words, "--listen", f"tcp/0.0.0.0:{PORT}"], mounts)}
-    for name in (*nodes, "recorder"):
-        services[name.replace("/", ".")] = _service(name, [*words, "--connect", f"tcp/router:{PORT}"], mounts)
-    text: str = yaml.safe_dump({"services": services}, sort_keys=False, default_flow_style=None, width=120)
+    if keys is not None:
+        made_by += ["--keys", str(keys)]
+    services = {_stem(name): _service(name, words, mounts, keys) for name in (ROUTER, *nodes, RECORDER)}
+    made: dict[str, Any] = {"services": services}
+    if keys is not None:
+        made["secrets"] = {
+            file: {"file": _escaped(str(keys.absolute() / file))}
+            for file in dict.fromkeys(file for name in (ROUTER, *nodes, RECORDER) for file in _secrets(name))
+        }
+    text: str = yaml.safe_dump(made, sort_keys=False, default_flow_style=None, width=120)
     head = HEAD.format(scenario=_shown([scenario]), words=_shown(made_by))
     return f"{head}\n{text}volumes:\n  recordings:\n"
 
@@ -125,14 +141,27 @@ def _mounted(file: Path, folder: str, mounts: list[str]) -> str:
     return f"{folder}/{file.name}"
 
 
-def _service(name: str, words: Sequence[str], mounts: Sequence[str]) -> dict[str, Any]:
-    volumes = [KERNELS, *mounts, *(["recordings:/dynpf/runs"] if name == "recorder" else [])]
-    host = "127.0.0.1" if name == "router" else "router"
-    test = ["CMD", "dynpf", "health", name, "--connect", f"tcp/{host}:{PORT}"]
+def _stem(name: str) -> str:
+    """Return the name of a process as Compose and files take it."""
+    return name.replace("/", ".")
+
+
+def _secrets(name: str) -> list[str]:
+    """Return the files that a process is given as secrets."""
+    return ["ca.pem", f"{_stem(name)}.pem", f"{_stem(name)}.key"]
+
+
+def _service(name: str, words: Sequence[str], mounts: Sequence[str], keys: Path | None) -> dict[str, Any]:
+    volumes = [KERNELS, *mounts, *(["recordings:/dynpf/runs"] if name == RECORDER else [])]
+    scheme, access = ("tcp", "--insecure") if keys is None else ("tls", "--keys=/run/secrets")
+    where = ["--listen", f"{scheme}/0.0.0.0:{PORT}"] if name == ROUTER else ["--connect", f"{scheme}/router:{PORT}"]
+    host = "127.0.0.1" if name == ROUTER else "router"
+    test = ["CMD", "dynpf", "health", name, "--connect", f"{scheme}/{host}:{PORT}", access]
     return {
         **deepcopy(PROCESS),  # YAML would refer from one service to another's list
-        **({} if name == "router" else {"depends_on": {"router": {"condition": "service_healthy"}}}),
-        "command": ["service", name, *words],
+        **({} if name == ROUTER else {"depends_on": {"router": {"condition": "service_healthy"}}}),
+        "command": ["service", name, *words, *where, access],
         "volumes": volumes,
-        "healthcheck": {"test": test, **(ROUTER_PACE if name == "router" else PACE)},
+        **({} if keys is None else {"secrets": _secrets(name)}),
+        "healthcheck": {"test": test, **(ROUTER_PACE if name == ROUTER else PACE)},
     }

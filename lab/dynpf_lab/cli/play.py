@@ -4,7 +4,8 @@ import argparse
 import sys
 import time
 
-from dynpf_lab.cli.arguments import add_connect, add_recording
+from dynpf_lab.cli.access import credentials_of, endpoint_of
+from dynpf_lab.cli.arguments import add_connect, add_keys, add_recording
 
 __all__ = ["add_arguments"]
 
@@ -21,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--topics", nargs="+", metavar="TOPIC", help="only these topics")
     add_connect(parser, text="where a router listens")
+    add_keys(parser)
     parser.set_defaults(run=run)
 
 
@@ -37,9 +39,11 @@ def run(options: argparse.Namespace) -> int:
     from dynpf_protocol.envelope import Envelope, encode_envelope
     from dynpf_protocol.errors import UsageError
     from dynpf_protocol.keys import DATA
+    from dynpf_runtime.bus.access import PLAYER
     from dynpf_runtime.bus.session import Bus
     from dynpf_runtime.bus.terminal import StopSignal, say
 
+    endpoint, keys = endpoint_of(options), credentials_of(options, PLAYER)
     recording = read_recording(options.recording)
     wanted = set(options.topics or ())
     present = {record.topic for record in recording.messages()}
@@ -51,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
     records.sort(key=lambda record: record.stamp_ns)  # stable: messages of the same stamp keep the order of the file
     with (
         StopSignal.installed() as stop,
-        Bus.connect(options.connect, lambda text: say("play", text), lambda: stop.requested) as bus,
+        Bus.connect(endpoint, lambda text: say("play", text), lambda: stop.requested, keys) as bus,
     ):
         stop.wakes(bus.wake)
         began = time.monotonic()

@@ -16,8 +16,6 @@ from dynpf_lab.cli.loading import loading
 from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from dynpf_runtime.plan import Plan
     from dynpf_services.scenario.played_log import PlayedLog
 
@@ -30,6 +28,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, metavar="RUN.mcap", help="the recording to write (default: runs/)")
     parser.add_argument("--runner", choices=["bus", "inline"], default="bus", help="processes on Zenoh, or one process")
     add_clock(parser)
+    parser.add_argument(
+        "--keys",
+        type=Path,
+        metavar="FOLDER",
+        help="where the keys of an observer and an operator lie during the run (default: the run's own folder)",
+    )
+    parser.add_argument(
+        "--insecure", action="store_true", help="plain tcp: any program on this machine may speak and listen"
+    )
     add_json(parser, "print the metrics of the run as JSON")
     parser.set_defaults(run=run)
 
@@ -49,7 +56,6 @@ def run(options: argparse.Namespace) -> int:
     """Execute ``dynpf run`` and return its exit code."""
     from dynpf_services.scenario.build import plan_of
     from dynpf_services.scenario.record import check_log
-    from dynpf_services.scenario.user_code import code_folders
 
     with loading():
         log = load_log(options)
@@ -67,7 +73,7 @@ def run(options: argparse.Namespace) -> int:
         if options.runner == "inline":
             _run_inline(scenario, path, log)
         else:
-            _run_on_bus(scenario, plan, path, log, code_folders(options.code, options.scenario))
+            _run_on_bus(scenario, plan, path, log, options)
     except DynpfError:
         if path.exists():
             print(
@@ -96,11 +102,14 @@ def _run_inline(scenario: Scenario, path: Path, log: "PlayedLog | None") -> None
         record_inline(scenario, path, log, stopped=lambda: stop.reason if stop.requested else "")
 
 
-def _run_on_bus(scenario: Scenario, plan: "Plan", path: Path, log: "PlayedLog | None", code: "Sequence[Path]") -> None:
+def _run_on_bus(
+    scenario: Scenario, plan: "Plan", path: Path, log: "PlayedLog | None", options: argparse.Namespace
+) -> None:
     from dynpf_runtime.bus.processes import run_on_bus
     from dynpf_runtime.bus.terminal import StopSignal
     from dynpf_runtime.rehearsal import rehearse_run
     from dynpf_services.scenario.schema import whole_json
+    from dynpf_services.scenario.user_code import code_folders
 
     from dynpf_lab.cli.main import main
 
@@ -108,7 +117,15 @@ def _run_on_bus(scenario: Scenario, plan: "Plan", path: Path, log: "PlayedLog | 
     rehearse_run(plan, log.records if log else [])
     with StopSignal.installed() as stop:
         run_on_bus(
-            main, plan.graph.nodes, whole_json(scenario), path, stop=stop, log=log.path if log else None, code=code
+            main,
+            plan.graph.nodes,
+            whole_json(scenario),
+            path,
+            stop=stop,
+            log=log.path if log else None,
+            code=code_folders(options.code, options.scenario),
+            secure=not options.insecure,
+            guests=options.keys,
         )
 
 

@@ -5,7 +5,8 @@ from pathlib import Path
 
 from dynpf_protocol.errors import BrokenOffError, RunError, UsageError
 
-from dynpf_lab.cli.arguments import add_clock, add_connect
+from dynpf_lab.cli.access import credentials_of, endpoint_of
+from dynpf_lab.cli.arguments import add_clock, add_connect, add_keys
 from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
 
 __all__ = ["add_arguments"]
@@ -18,6 +19,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_clock(parser)
     add_connect(parser)
     add_connect(parser, "--listen", text="router: where to listen")
+    add_keys(parser)
+    parser.add_argument("--player", action="store_true", help="router: let dynpf play speak in the name of all nodes")
     parser.add_argument("-o", "--output", type=Path, metavar="RUN.mcap", help="recorder: the recording to write")
     parser.add_argument("--quiet", action="store_true", help="print only errors of this process itself")
     parser.add_argument("--parent", type=int, help=argparse.SUPPRESS)  # end when this process is gone
@@ -50,11 +53,13 @@ def _run(options: argparse.Namespace) -> int:
         )
     if scenario.needs_log and log is None and options.name == plan_of(scenario).graph.source:
         raise UsageError("this scenario plays an imported log: give it with --log IN.mcap (dynpf import makes one)")
+    endpoint = endpoint_of(options, "listen" if options.name == "router" else "connect")
+    keys = credentials_of(options, options.name, quiet=options.quiet)
     with StopSignal.installed(options.parent) as stop:
         if options.name == "router":
             from dynpf_services.router.host import run_router
 
-            run_router(plan_of(scenario), options.listen, stop, quiet=options.quiet)
+            run_router(plan_of(scenario), endpoint, stop, quiet=options.quiet, keys=keys, player=options.player)
         elif options.name == "recorder":
             from dynpf_services.recorder.host import run_recorder
             from dynpf_services.scenario.recorded import attachments_of
@@ -63,11 +68,11 @@ def _run(options: argparse.Namespace) -> int:
 
             path = options.output or default_output(Path(options.scenario).stem, scenario.seed)
             attachments = attachments_of(scenario, log.attachments if log else ())
-            end = run_recorder(plan_of(scenario), options.connect, path, attachments, stop)
+            end = run_recorder(plan_of(scenario), endpoint, path, attachments, stop, keys=keys)
             if not options.quiet:
                 say("recorder", f"{path} is complete: {end.reason}")
         else:
             from dynpf_runtime.bus.host import run_node
 
-            run_node(options.name, plan_of(scenario), options.connect, log.records if log else [], stop)
+            run_node(options.name, plan_of(scenario), endpoint, log.records if log else [], stop, keys=keys)
     return 0

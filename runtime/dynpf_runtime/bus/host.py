@@ -7,6 +7,7 @@ import cv2
 
 from dynpf.portable import rehearse
 from dynpf_runtime.bus.edge import drive, new_boot
+from dynpf_runtime.bus.keys import Credentials
 from dynpf_runtime.bus.session import Bus
 from dynpf_runtime.bus.terminal import StopSignal, say
 from dynpf_runtime.machines.node_host import NodeHost
@@ -18,7 +19,15 @@ from dynpf_runtime.source import LogRecord
 __all__ = ["run_node"]
 
 
-def run_node(name: str, plan: Plan, endpoint: str, log: Sequence[LogRecord], stop: StopSignal) -> None:
+def run_node(
+    name: str,
+    plan: Plan,
+    endpoint: str,
+    log: Sequence[LogRecord],
+    stop: StopSignal,
+    *,
+    keys: Credentials | None = None,
+) -> None:
     """Run the node ``name`` of ``plan`` on the bus, from joining to the recorder's confirmation of the run.
 
     Raises RunError if the run cannot continue, UsageError if this process does not fit into it.
@@ -30,7 +39,7 @@ def run_node(name: str, plan: Plan, endpoint: str, log: Sequence[LogRecord], sto
         rehearse()  # in lockstep a slow first step does no harm
     if isinstance(node, Rehearsing):
         node.rehearse()  # takes as long as it needs: the run waits for processes that have not joined
-    with Bus.connect(endpoint, lambda text: say(name, text), lambda: stop.requested) as bus:
+    with Bus.connect(endpoint, lambda text: say(name, text), lambda: stop.requested, keys) as bus:
         host = NodeHost(name, node, plan, new_boot(), endpoint=endpoint, log=log, gauges=_Gauges(bus))
         drive(name, host, bus, stop)
 

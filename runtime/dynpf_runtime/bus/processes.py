@@ -9,13 +9,16 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
+from datetime import UTC, datetime
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from types import ModuleType
 
 from dynpf_protocol.errors import BROKEN_OFF, RunError
+from dynpf_protocol.keys import OBSERVER, OPERATOR, RECORDER, ROUTER
 from setproctitle import setproctitle
 
+from dynpf_runtime.bus.keys import run_keys
 from dynpf_runtime.bus.terminal import StopSignal, say
 
 __all__ = ["Command", "free_port", "run_on_bus"]
@@ -49,11 +52,16 @@ def run_on_bus(
     stop: StopSignal,
     log: Path | None = None,
     code: Sequence[Path] = (),
+    secure: bool = True,
+    guests: Path | None = None,
 ) -> None:
     """Run the nodes ``names`` of a scenario, given as the text that its processes read, and record it into ``path``.
 
     Each process calls ``command`` with the arguments of ``dynpf service``. The processes look for user modules in the
     folders ``code``. Raises RunError that names the process that failed first; by then every process has ended.
+
+    A ``secure`` run has keys that live as long as it does: one for each process, and those of an observer and an
+    operator in the folder ``guests``, by default one of its own.
     """
     with tempfile.TemporaryDirectory(prefix="dynpf-") as folder:
         resolved = Path(folder) / "scenario.json"
@@ -61,16 +69,23 @@ def run_on_bus(
         shared = ["--quiet", "--parent", str(os.getpid())]
         for modules in code:
             shared += ["--code", str(modules.absolute())]
-        endpoint = f"tcp/127.0.0.1:{free_port()}"
+        endpoint = f"{'tls' if secure else 'tcp'}/127.0.0.1:{free_port()}"
+        keys: contextlib.AbstractContextManager[None] = contextlib.nullcontext()
+        if secure:
+            own, guests = Path(folder) / "keys", (guests or Path(folder) / "guests").absolute()
+            shared += ["--keys", str(own)]
+            keys = run_keys({own: (ROUTER, RECORDER, *names), guests: (OBSERVER, OPERATOR)}, datetime.now(UTC))
         services = {}
-        for name in ("router", "recorder", *names):
-            words = ["service", name, str(resolved), "--listen" if name == "router" else "--connect", endpoint, *shared]
-            if log is not None and name != "router":
+        for name in (ROUTER, RECORDER, *names):
+            words = ["service", name, str(resolved), "--listen" if name == ROUTER else "--connect", endpoint, *shared]
+            if log is not None and name != ROUTER:
                 words += ["--log", str(log)]
-            if name == "recorder":
+            if name == RECORDER:
                 words += ["-o", str(path)]
             services[name] = words
-        with _processes(command, services) as processes:
+        with keys, _processes(command, services) as processes:
+            if secure:
+                say("run", f"observer and operator: --connect {endpoint} --keys {guests}")
             _watch(processes, stop)
 
 

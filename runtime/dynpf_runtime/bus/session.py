@@ -6,13 +6,16 @@ enqueue; the owner's main loop does everything else.
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from queue import Empty, SimpleQueue
+from typing import Any
 
 import zenoh
 from dynpf_protocol.errors import UsageError
 
+from dynpf_runtime.bus.keys import Credentials
+from dynpf_runtime.bus.probe import refusal
 from dynpf_runtime.machines.events import Arrived, Token
 
 __all__ = ["Bus", "open_router"]
@@ -21,27 +24,46 @@ LEASE_MS = 1500
 """Zenoh drops a peer that has been silent for this long, ms."""
 
 
-def _config(mode: str, *, connect: tuple[str, ...] = (), listen: tuple[str, ...] = ()) -> zenoh.Config:
+def _config(mode: str, keys: Credentials | None, settings: Mapping[str, Any]) -> zenoh.Config:
     config = zenoh.Config()
-    settings = {
+    common = {
         "mode": mode,
-        "connect/endpoints": list(connect),
-        "listen/endpoints": list(listen),
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
     }
-    for key, value in settings.items():
+    for key, value in {**common, **_tls(mode, keys), **settings}.items():
         config.insert_json5(key, json.dumps(value))
     return config
 
 
+def _tls(mode: str, keys: Credentials | None) -> dict[str, Any]:
+    """Return the settings by which both sides of a link prove who they are."""
+    if keys is None:
+        return {}
+    side = "listen" if mode == "router" else "connect"
+    found = {
+        "root_ca_certificate": str(keys.authority),
+        "enable_mtls": True,
+        "verify_name_on_connect": True,
+        f"{side}_certificate": str(keys.certificate),
+        f"{side}_private_key": str(keys.key),
+    }
+    return {f"transport/link/tls/{key}": value for key, value in found.items()}
+
+
 @contextmanager
-def open_router(endpoint: str) -> Iterator["Bus"]:
-    """Open the hub listening at ``endpoint``; raises UsageError if it cannot listen there."""
+def open_router(
+    endpoint: str, keys: Credentials | None = None, access: Mapping[str, Any] | None = None
+) -> Iterator["Bus"]:
+    """Open the hub listening at ``endpoint``; raises UsageError if it cannot listen there.
+
+    ``keys`` are needed for an endpoint ``tls/...``; ``access`` is Zenoh's table of what each of its clients may do.
+    """
+    settings = {"listen/endpoints": [endpoint], **({} if access is None else {"access_control": access})}
     try:
-        session = zenoh.open(_config("router", listen=(endpoint,)))
+        session = zenoh.open(_config("router", keys, settings))
     except zenoh.ZError as error:
         reason = "the address is already in use" if "in use" in str(error) else str(error).partition(" at /")[0]
         raise UsageError(
@@ -63,11 +85,17 @@ class Bus:
 
     @classmethod
     @contextmanager
-    def connect(cls, endpoint: str, tell: Callable[[str], None], stopped: Callable[[], bool]) -> Iterator["Bus"]:
+    def connect(
+        cls,
+        endpoint: str,
+        tell: Callable[[str], None],
+        stopped: Callable[[], bool],
+        keys: Credentials | None = None,
+    ) -> Iterator["Bus"]:
         """Open a client of the router at ``endpoint``, retrying until the router is there.
 
-        Raises KeyboardInterrupt once ``stopped`` returns true, UsageError for an endpoint that cannot work. ``tell``
-        prints a notice for the user.
+        Raises KeyboardInterrupt once ``stopped`` returns true, UsageError for an endpoint that cannot work and for a
+        router that refuses ``keys``. ``tell`` prints a notice for the user.
         """
         session = None
         notified = False
@@ -76,12 +104,14 @@ class Bus:
             if stopped():
                 raise KeyboardInterrupt
             try:
-                session = zenoh.open(_config("client", connect=(endpoint,)))
+                session = zenoh.open(_config("client", keys, {"connect/endpoints": [endpoint]}))
             except zenoh.ZError as error:
                 if "Unable to connect" not in str(error):
                     raise UsageError(f"cannot connect to {endpoint!r}: {str(error).partition(' at /')[0]}") from error
                 if not notified and time.monotonic() - started > 1.0:
                     notified = True
+                    if why := refusal(endpoint, keys):
+                        raise UsageError(f"the router at {endpoint} {why}") from error
                     tell(f"waiting for the router at {endpoint} (dynpf service router SCENARIO)")
                 time.sleep(0.05)
         with session:
@@ -145,6 +175,15 @@ class Bus:
     def wake(self) -> None:
         """Make a waiting ``receive`` return; may be called from a signal handler."""
         self._queue.put(None)
+
+    def watch_links(self, handle: Callable[[str, str], None]) -> None:
+        """Call ``handle``, in a thread of Zenoh's, with common name and address of each client that connects."""
+
+        def linked(event: zenoh.LinkEvent) -> None:
+            if event.kind == zenoh.SampleKind.PUT:
+                handle(event.link.auth_identifier or "", str(event.link.dst))
+
+        self._declared.append(self._session.info.declare_link_events_listener(linked, history=True))
 
     @property
     def waiting(self) -> int:

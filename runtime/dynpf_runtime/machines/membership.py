@@ -145,7 +145,10 @@ class Membership:
         router = f"the router at {self._endpoint}"
         if theirs is None:
             if now_ns > self._ask_until_ns:
-                raise RunError(f"{router} does not say which scenario it runs; is it a dynpf router?")
+                raise RunError(
+                    f"{router} does not say which scenario it runs; is it a dynpf router, and is {self.name}'s key "
+                    "not revoked?"
+                )
             self._ask_at_ns = now_ns + _ASK_AGAIN_NS
             return
         try:

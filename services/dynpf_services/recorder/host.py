@@ -8,6 +8,7 @@ from dynpf_formats.recording.header import Attachment, RunEnd
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_protocol.keys import RECORDER
 from dynpf_runtime.bus.edge import drive, new_boot
+from dynpf_runtime.bus.keys import Credentials
 from dynpf_runtime.bus.session import Bus
 from dynpf_runtime.bus.terminal import StopSignal, say
 from dynpf_runtime.machines.effects import Close, Effect, Flush, Open, Record, Show
@@ -20,7 +21,13 @@ __all__ = ["RecorderFile", "run_recorder"]
 
 
 def run_recorder(
-    plan: Plan, endpoint: str, path: Path, attachments: tuple[Attachment, ...], stop: StopSignal
+    plan: Plan,
+    endpoint: str,
+    path: Path,
+    attachments: tuple[Attachment, ...],
+    stop: StopSignal,
+    *,
+    keys: Credentials | None = None,
 ) -> RunEnd:
     """Record one run into ``path`` and return how it ended.
 
@@ -30,7 +37,7 @@ def run_recorder(
     boot = new_boot()
     machine = RecorderMachine(plan, boot, endpoint, str(path))
     with (
-        Bus.connect(endpoint, lambda text: say(RECORDER, text), lambda: stop.requested) as bus,
+        Bus.connect(endpoint, lambda text: say(RECORDER, text), lambda: stop.requested, keys) as bus,
         RecorderFile(plan, boot, path, attachments) as file,
     ):
         drive(RECORDER, machine, bus, stop, file.perform)

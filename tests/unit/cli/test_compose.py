@@ -31,7 +31,7 @@ def test_each_process_of_a_scenario_has_its_container_and_no_other_has(
     assert [*services] == ["router", *nodes, "recorder"]
     for name, service in services.items():
         where = ["--listen", "tcp/0.0.0.0:7447"] if name == "router" else ["--connect", "tcp/router:7447"]
-        words = ["service", name, scenario, "--set", "max_ticks=7", "--seed", "${SEED:-1}", *where]
+        words = ["service", name, scenario, "--set", "max_ticks=7", "--seed", "${SEED:-1}", *where, "--insecure"]
         assert service["command"] == words
         assert service["healthcheck"]["test"][:4] == ["CMD", "dynpf", "health", name]
 
@@ -66,6 +66,19 @@ def test_the_nodes_of_several_robots_have_names_that_compose_takes(capsys: pytes
     services = yaml.safe_load(printed(capsys, "landmark-team", "--set", "needs_log=true"))["services"]
     assert services["r3.estimator"]["command"][:2] == ["service", "r3/estimator"]
     assert all(re.fullmatch(r"[A-Za-z0-9._-]+", name) for name in services)
+
+
+def test_with_keys_each_process_gets_its_own_as_secrets_and_no_other(capsys: pytest.CaptureFixture[str]) -> None:
+    made = yaml.safe_load(printed(capsys, "parts-3-tracked", "--keys", "some/$keys"))
+    for name, service in made["services"].items():
+        assert service["secrets"] == ["ca.pem", f"{name}.pem", f"{name}.key"]
+        assert "--insecure" not in service["command"]
+        for words in (service["command"], service["healthcheck"]["test"]):
+            assert "--keys=/run/secrets" in words
+            assert not any(word.startswith("tcp/") for word in words)
+    files = [file for name in made["services"] for file in (f"{name}.pem", f"{name}.key")]
+    assert made["secrets"].keys() == {"ca.pem", *files}
+    assert made["secrets"]["router.key"]["file"].endswith("/some/$$keys/router.key")
 
 
 def test_no_value_of_a_setting_becomes_a_part_of_the_file(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,113 @@
+"""X.509 certificates of an authority of one's own and of the processes that it vouches for; their keys are ed25519."""
+
+import ipaddress
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from typing import NamedTuple, Self
+
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+__all__ = ["AUTHORITY_DAYS", "DAYS", "Identity", "common_name", "issued_by", "new_authority", "new_identity"]
+
+AUTHORITY_DAYS = 365.0
+DAYS = 7.0
+"""How long a process's certificate holds: Zenoh has no revocation lists, so none holds for long."""
+
+SLACK = timedelta(minutes=5)
+"""How far the clocks of two machines may differ when a certificate is new."""
+
+
+class Identity(NamedTuple):
+    """A certificate and its private key."""
+
+    certificate: x509.Certificate
+    key: Ed25519PrivateKey
+
+    @property
+    def certificate_pem(self) -> bytes:
+        """The certificate as PEM."""
+        return self.certificate.public_bytes(serialization.Encoding.PEM)
+
+    @property
+    def key_pem(self) -> bytes:
+        """The private key as PEM (PKCS #8), not encrypted."""
+        return self.key.private_bytes(
+            serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+        )
+
+    @classmethod
+    def from_pem(cls, certificate: bytes, key: bytes) -> Self:
+        """Return the identity in two PEM texts; raises ValueError if they are unreadable or do not belong together."""
+        private = serialization.load_pem_private_key(key, password=None)
+        if not isinstance(private, Ed25519PrivateKey):
+            raise ValueError("the key is no ed25519 key")
+        identity = cls(x509.load_pem_x509_certificate(certificate), private)
+        if identity.certificate.public_key() != private.public_key():
+            raise ValueError("the certificate is of another key")
+        return identity
+
+
+def new_authority(now: datetime, days: float = AUTHORITY_DAYS) -> Identity:
+    """Return a new certificate authority, which signs its own certificate."""
+    key = Ed25519PrivateKey.generate()
+    name = _name("dynpf certificate authority")
+    builder = _builder(name, name, key, now, now + timedelta(days=days))
+    builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+    return Identity(builder.sign(key, None), key)
+
+
+def new_identity(
+    authority: Identity, common_name: str, now: datetime, *, days: float = DAYS, hosts: Sequence[str] = ()
+) -> Identity:
+    """Return a new key and a certificate for the process ``common_name``, which ends with its authority's.
+
+    With ``hosts``, names and addresses at which it may be reached, it may listen; without, only connect. Raises
+    ValueError for a name that is empty or has more than 64 characters.
+    """
+    key = Ed25519PrivateKey.generate()
+    until = min(now + timedelta(days=days), authority.certificate.not_valid_after_utc)
+    builder = _builder(_name(common_name), authority.certificate.subject, key, now, until)
+    builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+    usages = [ExtendedKeyUsageOID.CLIENT_AUTH, *([ExtendedKeyUsageOID.SERVER_AUTH] if hosts else [])]
+    builder = builder.add_extension(x509.ExtendedKeyUsage(usages), critical=False)
+    if hosts:
+        builder = builder.add_extension(x509.SubjectAlternativeName([_host(host) for host in hosts]), critical=False)
+    return Identity(builder.sign(authority.key, None), key)
+
+
+def common_name(certificate: x509.Certificate) -> str:
+    """Return whose certificate it is."""
+    (name,) = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    return str(name.value)
+
+
+def issued_by(certificate: x509.Certificate, authority: x509.Certificate) -> bool:
+    """Return whether ``authority`` has signed ``certificate``."""
+    try:
+        certificate.verify_directly_issued_by(authority)
+    except (ValueError, TypeError, InvalidSignature):
+        return False
+    return True
+
+
+def _name(common_name: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
+
+
+def _builder(
+    subject: x509.Name, issuer: x509.Name, key: Ed25519PrivateKey, now: datetime, until: datetime
+) -> x509.CertificateBuilder:
+    builder = x509.CertificateBuilder().subject_name(subject).issuer_name(issuer).public_key(key.public_key())
+    builder = builder.serial_number(x509.random_serial_number())
+    return builder.not_valid_before(now - SLACK).not_valid_after(until)
+
+
+def _host(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        return x509.DNSName(host)
