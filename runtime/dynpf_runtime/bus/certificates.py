@@ -54,9 +54,10 @@ class Identity(NamedTuple):
 def new_authority(now: datetime, days: float = AUTHORITY_DAYS) -> Identity:
     """Return a new certificate authority, which signs its own certificate."""
     key = Ed25519PrivateKey.generate()
-    name = _name("dynpf certificate authority")
-    builder = _builder(name, name, key, now, now + timedelta(days=days))
+    builder = _builder(_name("dynpf certificate authority"), key, None, now, now + timedelta(days=days))
     builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+    builder = builder.add_extension(_SIGNS_CERTIFICATES, critical=True)
+    builder = builder.add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
     return Identity(builder.sign(key, None), key)
 
 
@@ -70,7 +71,7 @@ def new_identity(
     """
     key = Ed25519PrivateKey.generate()
     until = min(now + timedelta(days=days), authority.certificate.not_valid_after_utc)
-    builder = _builder(_name(common_name), authority.certificate.subject, key, now, until)
+    builder = _builder(_name(common_name), key, authority, now, until)
     builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
     usages = [ExtendedKeyUsageOID.CLIENT_AUTH, *([ExtendedKeyUsageOID.SERVER_AUTH] if hosts else [])]
     builder = builder.add_extension(x509.ExtendedKeyUsage(usages), critical=False)
@@ -99,11 +100,27 @@ def _name(common_name: str) -> x509.Name:
 
 
 def _builder(
-    subject: x509.Name, issuer: x509.Name, key: Ed25519PrivateKey, now: datetime, until: datetime
+    subject: x509.Name, key: Ed25519PrivateKey, issuer: Identity | None, now: datetime, until: datetime
 ) -> x509.CertificateBuilder:
-    builder = x509.CertificateBuilder().subject_name(subject).issuer_name(issuer).public_key(key.public_key())
+    """Return what all certificates have; without an ``issuer``, the subject signs its own."""
+    signs, by = (key, subject) if issuer is None else (issuer.key, issuer.certificate.subject)
+    builder = x509.CertificateBuilder().subject_name(subject).issuer_name(by).public_key(key.public_key())
     builder = builder.serial_number(x509.random_serial_number())
-    return builder.not_valid_before(now - SLACK).not_valid_after(until)
+    builder = builder.not_valid_before(now - SLACK).not_valid_after(until)
+    return builder.add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(signs.public_key()), critical=False)
+
+
+_SIGNS_CERTIFICATES = x509.KeyUsage(
+    digital_signature=False,
+    content_commitment=False,
+    key_encipherment=False,
+    data_encipherment=False,
+    key_agreement=False,
+    key_cert_sign=True,
+    crl_sign=True,
+    encipher_only=False,
+    decipher_only=False,
+)
 
 
 def _host(host: str) -> x509.GeneralName:
