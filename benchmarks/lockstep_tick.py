@@ -1,10 +1,11 @@
 """What one lockstep tick costs on the bus beyond the nodes' own work, and how fast camera frames go round.
 
-python benchmarks/lockstep_tick.py [--scenario NAME] [--ticks N] [--runs N]
+python benchmarks/lockstep_tick.py [--scenario NAME] [--ticks N] [--runs N] [--compare]
 
 Each run starts every process. A tick is the time between two of the source's messages, from their publish times; the
 nodes' own time is what they report of themselves. The first tenth of a run is left out. The floor is measured beside
-each run: the same message of 100 bytes handed round five bare Zenoh clients through one router.
+each run: the same message of 100 bytes handed round five bare Zenoh clients through one router. ``--compare`` has each
+run followed by one without keys, over plain tcp, and tells the ratio of the medians.
 """
 
 import argparse
@@ -30,19 +31,32 @@ def main() -> None:
     parser.add_argument("--scenario", default="landmark-room")
     parser.add_argument("--ticks", type=int, default=500)
     parser.add_argument("--runs", type=int, default=3)
+    parser.add_argument("--compare", action="store_true", help="with what it is without keys, in turns")
     options = parser.parse_args()
-    rows = [measure(options.scenario, options.ticks) for _ in range(options.runs)]
-    for row in rows:
-        print(json.dumps(row))
-    best = {key: float(np.median([row[key] for row in rows])) for key in rows[0]}
+    rows, plain = [], []
+    for _ in range(options.runs):
+        rows.append(measure(options.scenario, options.ticks))
+        print(json.dumps(rows[-1]))
+        if options.compare:
+            plain.append(measure(options.scenario, options.ticks, "--insecure"))
+            print(json.dumps(plain[-1]))
+    best = medians(rows)
     print("median of runs:", json.dumps(best))
+    if plain:
+        ratio = best["tick_median_ms"] / medians(plain)["tick_median_ms"]
+        print("without keys:", json.dumps(medians(plain)), f"ratio {ratio:.3f}")
 
 
-def measure(scenario: str, ticks: int) -> dict[str, float]:
+def medians(rows: list[dict[str, float]]) -> dict[str, float]:
+    """Return the median of each measure."""
+    return {key: float(np.median([row[key] for row in rows])) for key in rows[0]}
+
+
+def measure(scenario: str, ticks: int, *words: str) -> dict[str, float]:
     """Run ``scenario`` for ``ticks`` on the bus; return milliseconds a tick and ticks a second."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.mcap"
-        command = [sys.executable, "-m", "dynpf_lab.cli.main", "run", scenario, "-o", str(path)]
+        command = [sys.executable, "-m", "dynpf_lab.cli.main", "run", scenario, "-o", str(path), *words]
         subprocess.run([*command, "--set", f"max_ticks={ticks}"], check=True, stdout=subprocess.DEVNULL)
         recording = read_recording(path)
         published = np.array([record.publish_ns for record in recording.messages("truth/robot")]) * 1e-6

@@ -1,8 +1,9 @@
 """Whether the recorder keeps up: messages of 200 bytes at a given rate through the router, none lost.
 
-python benchmarks/recorder.py [--rate N] [--seconds S]
+python benchmarks/recorder.py [--rate N] [--seconds S] [--insecure]
 
-Starts a router and a recorder as their own processes, and takes the simulator's place itself.
+The bus is encrypted, and says who may say what, unless ``--insecure``. Starts a router and a recorder as their own
+processes, and takes the simulator's place itself.
 """
 
 import argparse
@@ -12,13 +13,16 @@ import subprocess
 import sys
 import tempfile
 import time
+from datetime import UTC, datetime
 from pathlib import Path
 
 from dynpf_formats.recording.reader import read_recording
 from dynpf_protocol.codec import encode
+from dynpf_protocol.keys import RECORDER, ROUTER
 from dynpf_protocol.messages import Log, LogLevel, timestamp
 from dynpf_protocol.topics import TOPICS
 from dynpf_runtime.bus.host import run_node
+from dynpf_runtime.bus.keys import load, run_keys
 from dynpf_runtime.bus.processes import free_port
 from dynpf_runtime.bus.terminal import StopSignal
 from dynpf_runtime.graph import Graph, NodeSpec
@@ -35,19 +39,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rate", type=int, default=5000, help="messages a second")
     parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--insecure", action="store_true", help="without keys, over plain tcp")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        print(json.dumps(measure(Path(folder), options.rate, options.seconds)))
+        keys = None if options.insecure else Path(folder) / "keys"
+        owners = {} if keys is None else {keys: (ROUTER, RECORDER, "simulator")}
+        with run_keys(owners, datetime.now(UTC)):
+            print(json.dumps(measure(Path(folder), options.rate, options.seconds, keys)))
 
 
-def measure(folder: Path, rate: int, seconds: float) -> dict[str, float]:
+def measure(folder: Path, rate: int, seconds: float, keys: Path | None) -> dict[str, float]:
     """Publish for ``seconds`` and return what became of it."""
     (folder / "scenario.toml").write_text(SCENARIO)
     scenario = load_scenario(str(folder / "scenario.toml"))
     (folder / "scenario.json").write_text(resolved_json(scenario))
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    endpoint = f"{'tcp' if keys is None else 'tls'}/127.0.0.1:{free_port()}"
     service = [sys.executable, "-m", "dynpf_lab.cli.main", "service"]
-    common = [str(folder / "scenario.json"), "--quiet"]
+    common = [str(folder / "scenario.json"), "--quiet", *([] if keys is None else ["--keys", str(keys)])]
     router = subprocess.Popen([*service, "router", *common, "--listen", endpoint])
     output = folder / "run.mcap"
     recorder = subprocess.Popen([*service, "recorder", *common, "--connect", endpoint, "-o", str(output)])
@@ -62,7 +70,8 @@ def measure(folder: Path, rate: int, seconds: float) -> dict[str, float]:
     graph = Graph([NodeSpec("simulator", "chatter", build, reads={}, writes=log)])
     plan = plan._replace(graph=graph, rate=1.0, tick_ns=10**9 // TICKS_PER_S, max_ticks=int(seconds * TICKS_PER_S))
     with StopSignal.installed() as stop:
-        run_node("simulator", plan, endpoint, [], stop)
+        own = None if keys is None else load(keys, "simulator", datetime.now(UTC))
+        run_node("simulator", plan, endpoint, [], stop, keys=own)
     chatter = chatters[-1]  # the others rehearsed
     settled = time.monotonic() - chatter.ended
     took = chatter.ended - chatter.began

@@ -53,8 +53,8 @@ _COLOUR: Final = re.compile(r"\x1b\[[0-9;]*m")
 _WORDS: Final = {
     "peer sent no certificates": "it showed no certificate",
     "received corrupt message": "it spoke no TLS; processes without keys cannot take part",
-    "Expired": "its certificate has expired",
-    "NotValidYet": "its certificate does not hold yet",
+    "certificate expired": "its certificate has expired",
+    "certificate not valid yet": "its certificate does not hold yet",
     "BadSignature": "its certificate is not of this authority",
     "UnknownIssuer": "its certificate is not of this authority",
     "CaUsedAsEndEntity": "it showed the certificate of an authority",
