@@ -52,7 +52,8 @@ def test_with_the_key_of_a_node_nobody_speaks_in_the_name_of_another(tmp_path, d
     run = dynpf("run", *RUN, "-o", path)
     with watch_run(tmp_path, run) as watched:
         watched.await_ticks(20)
-        process = service_of(tmp_path, "sensors")
+        process = until(lambda: service_of(tmp_path, "sensors"), "its process")
+        assert process is not None
         boots = {name: watched.boot(name) for name in ("simulator", "estimator", "controller", "recorder", "router")}
         own = process.credentials("sensors")
         with join_bus(process.endpoint, own) as mouth, join_bus(process.endpoint, own) as ears:
@@ -60,7 +61,7 @@ def test_with_the_key_of_a_node_nobody_speaks_in_the_name_of_another(tmp_path, d
                 ears.subscribe(key)
             forge(mouth, boots)
             watched.await_ticks(20)
-            heard = {until(lambda: ears.receive(0.1), "a message").key for _ in range(20)}
+            heard = {one.key for one in (until(lambda: ears.receive(0.1), "a message") for _ in range(20)) if one}
             assert heard == {f"{DATA}truth/robot"}, "it hears what a node of its name reads"
         for name in boots:
             (_,) = watched.bus.tokens(f"{ALIVE}{name}/*")
@@ -93,7 +94,8 @@ def test_an_observer_hears_all_and_says_nothing_and_an_operator_may_stop_the_run
         watched.bus.put(f"{STOP}observer", encode_control(Stop("observer", "mine", "by the observer")))
         watched.bus.put(f"{STOP}controller", encode_control(Stop("controller", boot, "by the observer")))
         watched.await_ticks(20)
-        process = service_of(tmp_path, "sensors")
+        process = until(lambda: service_of(tmp_path, "sensors"), "its process")
+        assert process is not None
         with join_bus(process.endpoint, process.credentials(OPERATOR)) as bus:
             bus.declare(f"{ALIVE}{OPERATOR}/mine")
 
