@@ -51,6 +51,7 @@ class Compose:
         self._folder = folder
         self._environment = {**os.environ, "DYNPF_IMAGE": name, "SCENARIO": SCENARIO, "SEED": SEED}
         self.image = name
+        self.keys = folder / "keys"
 
     def __call__(self, *arguments: str, seconds: float = 120.0) -> str:
         return run([*self._command, *arguments], seconds, self._folder, self._environment)
@@ -68,6 +69,8 @@ def finished(base: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Co
             shutil.copy(ROOT / name, folder / name)
     if certificates := os.environ.get("PIP_CERT"):
         shutil.copy(certificates, folder / "ca-certificates.pem")
+    run([DYNPF, "keys", "init", folder / "keys"])
+    run([DYNPF, "keys", "issue", "--keys", folder / "keys", "--scenario", SCENARIO, "--containers"])
     compose = Compose(folder)
     compose("build", "--build-arg", f"BASE={base}", seconds=900)
     try:
@@ -100,9 +103,66 @@ def test_no_process_can_change_its_image_or_gain_privileges(finished: Compose) -
     assert re.search(r"NoNewPrivs:\s+1\n", str(caught.value))
 
 
+STRANGER = """
+import json, sys, threading, zenoh
+scheme, *names = sys.argv[1:]
+def opened(name):
+    config = zenoh.Config()
+    settings = {"mode": "client", "connect/endpoints": [scheme + "/router:7447"], "connect/timeout_ms": 3000}
+    own = {"connect_certificate": name + ".pem", "connect_private_key": name + ".key"}
+    if name:
+        settings["transport/link/tls/enable_mtls"] = True
+        files = {"root_ca_certificate": "ca.pem", **own}
+        settings |= {f"transport/link/tls/{key}": f"/keys/{file}" for key, file in files.items()}
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    return zenoh.open(config)
+if names == ["nobody"]:
+    opened("")
+heard = {name: threading.Event() for name in names}
+def hear(sample):
+    heard[sample.payload.to_string()].set()
+with opened("simulator") as listener:
+    subscriber = listener.declare_subscriber("dynpf/data/controller/command", hear)
+    for name in names:  # the last one may, and comes after the others: what has not arrived by then does not
+        with opened(name) as session:
+            while True:
+                session.put("dynpf/data/controller/command", name)
+                if heard[name].wait(0.2) or name != names[-1]:
+                    break
+print(*[name for name in names if heard[name].is_set()])
+"""
+
+
+def test_a_stranger_without_a_key_is_refused_and_one_with_the_key_of_vision_commands_nothing(finished: Compose) -> None:
+    finished("up", "--no-color", "--detach", "router")
+    keys = ["--connect", "tls/127.0.0.1:7447", "--keys=/run/secrets"]
+    finished("exec", "-T", "router", "dynpf", "health", "router", *keys, "--timeout", "60")
+    network = ["docker", "run", "--rm", "--network", f"{finished.image}_default"]
+    try:
+        with pytest.raises(AssertionError, match="takes only processes that have a key"):
+            run([*network, finished.image, "health", "router", "--connect", "tcp/router:7447", "--insecure"])
+        inside = [
+            "--volume",
+            f"{finished.keys}:/keys:ro",
+            "--user",
+            "0",
+            "--entrypoint",
+            "python",
+            finished.image,
+            "-c",
+        ]
+        for scheme in ("tcp", "tls"):
+            with pytest.raises(AssertionError, match="Unable to connect"):
+                run([*network, *inside, STRANGER, scheme, "nobody"])
+        assert run([*network, *inside, STRANGER, "tls", "vision", "controller"]).split() == ["controller"]
+    finally:
+        finished("stop", "--timeout", "2", "router")
+
+
 def test_health_of_a_process_that_is_absent_is_bad(finished: Compose) -> None:
     with pytest.raises(AssertionError, match="ended with 1"):
-        run(["docker", "run", "--rm", finished.image, "health", "vision", "--connect", "tcp/127.0.0.1:7447"])
+        run(["docker", "run", "--rm", finished.image, "health", "vision"])
 
 
 def test_the_recording_is_whole_and_replays_exactly_outside(finished: Compose, tmp_path: Path) -> None:

@@ -17,8 +17,12 @@ __all__ = ["add_arguments", "compose_file"]
 HEAD = """\
 # Every process in its own container: `docker compose up --build` runs {scenario} to its end and leaves the
 # recording in the volume `recordings`. SEED and DYNPF_IMAGE choose another seed and another image.
-# Made by `dynpf compose {words}`, which makes one of any scenario. Kept to what docker-compose 1.29 and docker
+{keys}# Made by `dynpf compose {words}`, which makes one of any scenario. Kept to what docker-compose 1.29 and docker
 # compose v2 both understand.
+"""
+HEAD_KEYS = """\
+# Each process is given its own key, which is made before: `dynpf keys init {folder}` and
+# `dynpf keys issue --keys {folder} --scenario {scenario} --containers`.
 """
 PORT = 7447
 KERNELS = "/var/cache/dynpf"
@@ -49,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--keys",
         type=Path,
         metavar="FOLDER",
-        help="keys of all processes: dynpf keys issue --scenario SCENARIO --host router (default: no keys, plain tcp)",
+        help="keys of all processes: dynpf keys issue --scenario SCENARIO --containers (default: no keys, plain tcp)",
     )
     parser.set_defaults(run=run)
 
@@ -110,11 +114,13 @@ def compose_file(
     made: dict[str, Any] = {"services": services}
     if keys is not None:
         made["secrets"] = {
-            file: {"file": _escaped(str(keys.absolute() / file))}
+            file: {"file": _escaped(str(keys / file) if keys.is_absolute() else f"./{keys / file}")}
             for file in dict.fromkeys(file for name in (ROUTER, *nodes, RECORDER) for file in _secrets(name))
         }
     text: str = yaml.safe_dump(made, sort_keys=False, default_flow_style=None, width=120)
-    head = HEAD.format(scenario=_shown([scenario]), words=_shown(made_by))
+    shown = _shown([scenario])
+    secret = "" if keys is None else HEAD_KEYS.format(folder=_shown([str(keys)]), scenario=shown)
+    head = HEAD.format(scenario=shown, keys=secret, words=_shown(made_by))
     return f"{head}\n{text}volumes:\n  recordings:\n"
 
 
@@ -148,7 +154,8 @@ def _stem(name: str) -> str:
 
 def _secrets(name: str) -> list[str]:
     """Return the files that a process is given as secrets."""
-    return ["ca.pem", f"{_stem(name)}.pem", f"{_stem(name)}.key"]
+    files = ["ca.pem", f"{_stem(name)}.pem", f"{_stem(name)}.key"]
+    return [*files, "revoked"] if name == ROUTER else files
 
 
 def _service(name: str, words: Sequence[str], mounts: Sequence[str], keys: Path | None) -> dict[str, Any]:

@@ -28,6 +28,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     issue.add_argument(
         "--host", action="append", default=[], metavar="HOST", help="name or address of the router's; may be repeated"
     )
+    issue.add_argument(
+        "--containers",
+        action="store_true",
+        help="for dynpf compose: the router is the host 'router', and a container's user can read the key it is given",
+    )
     _add_days(issue, "the certificates (default 7)")
     issue.set_defaults(run=_issue)
     revoke = actions.add_parser("revoke", help="withdraw the certificate of a process")
@@ -71,8 +76,16 @@ def _issue(options: argparse.Namespace) -> int:
         raise UsageError("keys issue: give the NAME of a process, or --scenario SCENARIO for all of it")
     if options.host and ROUTER not in names:
         raise UsageError("keys issue: --host is for the certificate of the router, which is not among the names")
-    hosts = (*LOCAL_HOSTS, *options.host)
-    for one in issue(options.keys, names, datetime.now(UTC), days=options.days or DAYS, hosts=hosts):
+    hosts = (*LOCAL_HOSTS, *([ROUTER] if options.containers else []), *options.host)
+    made = issue(
+        options.keys,
+        names,
+        datetime.now(UTC),
+        days=options.days or DAYS,
+        hosts=hosts,
+        for_containers=options.containers,
+    )
+    for one in made:
         print(f"{one.common_name}: until {one.expires:%Y-%m-%d %H:%M} UTC")
     return 0
 

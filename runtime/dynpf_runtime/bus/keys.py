@@ -48,6 +48,7 @@ LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 
 _AUTHORITY = "ca"
 _REVOKED = "revoked"
+_PRIVATE, _PUBLIC = 0o600, 0o644
 _NAME = re.compile(r"[a-z][a-z0-9_]*(/[a-z][a-z0-9_]*)*")
 
 
@@ -76,13 +77,24 @@ def init(folder: Path, now: datetime, days: float = AUTHORITY_DAYS) -> datetime:
     _make(folder)
     authority = new_authority(now, days)
     _write(folder, _AUTHORITY, authority)
+    _write_file(folder / _REVOKED, b"")
     return authority.certificate.not_valid_after_utc
 
 
 def issue(
-    folder: Path, names: Iterable[str], now: datetime, *, days: float = DAYS, hosts: Sequence[str] = LOCAL_HOSTS
+    folder: Path,
+    names: Iterable[str],
+    now: datetime,
+    *,
+    days: float = DAYS,
+    hosts: Sequence[str] = LOCAL_HOSTS,
+    for_containers: bool = False,
 ) -> list[Issued]:
-    """Write a new key and certificate for each process; the router's is for ``hosts``. Raises UsageError."""
+    """Write a new key and certificate for each process; the router's is for ``hosts``. Raises UsageError.
+
+    A container's user owns no file here. ``for_containers`` lets everybody read the keys who may open the folder, which
+    is its owner alone, and who is handed one.
+    """
     authority = _read(folder, _AUTHORITY)
     _check_time(authority.certificate, folder / "ca.pem", now, "make a new authority: dynpf keys init")
     withdrawn = revoked(folder)
@@ -93,7 +105,7 @@ def issue(
             made = new_identity(authority, own, now, days=days, hosts=hosts if name == ROUTER else ())
         except ValueError as error:
             raise UsageError(f"{name!r}: no certificate can have this name: {error}") from error
-        _write(folder, stem, made)
+        _write(folder, stem, made, 0o444 if for_containers else _PRIVATE)
         found.append(Issued(own, made.certificate.not_valid_after_utc))
     return found
 
@@ -231,17 +243,18 @@ def _make(folder: Path) -> None:
         raise UsageError(f"{folder}: others may open it; keep keys in a folder of your own (chmod 700 {folder})")
 
 
-def _write(folder: Path, stem: str, identity: Identity) -> None:
-    _write_file(folder / f"{stem}.key", identity.key_pem)
-    _write_file(folder / f"{stem}.pem", identity.certificate_pem)
+def _write(folder: Path, stem: str, identity: Identity, mode: int = _PRIVATE) -> None:
+    _write_file(folder / f"{stem}.key", identity.key_pem, mode)
+    _write_file(folder / f"{stem}.pem", identity.certificate_pem, _PUBLIC)
 
 
-def _write_file(path: Path, content: bytes) -> None:
-    """Write a file that only its owner may read, in one piece; raises UsageError."""
+def _write_file(path: Path, content: bytes, mode: int = _PUBLIC) -> None:
+    """Write a file in one piece, under a mode that no umask changes; raises UsageError."""
     draft = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     try:
-        with os.fdopen(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+        with os.fdopen(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, _PRIVATE), "wb") as file:
             file.write(content)
+        draft.chmod(mode)
         draft.replace(path)
     except OSError as error:
         raise UsageError(f"{path}: cannot be written: {error.strerror}") from error

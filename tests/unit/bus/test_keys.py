@@ -31,9 +31,17 @@ def test_nobody_else_may_read_the_keys(folder: Path) -> None:
     issue(folder, ["router", "r1/estimator"], NOW)
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     files = sorted(path.name for path in folder.iterdir())
-    assert files == sorted(f"{stem}.{kind}" for stem in ("ca", "router", "r1.estimator") for kind in ("pem", "key"))
-    assert {stat.S_IMODE(path.stat().st_mode) for path in folder.iterdir()} == {0o600}
+    stems = ("ca", "router", "r1.estimator")
+    assert files == sorted([*(f"{stem}.{kind}" for stem in stems for kind in ("pem", "key")), "revoked"])
+    assert {stat.S_IMODE(path.stat().st_mode) for path in folder.glob("*.key")} == {0o600}
     assert isinstance(load_pem_private_key((folder / "router.key").read_bytes(), None), Ed25519PrivateKey)
+
+
+def test_a_container_s_user_can_read_the_key_that_it_is_given_but_not_open_the_folder(folder: Path) -> None:
+    issue(folder, ["vision"], NOW, for_containers=True)
+    assert stat.S_IMODE((folder / "vision.key").stat().st_mode) == 0o444
+    assert stat.S_IMODE((folder / "ca.key").stat().st_mode) == 0o600
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
 
 
 def test_a_folder_that_others_may_open_is_refused(tmp_path: Path) -> None:
