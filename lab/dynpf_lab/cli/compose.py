@@ -111,7 +111,7 @@ def compose_file(
     if keys is not None:
         made["secrets"] = {
             file: {"file": _escaped(str(keys.absolute() / file))}
-            for file in dict.fromkeys(file for name in (ROUTER, *nodes, RECORDER) for file in _secrets(name))
+            for file in dict.fromkeys(file for service in services.values() for file in service["secrets"])
         }
     text: str = yaml.safe_dump(made, sort_keys=False, default_flow_style=None, width=120)
     head = HEAD.format(scenario=_shown([scenario]), words=_shown(made_by))
@@ -146,9 +146,10 @@ def _stem(name: str) -> str:
     return name.replace("/", ".")
 
 
-def _secrets(name: str) -> list[str]:
-    """Return the files that a process is given as secrets."""
-    return ["ca.pem", f"{_stem(name)}.pem", f"{_stem(name)}.key"]
+def _secrets(name: str, keys: Path) -> list[str]:
+    """Return the files of ``keys`` that a process is given as secrets."""
+    names = ["ca.pem", f"{_stem(name)}.pem", f"{_stem(name)}.key"]
+    return [*names, "revoked"] if name == ROUTER and (keys / "revoked").exists() else names
 
 
 def _service(name: str, words: Sequence[str], mounts: Sequence[str], keys: Path | None) -> dict[str, Any]:
@@ -162,6 +163,6 @@ def _service(name: str, words: Sequence[str], mounts: Sequence[str], keys: Path 
         **({} if name == ROUTER else {"depends_on": {"router": {"condition": "service_healthy"}}}),
         "command": ["service", name, *words, *where, access],
         "volumes": volumes,
-        **({} if keys is None else {"secrets": _secrets(name)}),
+        **({} if keys is None else {"secrets": _secrets(name, keys)}),
         "healthcheck": {"test": test, **(ROUTER_PACE if name == ROUTER else PACE)},
     }
