@@ -115,7 +115,7 @@ def compose_file(
     if keys is not None:
         made["secrets"] = {
             file: {"file": _escaped(str(keys / file) if keys.is_absolute() else f"./{keys / file}")}
-            for file in dict.fromkeys(file for name in (ROUTER, *nodes, RECORDER) for file in _secrets(name))
+            for file in dict.fromkeys(file for service in services.values() for file in service["secrets"])
         }
     text: str = yaml.safe_dump(made, sort_keys=False, default_flow_style=None, width=120)
     shown = _shown([scenario])
