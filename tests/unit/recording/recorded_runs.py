@@ -30,6 +30,9 @@ HEADER = RunHeader(
         dynpf_version="0.1.0", code_digest="c" * 64, packages={"numpy": "2.4.6"}, platform={"system": "Linux"}
     ),
 )
+NODELESS = msgspec.structs.replace(HEADER, writes={})
+"""The header of a log, of whose messages no journal is expected."""
+
 MAP = Attachment(name="map.pgm", media_type="image/x-portable-graymap", data=bytes(range(256)))
 
 SECOND = 10**9
