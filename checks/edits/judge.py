@@ -22,7 +22,7 @@ class Found(StrEnum):
 
     DOCTOR = "doctor"
     REPLAY = "execution"
-    TOLD = "told: not compared"
+    TOLD = "told by a warning"
     OTHER = "another recording"  # that of a run with other inputs, which is as genuine
     FREE = "seal only"  # it changes nothing that is computed, and the seal was made right
     SILENT = "SILENT"
