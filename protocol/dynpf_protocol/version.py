@@ -2,8 +2,8 @@
 
 __all__ = ["READABLE_VERSIONS", "SCHEMA_VERSION"]
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 """The version that this protocol writes."""
 
-READABLE_VERSIONS = (2,)
+READABLE_VERSIONS = (3,)
 """The versions that this protocol reads; others are refused, naming the version of dynpf that wrote them."""

@@ -9,10 +9,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
+import msgspec
 from dynpf_protocol.codec import decode, encode
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import StepError
-from dynpf_protocol.journal import Consumed, JournalEntry, Produced
+from dynpf_protocol.journal import Consumed, Hosted, JournalEntry, Produced, chain_after
 from dynpf_protocol.messages import Message
 from dynpf_protocol.topics import Topic
 
@@ -56,11 +57,21 @@ class Executed(NamedTuple):
 class Executor:
     """Runs ``node``, which ``spec`` describes, under one boot.
 
-    The journal has a state digest every ``digest_every`` steps and at the last. The executor translates between the
-    run's topics and the node's own names for them.
+    The journal has a state digest every ``digest_every`` steps and at the last, and the chain value with it; ``chain``
+    is the value before the first step. The executor translates between the run's topics and the node's own names for
+    them.
     """
 
-    def __init__(self, node: Node, spec: NodeSpec, topics: Mapping[str, Topic], boot: str, digest_every: int) -> None:
+    def __init__(
+        self,
+        node: Node,
+        spec: NodeSpec,
+        topics: Mapping[str, Topic],
+        boot: str,
+        digest_every: int,
+        *,
+        chain: bytes = b"",
+    ) -> None:
         self.node = node
         self.spec = spec
         self.boot = boot
@@ -68,6 +79,7 @@ class Executor:
         names = [*spec.reads.items(), *((row.name, own) for own, row in spec.writes.items())]
         self._renamed = any(topic != own for topic, own in names)
         self._digest_every = digest_every
+        self.chain = chain
         self._sequences: defaultdict[str, int] = defaultdict(int)
         self.steps = 0
 
@@ -93,12 +105,20 @@ class Executor:
         return tuple(self.number(*output, tick, stamp_ns) for output in result.outputs), result.finished
 
     def journal(
-        self, tick: int, stamp_ns: int, inputs: Sequence[Received], sent: Sequence[Sent], *, last: bool
+        self,
+        tick: int,
+        stamp_ns: int,
+        inputs: Sequence[Received],
+        sent: Sequence[Sent],
+        *,
+        hosted: Sequence[Sent] = (),
+        last: bool,
     ) -> JournalEntry:
         """Return the journal entry of the step just run, at intervals with the digest of the node's state.
 
-        This is separate from ``step`` so that a host can first send the messages that others wait for. ``last`` marks
-        the node's last step. Raises StepError if the state cannot be encoded.
+        This is separate from ``step`` so that a host can first send the messages that others wait for. ``sent`` are the
+        node's messages, ``hosted`` those that its host published in the step. ``last`` marks the node's last step.
+        Raises StepError if the state cannot be encoded.
         """
         state = ""
         if last or (self.steps + 1) % self._digest_every == 0:
@@ -112,9 +132,12 @@ class Executor:
             produced=tuple(Produced(message.topic, message.envelope.sequence) for message in sent),
             last=last,
             state=state,
+            hosted=tuple(Hosted(made.envelope.node, made.topic, made.envelope.sequence) for made in hosted),
         )
+        messages = [(message.envelope.stamp_ns, message.payload) for message in (*hosted, *sent)]
+        self.chain = chain_after(self.chain, self.boot, entry, messages)
         self.steps += 1
-        return entry
+        return msgspec.structs.replace(entry, chain=self.chain.hex()) if state else entry
 
     def stamp(self, topic: str, message: Message, tick: int, stamp_ns: int, publish_ns: int) -> Sent:
         """Encode a message and give it the topic's next sequence number of this boot."""

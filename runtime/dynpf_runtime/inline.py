@@ -10,7 +10,7 @@ from typing import Protocol
 import cv2
 from dynpf_protocol.control import TickDone
 from dynpf_protocol.envelope import Envelope
-from dynpf_protocol.journal import encode_entry
+from dynpf_protocol.journal import encode_entry, genesis
 
 from dynpf_runtime.executor import Executor, Sent, Unsent
 from dynpf_runtime.faults import FaultyLink
@@ -134,7 +134,8 @@ class _Seat:
     def __init__(self, spec: NodeSpec, plan: Plan) -> None:
         self.name, self.reads = spec.name, spec.reads
         self.topics = plan.graph.topics
-        self._executor = Executor(spec.build(), spec, self.topics, BOOT, plan.state_digest_ticks)
+        chain = genesis(spec.name, plan.text)
+        self._executor = Executor(spec.build(), spec, self.topics, BOOT, plan.state_digest_ticks, chain=chain)
         self._gaps = GapWatch()
         self.inbox = LockstepInbox(plan.graph, spec.name, FaultyLink(plan.faults, spec.name, plan.seed))
 
@@ -151,8 +152,9 @@ class _Seat:
         events = notice_gaps(self._executor, self._gaps, ready, stamp_ns, 0)
         executed = self._executor.step(ready.tick, stamp_ns, ready.inputs, 0)
         last = last or executed.finished
-        entry = self._executor.journal(ready.tick, stamp_ns, ready.inputs, executed.sent, last=last)
-        sent = (*fed, *events, *executed.sent)
+        hosted = (*fed, *events)
+        entry = self._executor.journal(ready.tick, stamp_ns, ready.inputs, executed.sent, hosted=hosted, last=last)
+        sent = (*hosted, *executed.sent)
         return self._done(ready.tick, stamp_ns, sent, last=last), sent, encode_entry(entry)
 
     def step_unsent(

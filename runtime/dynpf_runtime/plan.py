@@ -37,4 +37,5 @@ def run_header(plan: Plan) -> RunHeader:
         seed=plan.seed,
         provenance=collect(),
         writes={name: tuple(row.name for row in spec.writes.values()) for name, spec in plan.graph.specs.items()},
+        clock=plan.clock,
     )

@@ -3,19 +3,21 @@
 Each node gets its recorded inputs, never another node's new output.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import cv2
 import msgspec
 from dynpf_formats.recording.diff import first_field
+from dynpf_formats.recording.journals import messages_of
 from dynpf_formats.recording.reader import Recording
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_protocol.codec import decode
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import UsageError
-from dynpf_protocol.journal import JournalEntry, encode_entry
+from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, chain_after, decode_entry, encode_entry, genesis
 from dynpf_protocol.topics import EVENT_PREFIX, Topic, is_compared
+from msgspec.structs import replace
 
 from dynpf_runtime.executor import Executor, Sent
 from dynpf_runtime.node import Received
@@ -73,6 +75,7 @@ def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = Fal
             inputs = list(_inputs(recording, topics, name, entry))
             sent = executor.step(entry.tick, entry.stamp_ns, inputs, 0).sent
             replayed_entry = executor.journal(entry.tick, entry.stamp_ns, inputs, sent, last=entry.last)
+            replayed_entry = replace(replayed_entry, hosted=entry.hosted, chain="")  # the host's work is not repeated
             first = first or _compare(recording, name, boot, (entry, replayed_entry), sent)
             steps += 1
             messages += len(sent)
@@ -116,8 +119,10 @@ def _compare(
             return mismatch(topic, sequence, *field)
     if list(old) != list(new):
         return mismatch("", 0, "order of messages", [key[0] for key in old], [key[0] for key in new])
-    if entry.state and entry.state != replayed_entry.state:
-        return mismatch(f"journal/{node}", entry.step, "state", entry.state, replayed_entry.state)
+    for name in ("step", "state"):
+        recorded, replayed = getattr(entry, name), getattr(replayed_entry, name)
+        if recorded != replayed:
+            return mismatch(f"journal/{node}", entry.step, name, recorded, replayed)
     return None
 
 
@@ -125,8 +130,10 @@ def write_replayed(recording: Recording, outcomes: Sequence[Replayed], writer: R
     """Write a copy of the recording in which the output of the replayed nodes replaces their recorded output.
 
     Gap events of these nodes' hosts stay, because the nodes consumed them. The writer finds the recorder's gaps again.
+    The journals are chained anew, because they belong to the writer's scenario.
     """
     replayed = {outcome.node for outcome in outcomes}
+    chains: dict[str, bytes] = {}
     for record in recording.records:
         is_host_event = record.topic == EVENT_PREFIX + record.node
         if record.topic == "recorder/gap" or (record.node in replayed and not is_host_event):
@@ -139,10 +146,31 @@ def write_replayed(recording: Recording, outcomes: Sequence[Replayed], writer: R
             record.stamp_ns,
             record.publish_ns,
         )
-        writer.message(record.topic, envelope, record.payload)
+        payload = record.payload
+        if record.topic == JOURNAL_PREFIX + record.node:
+            entry = decode_entry(payload)
+            covered = messages_of(recording, record.node, record.boot, entry) or []
+            payload = encode_entry(_chained(chains, writer, envelope, entry, covered))
+        writer.message(record.topic, envelope, payload)
     for outcome in outcomes:
         for boot, sent, made in outcome.executed:
             for message in sent:
                 writer.message(*message)
             envelope = Envelope(outcome.node, boot, made.step, made.tick, made.stamp_ns, 0)
-            writer.journal(envelope, encode_entry(made))
+            hosted = messages_of(recording, outcome.node, boot, replace(made, produced=())) or []
+            messages = [*hosted, *((message.envelope.stamp_ns, message.payload) for message in sent)]
+            writer.journal(envelope, encode_entry(_chained(chains, writer, envelope, made, messages)))
+
+
+def _chained(
+    chains: dict[str, bytes],
+    writer: RecordingWriter,
+    envelope: Envelope,
+    entry: JournalEntry,
+    messages: Iterable[tuple[int, bytes]],
+) -> JournalEntry:
+    """Return the entry with the next chain value of its node, if it is to have one; ``chains`` has the last ones."""
+    node = envelope.node
+    previous = chains.get(node) or genesis(node, writer.header.scenario)
+    chain = chains[node] = chain_after(previous, envelope.boot, entry, messages)
+    return replace(entry, chain=chain.hex() if entry.state else "")

@@ -1,41 +1,44 @@
-"""Finds what is wrong with a recording: bytes, framing, gaps, journals, payloads and senders."""
+"""Finds what is wrong with a recording: bytes, framing, gaps, payloads, senders, journals, and its end's promises."""
 
+import hashlib
 from collections import Counter
 from collections.abc import Iterator
-from enum import StrEnum
 from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 from dynpf_protocol.codec import decode
 from dynpf_protocol.errors import BadMessageError, UnknownTopicError
-from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
+from dynpf_protocol.journal import JOURNAL_PREFIX
 from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES
 from dynpf_protocol.topics import topic as row_of
 
+from dynpf_formats.recording.attachments import LANDMARKS, files_of
 from dynpf_formats.recording.code import recorded_code
 from dynpf_formats.recording.errors import RecordingError
+from dynpf_formats.recording.findings import Finding, Severity, error, warning
+from dynpf_formats.recording.journals import check_journals
 from dynpf_formats.recording.reader import Recording, Source, load
+from dynpf_formats.recording.sealed import broken_promises
 from dynpf_formats.shipped import known_topics
 from dynpf_formats.user_classes import UserClass
 
-__all__ = ["Diagnosis", "Finding", "Severity", "diagnose", "examine"]
+__all__ = ["Diagnosis", "Finding", "Severity", "altered", "diagnose", "examine"]
 
 
-class Severity(StrEnum):
-    """How bad a finding is."""
-
-    UNREADABLE = "unreadable"  # the file cannot be read as a recording
-    ERROR = "error"  # a part of the run is lost or wrong
-    WARNING = "warning"  # something is odd
+class _File(msgspec.Struct):
+    sha256: str
 
 
-class Finding(msgspec.Struct, frozen=True, kw_only=True):
-    """One thing that is wrong; ``where`` locates it in the file or the run."""
+class _Log(msgspec.Struct):
+    landmarks: list[dict[str, float]] = []
 
-    severity: Severity
-    what: str
-    where: str
+
+class _Files(msgspec.Struct):
+    """What a scenario says of its files."""
+
+    files: dict[str, _File] = {}
+    log: _Log | None = None
 
 
 class Diagnosis(NamedTuple):
@@ -57,30 +60,31 @@ def diagnose(path: Path | str) -> Diagnosis:
     """
     try:
         recording, damage = load(path)
-    except RecordingError as error:
-        return Diagnosis([Finding(severity=Severity.UNREADABLE, what=str(error), where=str(path))])
+    except RecordingError as bad:
+        return Diagnosis([Finding(severity=Severity.UNREADABLE, what=str(bad), where=str(path))])
     findings = [
         Finding(severity=Severity.ERROR, what=f"{found.kind}: {found.text}", where=f"byte {found.offset}")
         for found in damage
     ]
-    for check in (_end, _senders, _gaps, _repetitions, _payloads, _journals):
+    for check in (_end, _senders, _gaps, _repetitions, _payloads, _files, check_journals, broken_promises):
         findings.extend(check(recording))
     return Diagnosis(findings, recorded_code(recording))
 
 
-def _error(what: str, where: str) -> Finding:
-    return Finding(severity=Severity.ERROR, what=what, where=where)
+def altered(recording: Recording) -> list[Finding]:
+    """Return why a recording is not what its recorder wrote, or not the run that its end speaks of.
 
-
-def _warning(what: str, where: str) -> Finding:
-    return Finding(severity=Severity.WARNING, what=what, where=where)
+    A run that broke off, and says so, is not altered by that.
+    """
+    checks = (_senders, _repetitions, _files, check_journals, broken_promises)
+    return [found for check in checks for found in check(recording) if found.severity is Severity.ERROR]
 
 
 def _end(recording: Recording) -> Iterator[Finding]:
     if recording.end is None:
-        yield _error("the end of the run was never written: the recorder did not finish", "end of file")
+        yield error("the end of the run was never written: the recorder did not finish", "end of file")
     elif not recording.end.complete:
-        yield _error(f"the run is not complete: {recording.end.reason}", "end of run")
+        yield error(f"the run is not complete: {recording.end.reason}", "end of run")
 
 
 def _senders(recording: Recording) -> Iterator[Finding]:
@@ -89,11 +93,11 @@ def _senders(recording: Recording) -> Iterator[Finding]:
     for source in recording.sources:
         if source.topic.startswith(JOURNAL_PREFIX):
             if source.node not in nodes or source.topic != JOURNAL_PREFIX + source.node:
-                yield _error(f"a journal of unknown node {source.node!r}", source.topic)
+                yield error(f"a journal of unknown node {source.node!r}", source.topic)
         elif not (expected := publishers.get(source.topic) or _log_publishers(source.topic)):
-            yield _error(f"this run has no topic {source.topic!r}", source.topic)
+            yield error(f"this run has no topic {source.topic!r}", source.topic)
         elif source.node not in expected:
-            yield _error(f"sent by {source.node!r}; expected {', '.join(expected)}", source.topic)
+            yield error(f"sent by {source.node!r}; expected {', '.join(expected)}", source.topic)
 
 
 def _publishers(recording: Recording) -> dict[str, tuple[str, ...]]:
@@ -125,7 +129,7 @@ def _gaps(recording: Recording) -> Iterator[Finding]:
         for record in recording.of(source):
             if record.sequence > expected:
                 missing = _range(expected, record.sequence - 1)
-                yield _error(f"missing: sequence {missing} of {source.node}, boot {source.boot}", source.topic)
+                yield error(f"missing: sequence {missing} of {source.node}, boot {source.boot}", source.topic)
             expected = record.sequence + 1
 
 
@@ -136,9 +140,34 @@ def _repetitions(recording: Recording) -> Iterator[Finding]:
         equal = first.stamp_ns == record.stamp_ns and first.payload == record.payload
         (same if equal else other)[record.source] += 1
     for source, count in same.items():
-        yield _warning(f"{count} messages of {source.node} were recorded twice", source.topic)
+        yield warning(f"{count} messages of {source.node} were recorded twice", source.topic)
     for source, count in other.items():
-        yield _error(f"{count} sequence numbers of {source.node} stand for two different messages", source.topic)
+        yield error(f"{count} sequence numbers of {source.node} stand for two different messages", source.topic)
+
+
+def _files(recording: Recording) -> Iterator[Finding]:
+    """Yield the files and landmarks that the scenario names and that are not attached as it says."""
+    for name, count in Counter(item.name for item in recording.attachments).items():
+        if count > 1:
+            yield error(f"{name!r} is attached {count} times", "attachments")
+    try:
+        scenario = msgspec.json.decode(recording.header.scenario, type=_Files)
+    except (msgspec.DecodeError, RecursionError):
+        return  # an imported log has no scenario
+    attached = files_of(recording.attachments)
+    for name, file in scenario.files.items():
+        if name not in attached:
+            yield error(f"the file {name!r} of the scenario is not attached", "attachments")
+        elif hashlib.sha256(attached[name]).hexdigest() != file.sha256:
+            yield error(f"the file {name!r} is not that of the scenario, whose SHA-256 is {file.sha256}", "attachments")
+
+    landmarks = next((item.data for item in recording.attachments if item.name == LANDMARKS), b"[]")
+    try:
+        held = msgspec.json.decode(landmarks, type=list[dict[str, float]])
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        held = None
+    if scenario.log is not None and held != scenario.log.landmarks:
+        yield error(f"{LANDMARKS} does not hold the landmarks of the scenario", "attachments")
 
 
 def _payloads(recording: Recording) -> Iterator[Finding]:
@@ -149,44 +178,14 @@ def _payloads(recording: Recording) -> Iterator[Finding]:
             continue
         try:
             decode(record.topic, record.payload, recording.topics)
-        except BadMessageError as error:
+        except BadMessageError as bad:
             counts[record.topic, record.node] += 1
-            firsts.setdefault((record.topic, record.node), f"sequence {record.sequence}: {error}")
-        except RecordingError as error:
-            yield _error(str(error), record.topic)
+            firsts.setdefault((record.topic, record.node), f"sequence {record.sequence}: {bad}")
+        except RecordingError as bad:
+            yield error(str(bad), record.topic)
             return
     for (topic, node), count in counts.items():
-        yield _error(f"{count} unreadable messages of {node}, first {firsts[topic, node]}", topic)
-
-
-def _journals(recording: Recording) -> Iterator[Finding]:
-    for node, boot in recording.journals():
-        name = JOURNAL_PREFIX + node
-        expected = 0
-        unresolved, first = 0, ""
-        for record in recording.of(Source(name, node, boot)):
-            try:
-                entry = decode_entry(record.payload)
-            except msgspec.DecodeError as error:
-                yield _error(f"entry {record.sequence} is unreadable: {error}", name)
-                continue
-            if entry.step != expected:
-                missing = _range(expected, entry.step - 1) if entry.step > expected else f"{entry.step} again"
-                yield _error(f"missing: step {missing}, boot {boot}", name)
-            expected = entry.step + 1
-            for reference in _unresolved(recording, node, boot, entry):
-                unresolved += 1
-                first = first or reference
-        if unresolved:
-            yield _error(f"{unresolved} references to messages that are not recorded, first {first}", name)
-
-
-def _unresolved(recording: Recording, node: str, boot: str, entry: JournalEntry) -> Iterator[str]:
-    references = [("consumed", read.node, read.boot, read.topic, read.sequence) for read in entry.consumed]
-    references += [("produced", node, boot, made.topic, made.sequence) for made in entry.produced]
-    for how, sender, start, topic, sequence in references:
-        if recording.find(sender, start, topic, sequence) is None:
-            yield f"{topic} {sequence} of {sender}, {how} in step {entry.step}"
+        yield error(f"{count} unreadable messages of {node}, first {firsts[topic, node]}", topic)
 
 
 def _range(first: int, last: int) -> str:

@@ -1,18 +1,33 @@
 """Metadata of a recording: the header at the start, attachments, and how the run ended.
 
 Header and end are stored as MCAP metadata records. MCAP protects chunks by a checksum, but not these; so each carries
-the SHA-256 of its own entries, which can be checked even in a file that is truncated before its last checksum.
+the SHA-256 of its own entries, which can be checked even in a file that is truncated before its last checksum. The end
+holds digests of all the rest, so that its own SHA-256 stands for the whole run: it is the seal.
 """
 
 import hashlib
 from collections.abc import Mapping
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 from dynpf_protocol.messages import Gap
 from dynpf_protocol.version import SCHEMA_VERSION
 
-__all__ = ["PROFILE", "RUN", "RUN_END", "Attachment", "Provenance", "RunEnd", "RunHeader", "seal", "unseal"]
+__all__ = [
+    "PROFILE",
+    "RUN",
+    "RUN_END",
+    "Attachment",
+    "NodeEnd",
+    "Provenance",
+    "RunEnd",
+    "RunHeader",
+    "SealedAttachment",
+    "SealedChannel",
+    "seal",
+    "seal_is_broken",
+    "unseal",
+]
 
 PROFILE = "dynpf"
 """MCAP profile of a recording."""
@@ -39,6 +54,7 @@ class RunHeader(msgspec.Struct, frozen=True, kw_only=True):
     seed: int
     provenance: Provenance
     writes: dict[str, tuple[str, ...]] = {}  # node, in tick order -> its topics
+    clock: str = "lockstep"  # or "realtime"
     schema_version: int = SCHEMA_VERSION
 
 
@@ -50,8 +66,34 @@ class Attachment(msgspec.Struct, frozen=True, kw_only=True):
     data: bytes
 
 
+class NodeEnd(NamedTuple):
+    """How far the journal of a node goes."""
+
+    steps: int
+    tick: int  # of its last entry
+    last: bool  # whether that was the node's last step
+    chain: str  # chain value of that entry
+
+
+class SealedChannel(NamedTuple):
+    """A source, and the SHA-256 over its schema, sequence numbers, logical stamps and payloads, in the file's order."""
+
+    topic: str
+    node: str
+    boot: str
+    digest: str
+
+
+class SealedAttachment(NamedTuple):
+    """An attachment, and the SHA-256 of its content."""
+
+    name: str
+    media_type: str
+    digest: str
+
+
 class RunEnd(msgspec.Struct, frozen=True, kw_only=True):
-    """How a run ended, by its recorder."""
+    """How a run ended, by its recorder, and what it seals: counts, journals, digests of everything in the file."""
 
     complete: bool
     reason: str
@@ -61,6 +103,11 @@ class RunEnd(msgspec.Struct, frozen=True, kw_only=True):
     duplicates: int  # messages received again
     late: int  # messages received after a later one
     unresolved: int  # messages that the journal refers to and that were never received
+    nodes: dict[str, NodeEnd]
+    channels: tuple[SealedChannel, ...]  # in the order in which they appear
+    order: str  # SHA-256 over the publish times and the order of all messages, neither of which is compared
+    header: str  # SHA-256 of the metadata of the run
+    attachments: tuple[SealedAttachment, ...]
 
 
 _T = TypeVar("_T", RunHeader, RunEnd)
@@ -93,7 +140,10 @@ def unseal(entries: Mapping[str, str], kind: type[_T]) -> _T:
         name: entries[name] if expected is str else msgspec.json.decode(entries[name], type=expected)
         for name, expected in types.items()
     }
-    return msgspec.convert(fields, kind)
+    record = msgspec.convert(fields, kind)
+    if seal(record) != entries:
+        raise ValueError("its entries are not as dynpf writes them")
+    return record
 
 
 def _json(value: Any) -> str:

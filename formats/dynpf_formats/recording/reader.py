@@ -191,8 +191,10 @@ def load(path: Path | str) -> Examined:
                 header = item
             case Attachment():
                 attachments.append(item)
-            case RunEnd():
+            case RunEnd() if end is None:
                 end = item
+            case RunEnd():
+                damage.append(Damage(DamageKind.MALFORMED, 0, "the end of the run is written more than once"))
             case Damage():
                 damage.append(item)
             case End():

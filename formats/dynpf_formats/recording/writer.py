@@ -13,14 +13,15 @@ from dynpf_protocol.codec import encode
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import BadMessageError
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
-from dynpf_protocol.messages import Gap, Message
+from dynpf_protocol.messages import Message
 from dynpf_protocol.schemas import json_schema
 from dynpf_protocol.topics import Topic, topic
 from mcap.writer import Writer
 
+from dynpf_formats.recording.account import Account
 from dynpf_formats.recording.errors import RecordingError, RecordingExistsError
 from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, seal
-from dynpf_formats.recording.stream import RecordedSchema
+from dynpf_formats.recording.stream import RecordedSchema, Source
 from dynpf_formats.shipped import known_topics
 
 __all__ = ["CHUNK_BYTES", "FLUSH_NS", "MAX_PAYLOAD", "RecordingWriter"]
@@ -36,12 +37,9 @@ MAX_PAYLOAD = 32 * 2**20
 
 _MESSAGE_OVERHEAD = 31  # opcode, length and fields of a message record before its payload
 _MAX_CHANNELS = 2**16 - 1
-_LISTED_GAPS = 1000
 
 _RECORDER = "recorder"
 _GAP_TOPIC = "recorder/gap"
-
-_Source = tuple[str, str, str]
 
 
 class _File:
@@ -72,38 +70,13 @@ class _File:
         self._raw.close()
 
 
-class _Track:
-    """One channel: its id, the next expected sequence number, the missing ranges so far, and the message count."""
-
-    __slots__ = ("channel", "count", "expected", "missing")
-
-    def __init__(self, channel: int) -> None:
-        self.channel = channel
-        self.expected = 0
-        self.missing: list[tuple[int, int]] = []
-        self.count = 0
-
-    def has(self, sequence: int) -> bool:
-        """Return whether the message with this sequence number was recorded."""
-        return sequence < self.expected and not any(first <= sequence <= last for first, last in self.missing)
-
-    def fill(self, sequence: int) -> bool:
-        """Remove ``sequence`` from the missing ranges; return False if it was not missing."""
-        for index, (first, last) in enumerate(self.missing):
-            if first <= sequence <= last:
-                parts = ((first, sequence - 1), (sequence + 1, last))
-                self.missing[index : index + 1] = [part for part in parts if part[0] <= part[1]]
-                return True
-        return False
-
-
 class RecordingWriter:
     """Writes one run to ``path``.
 
     Missing messages are found by their sequence numbers, per topic, node and boot: each gap is written as a
     ``recorder/gap`` message when it is noticed, and gaps that stay open are listed at the end. Duplicate and late
-    messages are recorded and counted. Raises RecordingExistsError, or RecordingError if the file cannot be written;
-    after that everything up to the last whole chunk can be recovered.
+    messages are recorded and counted. The end seals what is in the file. Raises RecordingExistsError, or RecordingError
+    if the file cannot be written; after that everything up to the last whole chunk can be recovered.
     """
 
     def __init__(
@@ -123,15 +96,14 @@ class RecordingWriter:
         the run, for topics whose types are not available.
         """
         self.path = Path(path)
+        self.header = header
         self._topics = known_topics() if topics is None else topics
         self._boot = boot
-        self._tracks: dict[_Source, _Track] = {}
+        self._account = Account(header, attachments)
+        self._channels: dict[Source, int] = {}
         self._schemas = schemas
         self._registered: dict[RecordedSchema, int] = {}
-        self._unresolved: set[tuple[_Source, int]] = set()
         self._gaps = 0
-        self._duplicates = 0
-        self._late = 0
         self._pending = 0  # bytes in the open chunk
         self._flushed_ns: int | None = None
         self._failure: RecordingError | None = None
@@ -166,12 +138,12 @@ class RecordingWriter:
     @property
     def messages(self) -> int:
         """Messages recorded so far, without the journal."""
-        return sum(track.count for (name, _, _), track in self._tracks.items() if not name.startswith(JOURNAL_PREFIX))
+        return self._account.messages
 
     @property
     def missing(self) -> int:
         """Messages known to be missing so far."""
-        return sum(last - first + 1 for track in self._tracks.values() for first, last in track.missing)
+        return self._account.missing
 
     def journal(self, envelope: Envelope, payload: bytes) -> None:
         """Record one journal entry of the envelope's node; the envelope's sequence counts entries."""
@@ -189,23 +161,24 @@ class RecordingWriter:
             _check_size(self.path, f"message {envelope.sequence} on {name}", len(payload))
         if entry is None and name.startswith(JOURNAL_PREFIX):
             entry = _entry(name, payload)
-        source = (name, envelope.node, envelope.boot)
-        track = self._tracks.get(source) or self._open(source)
-        if envelope.sequence == track.expected:
-            track.expected += 1
-        else:
-            self._irregular(track, source, envelope)
-        track.count += 1
+        source = Source(name, envelope.node, envelope.boot)
+        channel = self._channels.get(source)
+        if channel is None:
+            channel = self._open(source)
+        gap = self._account.gap(source, envelope.sequence)
+        if gap is not None:
+            number, self._gaps = self._gaps, self._gaps + 1
+            noticed = Envelope(_RECORDER, self._boot, number, envelope.tick, envelope.stamp_ns, envelope.publish_ns)
+            self.message(_GAP_TOPIC, noticed, encode(_GAP_TOPIC, gap))
         size = len(payload) + _MESSAGE_OVERHEAD
         try:
             if self._pending + size > CHUNK_BYTES:
                 self._flush()
             self._pending += size
-            self._mcap.add_message(track.channel, envelope.stamp_ns, payload, envelope.publish_ns, envelope.sequence)
+            self._mcap.add_message(channel, envelope.stamp_ns, payload, envelope.publish_ns, envelope.sequence)
         except OSError as error:
             raise self._fail(error) from error
-        if entry is not None:
-            self._refer(envelope.node, envelope.boot, entry)
+        self._account.add(source, envelope.sequence, envelope.stamp_ns, envelope.publish_ns, payload, entry=entry)
 
     def flush_if_due(self, now_ns: int) -> None:
         """Close the chunk and hand it to the operating system if the last flush is FLUSH_NS ago; call this often."""
@@ -224,28 +197,13 @@ class RecordingWriter:
     def close(self, complete: bool, reason: str) -> RunEnd:
         """End the recording and return the end that was written.
 
-        A run whose journal refers to messages that were never received is not complete, whatever the caller passes.
-        After a failure to write, nothing more is written, and the end says so.
+        A run is not complete, whatever the caller passes, if its journal refers to messages that were never received,
+        if a node's last step is missing, or if a message was produced by no step. After a failure to write, nothing
+        more is written, and the end says so.
         """
-        self._settle()
-        unresolved = len(self._unresolved)
-        if unresolved and complete:
-            (name, node, _), sequence = min(self._unresolved)
-            reason = (
-                f"the journal refers to {unresolved} messages that never arrived, first {name} {sequence} of {node}"
-            )
         if self._failure is not None:
-            reason = str(self._failure)
-        end = RunEnd(
-            complete=complete and not unresolved and self._failure is None,
-            reason=reason,
-            counts=self._counts(),
-            gaps=self._open_gaps(),
-            missing=self.missing,
-            duplicates=self._duplicates,
-            late=self._late,
-            unresolved=unresolved,
-        )
+            complete, reason = False, str(self._failure)
+        end = self._account.end(complete, reason)
         if self._closed:
             return end
         self._closed = True
@@ -262,9 +220,9 @@ class RecordingWriter:
             self._file.close()
         return end
 
-    def _open(self, source: _Source) -> _Track:
+    def _open(self, source: Source) -> int:
         name, node, boot = source
-        if len(self._tracks) >= _MAX_CHANNELS:
+        if len(self._channels) >= _MAX_CHANNELS:
             raise RecordingError(f"{self.path}: more than {_MAX_CHANNELS} senders and topics in one recording")
         described = self._described(name)
         schema = self._registered.get(described)
@@ -272,8 +230,9 @@ class RecordingWriter:
             schema = self._mcap.register_schema(described.name, "jsonschema", described.data)
             self._registered[described] = schema
         channel = self._mcap.register_channel(name, "json", schema, {"node": node, "boot": boot})
-        track = self._tracks[source] = _Track(channel)
-        return track
+        self._channels[source] = channel
+        self._account.open(source, described)
+        return channel
 
     def _described(self, name: str) -> RecordedSchema:
         """Return the schema of a topic: that of its type, else that in ``schemas``; raises UnknownTopicError."""
@@ -284,53 +243,10 @@ class RecordingWriter:
         kind = topic(name, self._topics).type
         return RecordedSchema(kind.schema_name, _schema(kind))
 
-    def _irregular(self, track: _Track, source: _Source, envelope: Envelope) -> None:
-        if envelope.sequence < track.expected:
-            if track.fill(envelope.sequence):
-                self._late += 1
-            else:
-                self._duplicates += 1
-            return
-        name, node, boot = source
-        gap = Gap(topic=name, node=node, boot=boot, first=track.expected, last=envelope.sequence - 1)
-        track.missing.append((gap.first, gap.last))
-        track.expected = envelope.sequence + 1
-        number = self._gaps
-        self._gaps += 1
-        gap_envelope = Envelope(_RECORDER, self._boot, number, envelope.tick, envelope.stamp_ns, envelope.publish_ns)
-        self.message(_GAP_TOPIC, gap_envelope, encode(_GAP_TOPIC, gap))
-
-    def _refer(self, node: str, boot: str, entry: JournalEntry) -> None:
-        """Remember the entry's references to messages that have not arrived yet."""
-        references = [((made.topic, node, boot), made.sequence) for made in entry.produced]
-        references += [((read.topic, read.node, read.boot), read.sequence) for read in entry.consumed]
-        self._unresolved.update(reference for reference in references if not self._resolves(reference))
-
-    def _resolves(self, reference: tuple[_Source, int]) -> bool:
-        source, sequence = reference
-        track = self._tracks.get(source)
-        return track is not None and track.has(sequence)
-
-    def _settle(self) -> None:
-        self._unresolved = {reference for reference in self._unresolved if not self._resolves(reference)}
-
     def _flush(self) -> None:
         self._mcap.flush()  # type: ignore[no-untyped-call]
         self._pending = 0
-        self._settle()
-
-    def _counts(self) -> dict[str, int]:
-        counts: dict[str, int] = {}
-        for (name, _, _), track in sorted(self._tracks.items()):
-            counts[name] = counts.get(name, 0) + track.count
-        return counts
-
-    def _open_gaps(self) -> tuple[Gap, ...]:
-        return tuple(
-            Gap(topic=name, node=node, boot=boot, first=first, last=last)
-            for (name, node, boot), track in sorted(self._tracks.items())
-            for first, last in track.missing
-        )[:_LISTED_GAPS]
+        self._account.settle()
 
     def _fail(self, error: OSError) -> RecordingError:
         self._failure = _unwritable(self.path, error)

@@ -14,8 +14,9 @@ from dynpf_lab.cli.arguments import add_json, add_recording, add_set
 from dynpf_lab.cli.options import add_allow_code, add_code
 
 if TYPE_CHECKING:
+    from dynpf_formats.recording.findings import Finding
     from dynpf_formats.recording.reader import Recording
-    from dynpf_runtime.replay import Replayed
+    from dynpf_runtime.replay import Mismatch, Replayed
     from dynpf_services.scenario.schema import Scenario
 
 __all__ = ["add_arguments"]
@@ -42,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Execute ``dynpf replay`` and return its exit code."""
     from dynpf_formats.recording.reader import read_recording
-    from dynpf_services.scenario.replay import replay_nodes, rerun, scenario_of_replay, write_nodes
+    from dynpf_services.scenario.replay import check_run, replay_nodes, rerun, scenario_of_replay, write_nodes
     from dynpf_services.scenario.user_code import add_folders, code_folders
 
     add_folders(code_folders(options.code))
@@ -59,8 +60,10 @@ def run(options: argparse.Namespace) -> int:
         return _compare(options, recording, lambda path: write_nodes(recording, scenario, outcomes, path))
     if options.output is not None:
         write_nodes(recording, scenario, outcomes, options.output)
-    _print_outcomes(recording, outcomes, as_json=options.json)
-    return 0 if all(outcome.mismatch is None for outcome in outcomes) else 1
+    findings, inputs = check_run(recording, scenario)
+    found = [mismatch for mismatch in (inputs, *(outcome.mismatch for outcome in outcomes)) if mismatch is not None]
+    _print_outcomes(recording, outcomes, findings, found, as_json=options.json)
+    return 1 if found or findings else 0
 
 
 def _tell_changed_code(recording: "Recording", scenario: "Scenario") -> None:
@@ -75,11 +78,18 @@ def _tell_changed_code(recording: "Recording", scenario: "Scenario") -> None:
         )
 
 
-def _print_outcomes(recording: "Recording", outcomes: Sequence["Replayed"], *, as_json: bool) -> None:
+def _print_outcomes(
+    recording: "Recording",
+    outcomes: Sequence["Replayed"],
+    findings: Sequence["Finding"],
+    found: Sequence["Mismatch"],
+    *,
+    as_json: bool,
+) -> None:
+    import msgspec
     from dynpf_formats.recording.provenance import collect, explain_different_bytes
 
     # The first difference of the run is that of the earliest tick, and in it that of the first node in tick order.
-    found = [outcome.mismatch for outcome in outcomes if outcome.mismatch is not None]
     first = min(found, key=lambda outcome: outcome.tick) if found else None
     apart = explain_different_bytes(recording.header.provenance, collect()) if found else ""
     if as_json:
@@ -91,10 +101,17 @@ def _print_outcomes(recording: "Recording", outcomes: Sequence["Replayed"], *, a
         if first is not None:
             difference = {**first._asdict(), "a": first.recorded, "b": first.replayed}
             del difference["recorded"], difference["replayed"]
-        print(json.dumps({"same": first is None, "first": difference, "counts": counts, "platform": apart}))
+        same = first is None and not findings
+        told = msgspec.to_builtins(findings)
+        document = {"same": same, "first": difference, "counts": counts, "platform": apart, "findings": told}
+        print(json.dumps({**document, "complete": _incomplete(recording) is None}))
         return
+    for finding in findings:
+        print(f"{finding.severity}: {finding.where}: {finding.what}")
+    if (reason := _incomplete(recording)) is not None:
+        print(f"the run is not complete, and is compared as far as it is recorded: {reason}")
     for outcome in outcomes:
-        verdict = "same" if outcome.mismatch is None else "DIFFERS"
+        verdict = "DIFFERS" if outcome.mismatch is not None else "altered" if findings else "same"
         print(
             f"{outcome.node:<11} {verdict:<8} {outcome.steps} steps, {outcome.messages} messages, "
             f"{outcome.digests} state digests"
@@ -106,6 +123,13 @@ def _print_outcomes(recording: "Recording", outcomes: Sequence["Replayed"], *, a
         )
     if apart:
         print(apart)
+
+
+def _incomplete(recording: "Recording") -> str | None:
+    """Return why a recording says that it does not hold a whole run, or None if it does."""
+    if recording.end is None:
+        return "its end was never written"
+    return None if recording.end.complete else recording.end.reason
 
 
 def _compare(options: argparse.Namespace, recording: "Recording", write: Callable[[Path], None]) -> int:

@@ -13,6 +13,7 @@ from dynpf_protocol.errors import DynpfError, ProtocolError, UsageError
 from dynpf_runtime.replay import Mismatch, replay_node
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.recorded import recorded_scenario
+from dynpf_services.scenario.replay import check_run
 
 from dynpf_lab.references.runs import has_data, rerun_entry, resolve
 from dynpf_lab.references.table import CHECKOUT, Entry, Made, recording_file
@@ -56,9 +57,16 @@ def check_part(entry: Entry, part: str, checkout: Path = CHECKOUT) -> Finding:
 
 
 def _check_file(entry: Entry, made: Made, checkout: Path) -> Finding:
-    found = content_digest(_read(entry, checkout))
+    recording = _read(entry, checkout)
+    found = content_digest(recording)
     if found == made.digest:
-        return _finding(entry, FILE, None)
+        # The table determines the run and its code, as for the nodes.
+        scenario = recorded_scenario(recording, allow_code=resolve(entry).user_code)
+        findings, first = check_run(recording, scenario)
+        if findings:
+            note = f"{findings[0].where}: {findings[0].what}"
+            return Finding(recording=entry.name, part=FILE, verdict="differs", note=note)
+        return _finding(entry, FILE, first)
     text = f"content digest {found}, the table says {made.digest}"
     return Finding(recording=entry.name, part=FILE, verdict="differs", note=text)
 

@@ -7,7 +7,7 @@ from typing import Protocol
 from dynpf_protocol.control import TickDone, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
 from dynpf_protocol.errors import DynpfError, RunError
-from dynpf_protocol.journal import encode_entry
+from dynpf_protocol.journal import encode_entry, genesis
 from dynpf_protocol.keys import DATA, JOURNAL, RECORDER, TICK, data_key, data_keys
 from dynpf_protocol.messages import Diagnostics, Log, LogLevel, timestamp
 
@@ -76,7 +76,8 @@ class NodeHost:
         keys = [*map(data_keys, graph.subscribed(name)), *(TICK + other for other in graph.lags[name])]
         prepare = [Subscribe(key) for key in keys]
         self._member = Membership(name, plan, boot, endpoint, prepare, leads=self._leads)
-        self._executor = Executor(node, self._spec, graph.topics, boot, plan.state_digest_ticks)
+        chain = genesis(name, plan.text)
+        self._executor = Executor(node, self._spec, graph.topics, boot, plan.state_digest_ticks, chain=chain)
         self._intake = Intake(self._member.boots, graph)
         self._gaps = GapWatch()
         link = FaultyLink(plan.faults, name, plan.seed)
@@ -186,7 +187,8 @@ class NodeHost:
         executed = executor.step(tick, stamp_ns, inputs, now.wall_ns)
         self._step_time_s += self._gauges.stopwatch_s() - began_s
         last = turn.last or executed.finished
-        sent = (*turn.fed, *events, *executed.sent)
+        hosted = (*turn.fed, *events)
+        sent = (*hosted, *executed.sent)
         # Messages that other nodes wait for go first; those for the recorder and observers, and the journal, follow.
         for message in sent:
             if message.topic in self._awaited:
@@ -199,7 +201,7 @@ class NodeHost:
         for message in sent:
             if message.topic not in self._awaited:
                 yield _put(message)
-        entry = executor.journal(tick, stamp_ns, inputs, executed.sent, last=last)
+        entry = executor.journal(tick, stamp_ns, inputs, executed.sent, hosted=hosted, last=last)
         envelope = Envelope(name, executor.boot, entry.step, tick, stamp_ns, now.wall_ns)
         yield Put(JOURNAL + name, encode_entry(entry), encode_envelope(envelope))
         self._member.ticks = tick + 1

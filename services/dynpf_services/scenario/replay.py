@@ -6,11 +6,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
+from dynpf_formats.recording.doctor import altered
+from dynpf_formats.recording.findings import Finding, error
 from dynpf_formats.recording.reader import Recording
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_protocol.errors import UsageError
 from dynpf_runtime.plan import run_header
-from dynpf_runtime.replay import Replayed, replay_node, write_replayed
+from dynpf_runtime.replay import Mismatch, Replayed, replay_node, write_replayed
+from dynpf_runtime.replay_hosts import replay_hosts
 
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.played_log import log_records
@@ -19,7 +22,7 @@ from dynpf_services.scenario.recorded import attachments_of, recorded_scenario
 from dynpf_services.scenario.schema import Scenario, key_of, resolved_json
 from dynpf_services.scenario.user_code import check_allowed
 
-__all__ = ["ChangedModule", "changed_code", "replay_nodes", "rerun", "scenario_of_replay", "write_nodes"]
+__all__ = ["ChangedModule", "changed_code", "check_run", "replay_nodes", "rerun", "scenario_of_replay", "write_nodes"]
 
 
 class ChangedModule(NamedTuple):
@@ -80,6 +83,20 @@ def replay_nodes(recording: Recording, scenario: Scenario, node: str | None, *, 
     """Replay one node, or each by itself, and return the results; see ``replay_node``."""
     plan = plan_of(scenario)
     return [replay_node(recording, plan, name, keep=keep) for name in ((node,) if node else plan.graph.nodes)]
+
+
+def check_run(recording: Recording, scenario: Scenario) -> tuple[list[Finding], Mismatch | None]:
+    """Return why a recording is not what its recorder wrote, and the first step whose inputs are not those of its run.
+
+    ``scenario`` is the recorded one, without overrides.
+    """
+    plan = plan_of(scenario)
+    findings = altered(recording)
+    recorded, planned = recording.header, run_header(plan)
+    for field in ("seed", "writes", "clock"):
+        if getattr(recorded, field) != getattr(planned, field):
+            findings.append(error(f"{field} is not that of the scenario", "metadata run"))
+    return findings, next(replay_hosts(recording, plan), None)
 
 
 def write_nodes(recording: Recording, scenario: Scenario, outcomes: Sequence[Replayed], path: Path) -> None:

@@ -4,22 +4,35 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import msgspec
 from dynpf_formats.recording.header import Attachment, Provenance, RunHeader
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_formats.shipped import known_topics
 from dynpf_protocol.codec import encode
 from dynpf_protocol.envelope import Envelope
-from dynpf_protocol.journal import Consumed, JournalEntry, Produced, encode_entry
+from dynpf_protocol.journal import (
+    Consumed,
+    JournalEntry,
+    Produced,
+    chain_after,
+    decode_entry,
+    encode_entry,
+    genesis,
+)
 from dynpf_protocol.messages import Diagnostics, Estimate, RobotState
 from dynpf_systems.parts.messages import Detection, Detections
 
 HEADER = RunHeader(
-    scenario='{"title":"Two nodes","seed":7}',
+    scenario='{"title":"Three nodes","seed":7}',
     seed=7,
+    writes={"simulator": ("truth/robot",), "sensors": ("sensors/overhead",), "estimator": ("estimator/state",)},
     provenance=Provenance(
         dynpf_version="0.1.0", code_digest="c" * 64, packages={"numpy": "2.4.6"}, platform={"system": "Linux"}
     ),
 )
+NODELESS = msgspec.structs.replace(HEADER, writes={})
+"""The header of a log, of whose messages no journal is expected."""
+
 MAP = Attachment(name="map.pgm", media_type="image/x-portable-graymap", data=bytes(range(256)))
 
 SECOND = 10**9
@@ -32,7 +45,7 @@ class Sent(NamedTuple):
 
 
 def lockstep(ticks: int = 5, boot: str = "b1", wall_ns: int = 10**18) -> list[Sent]:
-    """Return everything that two nodes send in some ticks, in the order of a tidy network."""
+    """Return everything that three nodes send in some ticks, in the order of a tidy network."""
     sent = []
     for tick in range(ticks):
         stamp = tick * SECOND // 20
@@ -57,14 +70,15 @@ def lockstep(ticks: int = 5, boot: str = "b1", wall_ns: int = 10**18) -> list[Se
                     "diagnostics", Diagnostics(node="estimator", steps=tick, step_time_s=0.001, refused={}, queue=0)
                 ),
             ),
-            _entry(envelope("simulator"), [], ["truth/robot"], tick),
-            _entry(envelope("sensors"), ["truth/robot"], ["sensors/overhead"], tick),
-            _entry(envelope("estimator"), ["sensors/overhead"], ["estimator/state"], tick),
+            _entry(envelope("simulator"), [], ["truth/robot"], last=tick == ticks - 1),
+            _entry(envelope("sensors"), ["truth/robot"], ["sensors/overhead"], last=tick == ticks - 1),
+            _entry(envelope("estimator"), ["sensors/overhead"], ["estimator/state"], last=tick == ticks - 1),
         ]
-    return sent
+    return chained(sent)
 
 
-def _entry(envelope: Envelope, reads: list[str], writes: list[str], tick: int) -> Sent:
+def _entry(envelope: Envelope, reads: list[str], writes: list[str], *, last: bool) -> Sent:
+    tick = envelope.tick
     senders = {"truth/robot": "simulator", "sensors/overhead": "sensors"}
     run = envelope.boot.partition("-")[2]
     entry = JournalEntry(
@@ -73,9 +87,31 @@ def _entry(envelope: Envelope, reads: list[str], writes: list[str], tick: int) -
         stamp_ns=envelope.stamp_ns,
         consumed=tuple(Consumed(senders[name], f"{senders[name]}-{run}", name, tick) for name in reads),
         produced=tuple(Produced(name, tick) for name in writes),
-        state=f"{tick:064x}" if tick % 2 == 0 else "",
+        last=last,
+        state=f"{tick:064x}" if last or tick % 2 == 0 else "",
     )
     return Sent(f"journal/{envelope.node}", envelope, encode_entry(entry))
+
+
+def chained(sent: list[Sent], header: RunHeader = HEADER) -> list[Sent]:
+    """Return what was sent with the chain values of its journals computed anew, as far as their messages are there."""
+    known = {(one.topic, one.envelope.node, one.envelope.boot, one.envelope.sequence): one for one in reversed(sent)}
+    chains: dict[str, bytes] = {}
+
+    def link(one: Sent) -> Sent:
+        node, boot = one.envelope.node, one.envelope.boot
+        try:
+            entry = decode_entry(one.payload)
+        except msgspec.DecodeError:
+            return one
+        made = [known.get((made.topic, node, boot, made.sequence)) for made in entry.produced]
+        messages = [(message.envelope.stamp_ns, message.payload) for message in made if message is not None]
+        previous = chains.get(node) or genesis(node, header.scenario)
+        chains[node] = chain_after(previous, boot, entry, messages)
+        chain = chains[node].hex() if entry.state else ""
+        return one._replace(payload=encode_entry(msgspec.structs.replace(entry, chain=chain)))
+
+    return [link(one) if one.topic.startswith("journal/") else one for one in sent]
 
 
 def write(
@@ -88,11 +124,11 @@ def write(
     attachments: tuple[Attachment, ...] = (MAP,),
     header: RunHeader = HEADER,
 ) -> Path:
-    """Write what was sent; every ``flush_every`` messages a chunk ends."""
+    """Write what was sent, its journals chained; every ``flush_every`` messages a chunk ends."""
     writer = RecordingWriter(path, header, attachments)
     now = 0
     writer.flush_if_due(now)
-    for number, (topic, envelope, payload) in enumerate(sent, 1):
+    for number, (topic, envelope, payload) in enumerate(chained(sent, header), 1):
         writer.message(topic, envelope, payload)
         if flush_every and number % flush_every == 0:
             now += SECOND

@@ -36,7 +36,7 @@ def test_info(run: Run, tmp_path: Path) -> None:
     code, printed = run("info", path, "--json")
     summary = json.loads(printed)
     assert code == 0
-    assert (summary["title"], summary["seed"], summary["ticks"], summary["messages"]) == ("Two nodes", 7, 5, 20)
+    assert (summary["title"], summary["seed"], summary["ticks"], summary["messages"]) == ("Three nodes", 7, 5, 20)
     assert (summary["complete"], summary["gaps"], summary["duration_s"]) == (True, 0, 0.2)
     assert summary["topics"]["truth/robot"]["messages"] == 5
     assert summary["attachments"] == {"map.pgm": 256}

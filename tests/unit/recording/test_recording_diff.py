@@ -9,7 +9,7 @@ from dynpf_protocol.journal import decode_entry, encode_entry
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tests.unit.recording.recorded_runs import Sent, changed, lockstep, write
+from tests.unit.recording.recorded_runs import NODELESS, Sent, changed, lockstep, write
 
 
 @pytest.fixture
@@ -161,7 +161,7 @@ def test_a_log_record_has_the_tick_of_the_step_that_consumed_it(tmp_path: Path) 
         if not one.topic.startswith("journal/simulator")
     ]
     played = [one._replace(payload=one.payload.replace(b'"simulator-b1"', b'"sensors-b1"')) for one in played]
-    recording = read_recording(write(tmp_path / "run.mcap", played))
+    recording = read_recording(write(tmp_path / "run.mcap", played, header=NODELESS))
     assert [recording.tick_of(record) for record in recording.messages("log/truth")] == [0, 1, 2]
     assert recording.end is not None
     assert recording.end.complete

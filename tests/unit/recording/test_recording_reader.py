@@ -102,13 +102,13 @@ def test_another_schema_version_is_refused_naming_its_writer(tmp_path: Path) -> 
     entries = seal(HEADER)
     assert read_recording(with_header(tmp_path / "a.mcap", entries)).header == HEADER
     newer = {key: value for key, value in entries.items() if key != "sha256"} | {
-        "schema_version": "3",
+        "schema_version": "4",
         "dynpf_version": "9.1",
     }
     from dynpf_formats.recording import header  # noqa: PLC0415
 
     newer["sha256"] = header._digest(newer)
-    with pytest.raises(UnknownVersionError, match=r"schema version 3, written by dynpf 9\.1; this dynpf reads 2"):
+    with pytest.raises(UnknownVersionError, match=r"schema version 4, written by dynpf 9\.1; this dynpf reads 3"):
         read_recording(with_header(tmp_path / "b.mcap", newer))
 
 

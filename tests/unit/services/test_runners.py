@@ -23,7 +23,7 @@ from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import record_inline
 
-from tests.unit.recording.recorded_runs import HEADER
+from tests.unit.recording.recorded_runs import NODELESS
 from tests.unit.services.toy_nodes import IDLE, ToyNode, executor_of, graph_of, received, says, spec_of
 
 
@@ -64,7 +64,7 @@ def test_a_replayed_recording_keeps_what_the_host_told_the_node(tmp_path: Path) 
         act=lambda _: says("controller/command", IDLE),
     )
     executor, watch = executor_of(node, "c1", 2), GapWatch()
-    with RecordingWriter(tmp_path / "run.mcap", HEADER) as writer:
+    with RecordingWriter(tmp_path / "run.mcap", NODELESS) as writer:
         for tick, sequence in enumerate((0, 2, 3)):  # number 1 is lost on the way
             one = received("sensors/odometry", "sensors", sequence, tick * 10)
             place = Envelope(one.node, one.boot, one.sequence, tick, one.stamp_ns, 0)
@@ -75,7 +75,7 @@ def test_a_replayed_recording_keeps_what_the_host_told_the_node(tmp_path: Path) 
             beat = Diagnostics(node="controller", steps=tick, step_time_s=0.1, refused={}, queue=0)
             for message in (*events, *sent, executor.stamp("diagnostics", beat, tick, tick * 10, 0)):
                 writer.message(*message)
-            entry = executor.journal(tick, tick * 10, ready.inputs, sent, last=tick == 2)
+            entry = executor.journal(tick, tick * 10, ready.inputs, sent, hosted=events, last=tick == 2)
             writer.journal(Envelope("controller", "c1", tick, tick, tick * 10, 0), encode_entry(entry))
         before = writer.close(complete=True, reason="finished")
     assert before.counts["event/controller"] == 1
@@ -88,7 +88,7 @@ def test_a_replayed_recording_keeps_what_the_host_told_the_node(tmp_path: Path) 
     outcome = replay_node(recording, plan, "controller", keep=True)
     assert outcome.mismatch is None
     assert (outcome.steps, outcome.digests) == (3, 2)
-    with RecordingWriter(tmp_path / "again.mcap", HEADER) as writer:
+    with RecordingWriter(tmp_path / "again.mcap", NODELESS) as writer:
         write_replayed(recording, [outcome], writer)
         after = writer.close(complete=True, reason="replayed")
     assert after.complete

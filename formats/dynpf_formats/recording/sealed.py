@@ -1,0 +1,116 @@
+"""Compares what the end of a run promises with what is in the file."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
+from dynpf_protocol.topics import is_compared
+
+from dynpf_formats.recording.account import Account
+from dynpf_formats.recording.findings import Finding, error, warning
+from dynpf_formats.recording.header import RunEnd
+from dynpf_formats.recording.reader import Recorded, Recording
+from dynpf_formats.recording.stream import RecordedSchema, Source
+
+__all__ = ["broken_promises", "end_of"]
+
+_END = "end of run"
+
+
+def end_of(recording: Recording, complete: bool, reason: str) -> RunEnd:
+    """Return the end that a recorder would write for what is in the file."""
+    account = Account(recording.header, recording.attachments)
+    opened: set[Source] = set()
+    for record in recording.records:
+        source = record.source
+        if source not in opened:
+            opened.add(source)
+            account.open(source, recording.schemas.get(source.topic, RecordedSchema("", b"")))
+        account.add(source, record.sequence, record.stamp_ns, record.publish_ns, record.payload, entry=_entry(record))
+    return account.end(complete, reason)
+
+
+def broken_promises(recording: Recording) -> Iterator[Finding]:
+    """Yield where the file is not what its recorder sealed, or not the complete run that its end speaks of.
+
+    What is not compared is told as such, by a warning.
+    """
+    end = recording.end
+    if end is None:
+        return
+    found = end_of(recording, end.complete, end.reason)
+    if end.complete and not found.complete:
+        yield error(found.reason, _END)
+    if end.header != found.header:
+        yield error("the metadata of the run are not those that the recorder sealed", "metadata run")
+    yield from _attachments(end, found)
+    yield from _channels(end, found)
+    for name in ("gaps", "missing", "duplicates", "late", "unresolved"):
+        yield from _difference(f"{name} of the run", getattr(end, name), getattr(found, name))
+    for name in sorted({*end.nodes, *found.nodes}):
+        yield from _difference(f"the end of the journal of {name}", end.nodes.get(name), found.nodes.get(name))
+    if end.order != found.order:
+        yield warning(
+            "publish times or the order of the messages in the file are not those that the recorder sealed; "
+            "neither is compared",
+            _END,
+        )
+
+
+def _entry(record: Recorded) -> JournalEntry | None:
+    if not record.topic.startswith(JOURNAL_PREFIX):
+        return None
+    try:
+        return decode_entry(record.payload)
+    except msgspec.DecodeError:
+        return None
+
+
+def _attachments(end: RunEnd, found: RunEnd) -> Iterator[Finding]:
+    if end.attachments == found.attachments:
+        return
+    sealed, present = set(end.attachments), set(found.attachments)
+    for item in (*sorted(sealed - present), *sorted(present - sealed)):
+        how = "sealed, but not as it is in the file" if item in sealed else "not as the recorder sealed it"
+        yield error(f"attachment {item.name!r} ({item.media_type}) is {how}", "attachments")
+    if sealed == present:
+        yield error("the attachments are repeated or in another order than the recorder sealed them", "attachments")
+
+
+def _channels(end: RunEnd, found: RunEnd) -> Iterator[Finding]:
+    sealed = {Source(*channel[:3]): channel.digest for channel in end.channels}
+    present = {Source(*channel[:3]): channel.digest for channel in found.channels}
+    for source in (*sealed, *(source for source in present if source not in sealed)):
+        if sealed.get(source) == present.get(source):
+            continue
+        sender = f"of {source.node}, boot {source.boot},"
+        if source not in present:
+            what = f"the messages {sender} are missing"
+        elif source not in sealed:
+            what = f"messages {sender} which the recorder has not sealed"
+        else:
+            what = f"the messages {sender} are not those that the recorder sealed"
+        yield _by_topic(source.topic, what)
+    for topic in sorted({*end.counts, *found.counts}):
+        promised, counted = end.counts.get(topic, 0), found.counts.get(topic, 0)
+        if promised != counted:
+            yield _by_topic(topic, f"the recorder counted {promised} messages, in the file are {counted}")
+    if [*sealed] != [*present] and sealed == present:
+        yield error("senders and topics first appear in another order than the recorder sealed", _END)
+
+
+def _by_topic(topic: str, what: str) -> Finding:
+    """Return a finding about a topic: an error if it is compared, or a journal."""
+    if topic.startswith(JOURNAL_PREFIX) or is_compared(topic):
+        return error(what, topic)
+    return warning(f"{what}; this topic is not compared", topic)
+
+
+def _difference(what: str, sealed: Any, found: Any) -> Iterator[Finding]:
+    if sealed != found:
+        yield error(f"{what}: sealed {_text(sealed)}, in the file {_text(found)}", _END)
+
+
+def _text(value: Any) -> str:
+    return "nothing" if value is None else msgspec.json.encode(value).decode()[:200]
