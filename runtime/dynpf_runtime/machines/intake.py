@@ -11,7 +11,7 @@ from dynpf_protocol.codec import decode
 from dynpf_protocol.control import TickDone, decode_control
 from dynpf_protocol.envelope import Envelope, decode_envelope
 from dynpf_protocol.errors import ProtocolError
-from dynpf_protocol.keys import DATA, TICK
+from dynpf_protocol.keys import TICK, data_key, topic_of
 from dynpf_protocol.topics import LOG_NODE, topic
 
 from dynpf_runtime.graph import Graph
@@ -35,7 +35,7 @@ def check_sender(arrival: Arrived, boots: Mapping[str, str], graph: Graph) -> tu
 
     Records of an imported log carry the boot of the graph's source, which publishes them.
     """
-    name = arrival.key[len(DATA) :]
+    name, said_by = topic_of(arrival.key)
     row = topic(name, graph.topics)
     envelope = decode_envelope(arrival.attachment)
     sender = graph.source if envelope.node == LOG_NODE else envelope.node
@@ -45,6 +45,8 @@ def check_sender(arrival: Arrived, boots: Mapping[str, str], graph: Graph) -> tu
         raise ProtocolError(
             f"unknown sender {envelope.node!r} with boot {envelope.boot!r}; this run's is {boots.get(sender)!r}"
         )
+    if data_key(name, envelope.node) != arrival.key:
+        raise ProtocolError(f"it comes in the name of {envelope.node!r}; its key is that of {said_by!r}")
     return name, envelope
 
 
@@ -60,7 +62,7 @@ class Intake:
 
     def accept(self, arrival: Arrived) -> tuple[Received, Envelope] | Refusal:
         """Return a message as an input with its envelope, or refuse it."""
-        name = arrival.key[len(DATA) :]
+        name, _ = topic_of(arrival.key)
         envelope = None
         try:
             name, accepted = check_sender(arrival, self._boots, self._graph)
