@@ -32,6 +32,9 @@ AHEAD = 1000
 """How many ticks the source may run ahead of the recorder."""
 
 REPORT_NS = 1_000_000_000
+DEAF_NS = 3_000_000_000
+"""How long a step may stay away after all that it waits for has been sent; then a notice says so."""
+
 RECORDED_NS = 30_000_000_000
 """How long the recorder may take, after the last step, to confirm the run."""
 
@@ -84,6 +87,8 @@ class NodeHost:
         self._recorded_by_ns = NEVER_NS
         self._step_time_s = 0.0
         self._report_at_ns = 0
+        self._stepped_ns = 0  # when the last step was, or the run began
+        self._deaf_at_tick = -1  # the tick of which the notice was given
         self._stamp_ns = 0
 
     @property
@@ -126,12 +131,14 @@ class NodeHost:
             yield from self._begin(now)
         if self._running:
             yield from self._advance(now, self._turn(now, idle=type(event) is Woke))
+            if type(event) is Woke:
+                yield from self._notice_deafness(now)
         elif self._turns is not None:
             yield from self._await_recorded(now)
 
     def _begin(self, now: Now) -> Iterator[Effect]:
         self._turns = self._turns_of(now)
-        self._running = True
+        self._running, self._stepped_ns = True, now.monotonic_ns
         for early in self._early:
             refusal = self._receive(early, now)
             if refusal is not None:
@@ -173,7 +180,7 @@ class NodeHost:
         """Run one step and publish its results."""
         (tick, _, inputs, _), stamp_ns = turn.ready, turn.stamp_ns
         name, executor = self._spec.name, self._executor
-        self._stamp_ns = stamp_ns
+        self._stamp_ns, self._stepped_ns = stamp_ns, now.monotonic_ns
         events = notice_gaps(executor, self._gaps, turn.ready, stamp_ns, now.wall_ns)
         began_s = self._gauges.stopwatch_s()
         executed = executor.step(tick, stamp_ns, inputs, now.wall_ns)
@@ -200,6 +207,24 @@ class NodeHost:
             self._running = False
             self._member.leaving = True
             self._recorded_by_ns = now.monotonic_ns + RECORDED_NS
+
+    def _notice_deafness(self, now: Now) -> Iterator[Effect]:
+        """Tell if a tick does not begin though, by their heartbeats, all nodes that it waits for have ended theirs."""
+        tick, plan = self._member.ticks, self._plan
+        paced = self._leads and (plan.rate is not None or tick - self._member.behind(RECORDER) > AHEAD)
+        if plan.clock != "lockstep" or paced or now.monotonic_ns < self._stepped_ns + DEAF_NS:
+            return
+        awaited = {node: tick - lag for node, lag in plan.graph.lags[self._spec.name].items() if tick >= lag}
+        if (
+            awaited
+            and tick != self._deaf_at_tick
+            and all(self._member.behind(node) > awaited[node] for node in awaited)
+        ):
+            self._deaf_at_tick = tick
+            yield Tell(
+                f"tick {tick} does not begin, though {', '.join(awaited)} sent all that it waits for: it was lost, or "
+                f"{self._spec.name}'s key may not hear it"
+            )
 
     def _receive(self, arrived: Arrived, now: Now) -> Refusal | None:
         """Put an arrival into the inbox, or return why it was refused."""
