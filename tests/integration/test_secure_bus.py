@@ -102,18 +102,30 @@ def test_an_observer_hears_all_and_says_nothing_and_an_operator_may_stop_the_run
         watched.await_ticks(20)
         process = until(lambda: service_of(tmp_path, "sensors"), "its process")
         assert process is not None
-        with join_bus(process.endpoint, process.credentials(OPERATOR)) as bus:
-            bus.declare(f"{ALIVE}{OPERATOR}/mine")
-
-            def stopped():  # who has not yet seen the operator's token refuses its word
-                bus.put(f"{STOP}{OPERATOR}", encode_control(Stop(OPERATOR, "mine", "by the operator")))
-                return run.popen.poll() is not None
-
-            until(stopped, "the end of the run")
-            assert run.wait() == 0, run.stderr
+        operator = process.credentials(OPERATOR)
+        assert operator is not None
+        keys = ["--keys", operator.folder]
+        assert f"observer and operator: --connect {process.endpoint} --keys {keys[1]}\n" in run.stderr
+        stop = here("stop", "--connect", process.endpoint, *keys, "--reason", "by the operator")
+        assert stop.out == "the run has ended, and its recording is complete\n", stop.err
+        assert run.wait() == 0, run.stderr
     assert "complete: by the operator" in run.stdout
     assert here("replay", path).code == 0
     assert not list(tmp_path.glob("dynpf-*"))
+
+
+def test_the_keys_of_guests_lie_where_they_are_wanted_as_long_as_the_run(tmp_path, dynpf, here):
+    guests = tmp_path / "mine"
+    run = dynpf("run", "landmark-room", "--keys", guests, "-o", tmp_path / "run.mcap")
+    until((guests / "operator.pem").exists, "the operator's certificate")
+    assert sorted(path.name for path in guests.glob("*.key")) == ["observer.key", "operator.key"]
+    assert not list(tmp_path.rglob("ca.key"))
+    refused = here("run", "landmark-room", "--keys", guests, "-o", tmp_path / "other.mcap")
+    assert (refused.code, "has keys already" in refused.err) == (2, True)
+    assert load(guests, "observer", datetime.now(UTC)).name == "observer", "the refusal has taken nothing away"
+    run.interrupt()
+    assert run.wait() in (0, 1)
+    assert list(guests.iterdir()) == []
 
 
 @contextmanager

@@ -22,6 +22,7 @@ _COMMANDS = {
     "schema": ("schema", "the JSON schema of scenario files, for editors"),
     "compose": ("compose", "a Compose file of a scenario, one container a process"),
     "health": ("health", "whether a process of a run is alive and its main loop runs"),
+    "stop": ("stop", "ask a run to end with its next tick, as its operator"),
     "keys": ("keys", "keys and certificates for the processes of a run"),
     "replay": ("replay", "re-execute nodes from a recording and compare"),
     "play": ("play", "publish a recording onto the bus"),
