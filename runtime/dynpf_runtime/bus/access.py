@@ -24,7 +24,7 @@ from dynpf_protocol.keys import (
     data_key,
     data_keys,
 )
-from dynpf_protocol.topics import LOG_NODE
+from dynpf_protocol.topics import LOG_NODE, TOPICS
 
 from dynpf_runtime.graph import Graph
 
@@ -48,6 +48,10 @@ _PRESENCE = (f"{ALIVE}**", f"{READY}**")
 _ALL = (f"{DATA}**", f"{JOURNAL}**", f"{TICK}**", f"{BEAT}**", f"{CONTROL}**")
 
 
+_RECORDS = [f"{DATA}**/{name}" for name, row in TOPICS.items() if row.publishers == (LOG_NODE,)]
+"""The records of an imported log, which the source publishes, of any robots, whether or not a node reads them."""
+
+
 def grants(graph: Graph) -> dict[str, Grant]:
     """Return what each process of a run with ``graph`` may do, and what an observer, an operator and a player may.
 
@@ -69,8 +73,9 @@ def grants(graph: Graph) -> dict[str, Grant]:
 
 
 def _node(name: str, graph: Graph) -> Grant:
-    senders = {name, LOG_NODE} if name == graph.source else {name}  # the source publishes the records of a log
-    writes = [data_key(topic, name) for topic, row in graph.topics.items() if senders.intersection(row.publishers)]
+    writes = [data_key(topic, name) for topic, row in graph.topics.items() if name in row.publishers]
+    if name == graph.source:
+        writes += _RECORDS
     return Grant(
         puts=(*writes, JOURNAL + name, TICK + name, BEAT + name, STOP + name),
         subscribes=(

@@ -72,9 +72,20 @@ def test_every_process_of_every_scenario_may_do_what_it_declares_and_no_more(pat
         assert [effect for effect in effects if not is_granted(effect, granted[name])] == []
         subscribed = {effect.key for effect in effects if isinstance(effect, Subscribe)}
         assert {*granted[name].subscribes} == subscribed
-        records = {DATA + row for row in plan.graph.topics if "log/" in row} if name == plan.graph.source else set()
+        records = (
+            {f"{DATA}**/{row}" for row in TOPICS if row.startswith("log/")} if name == plan.graph.source else set()
+        )
         said = {effect.key for effect in effects if isinstance(effect, Put)}
         assert {key for key in granted[name].puts if key.startswith(DATA)} - records == said
+
+
+def test_the_source_alone_may_say_what_is_in_a_log_of_any_robots_also_what_no_node_reads() -> None:
+    plan = plan_of(load_scenario("landmark-team", log=FACTS))
+    granted = grants(plan.graph)
+    for topic in ("log/truth", "r1/log/truth", "r9/log/odometry"):
+        speakers = [name for name, grant in granted.items() if name != PLAYER and within(DATA + topic, grant.puts)]
+        assert speakers == [plan.graph.source]
+    assert not within(f"{DATA}r1/log/truth/more", granted[plan.graph.source].puts)
 
 
 @pytest.mark.parametrize("clock", ["lockstep", "realtime"])
