@@ -37,7 +37,10 @@ RECORDED_NS = 30_000_000_000
 
 
 class Gauges(Protocol):
-    """Measurements of the process for diagnostics; nothing in the run depends on them."""
+    """Measurements of the process, for diagnostics and for those who watch it; nothing in the run depends on them."""
+
+    def stepping(self, tick: int) -> None:
+        """Note that a step of the node begins, which may take long."""
 
     def stopwatch_s(self) -> float:
         """Return the seconds of a clock."""
@@ -175,6 +178,7 @@ class NodeHost:
         name, executor = self._spec.name, self._executor
         self._stamp_ns = stamp_ns
         events = notice_gaps(executor, self._gaps, turn.ready, stamp_ns, now.wall_ns)
+        self._gauges.stepping(tick)
         began_s = self._gauges.stopwatch_s()
         executed = executor.step(tick, stamp_ns, inputs, now.wall_ns)
         self._step_time_s += self._gauges.stopwatch_s() - began_s
@@ -192,6 +196,7 @@ class NodeHost:
         for message in sent:
             if message.topic not in self._awaited:
                 yield _put(message)
+        self._gauges.stepping(tick)  # the digest of a large state
         entry = executor.journal(tick, stamp_ns, inputs, executed.sent, last=last)
         envelope = Envelope(name, executor.boot, entry.step, tick, stamp_ns, now.wall_ns)
         yield Put(JOURNAL + name, encode_entry(entry), encode_envelope(envelope))
