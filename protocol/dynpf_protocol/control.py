@@ -1,6 +1,6 @@
 """Control messages, by which processes keep in step and end a run. They are not in the topic table, nor recorded."""
 
-from enum import IntEnum
+from enum import IntEnum, StrEnum
 from typing import TypeVar
 
 import msgspec
@@ -8,7 +8,15 @@ import msgspec
 from dynpf_protocol.errors import BadMessageError
 from dynpf_protocol.numbers import Count
 
-__all__ = ["Beat", "Doing", "Recorded", "Stop", "TickDone", "decode_control", "encode_control"]
+__all__ = ["Beat", "Doing", "Outcome", "Recorded", "Stop", "TickDone", "decode_control", "encode_control"]
+
+
+class Outcome(StrEnum):
+    """Why the last step of a run was the last."""
+
+    DONE = "task done"  # the source said so
+    BUDGET = "budget spent"  # the scenario's most ticks, or the end of the log
+    STOPPED = "stopped"  # by the user
 
 
 class TickDone(msgspec.Struct, frozen=True, array_like=True):
@@ -21,6 +29,7 @@ class TickDone(msgspec.Struct, frozen=True, array_like=True):
     stamp_ns: Count
     counts: dict[str, Count]
     last: bool
+    outcome: Outcome | None = None  # of the source's last step
 
 
 class Doing(IntEnum):

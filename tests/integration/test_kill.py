@@ -90,6 +90,7 @@ def test_a_process_that_a_signal_stops_ends_the_run_and_is_named(name, tmp_path,
 def test_a_stopped_subscriber_of_a_stranger_changes_nothing(tmp_path, dynpf, here):
     run = dynpf("run", "landmark-room", "-o", tmp_path / "run.mcap")
     node = until(lambda: service_of(tmp_path, "estimator"), "the estimator's process")
+    assert node is not None
     with stranger(node.endpoint) as other:
         await_mid_run(tmp_path, run)
         other.send_signal(signal.SIGSTOP)
@@ -111,6 +112,7 @@ def stranger(endpoint):
         [sys.executable, "-c", source, endpoint], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as process:
         try:
+            assert process.stdout is not None
             assert process.stdout.readline()
             yield process
         finally:

@@ -61,6 +61,7 @@ class RunEnd(msgspec.Struct, frozen=True, kw_only=True):
     duplicates: int  # messages received again
     late: int  # messages received after a later one
     unresolved: int  # messages that the journal refers to and that were never received
+    outcome: str = ""  # why the last step of a complete run was the last: Outcome of dynpf_protocol.control
 
 
 _T = TypeVar("_T", RunHeader, RunEnd)

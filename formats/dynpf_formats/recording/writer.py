@@ -221,7 +221,7 @@ class RecordingWriter:
         except OSError as error:
             raise self._fail(error) from error
 
-    def close(self, complete: bool, reason: str) -> RunEnd:
+    def close(self, complete: bool, reason: str, outcome: str = "") -> RunEnd:
         """End the recording and return the end that was written.
 
         A run whose journal refers to messages that were never received is not complete, whatever the caller passes.
@@ -245,6 +245,7 @@ class RecordingWriter:
             duplicates=self._duplicates,
             late=self._late,
             unresolved=unresolved,
+            outcome=outcome if complete and not unresolved and self._failure is None else "",
         )
         if self._closed:
             return end

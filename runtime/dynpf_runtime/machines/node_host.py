@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Protocol
 
-from dynpf_protocol.control import TickDone, encode_control
+from dynpf_protocol.control import Outcome, TickDone, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
 from dynpf_protocol.errors import DynpfError, RunError
 from dynpf_protocol.journal import encode_entry
@@ -191,7 +191,8 @@ class NodeHost:
         counts = dict(Counter(message.topic for message in sent))
         if last or now.monotonic_ns >= self._report_at_ns:  # the last report precedes the end of the last tick
             yield self._report(now)
-        done = TickDone(name, executor.boot, executor.steps, tick, stamp_ns, counts, last)
+        outcome = self._outcome(finished=executed.finished) if last and self._leads else None
+        done = TickDone(name, executor.boot, executor.steps, tick, stamp_ns, counts, last, outcome)
         yield Put(TICK + name, encode_control(done))
         for message in sent:
             if message.topic not in self._awaited:
@@ -205,6 +206,11 @@ class NodeHost:
             self._running = False
             self._member.leaving = True
             self._recorded_by_ns = now.monotonic_ns + RECORDED_NS
+
+    def _outcome(self, *, finished: bool) -> Outcome:
+        if finished:
+            return Outcome.DONE
+        return Outcome.STOPPED if self._member.stop_reason else Outcome.BUDGET
 
     def _receive(self, arrived: Arrived, now: Now) -> Refusal | None:
         """Put an arrival into the inbox, or return why it was refused."""

@@ -86,9 +86,9 @@ class RecorderFile:
                 self._open.flush_if_due(now_ns)
             case Show(ticks, messages):
                 self._progress.show(ticks, messages)
-            case Close(complete, reason):
+            case Close(complete, reason, outcome):
                 self._progress.clear()
-                self.end = self._open.close(complete=complete, reason=reason)
+                self.end = self._open.close(complete=complete, reason=reason, outcome=outcome)
                 return Closed(self.end)
             case _:
                 raise TypeError(f"a recorder's file does not carry out {effect!r}")

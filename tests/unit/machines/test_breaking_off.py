@@ -6,7 +6,7 @@ import pytest
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.errors import RecordingError
 from dynpf_formats.recording.reader import read_recording
-from dynpf_protocol.control import Beat, Recorded, Stop, TickDone, decode_control, encode_control
+from dynpf_protocol.control import Beat, Outcome, Recorded, Stop, TickDone, decode_control, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
 from dynpf_protocol.errors import BrokenOffError, UsageError
 from dynpf_protocol.keys import BEAT, DATA, JOURNAL, RECORDED, STOP, TICK
@@ -32,6 +32,12 @@ EVERYBODY = ("router", "recorder", *NODES)
 def mid_run(simulation: Simulation, ticks: int = 20) -> None:
     simulation.run(until=lambda: simulation.published[f"{TICK}estimator"] >= ticks)
     assert not simulation.ended
+
+
+def outcome_of(path: Path) -> str:
+    end = read_recording(path).end
+    assert end is not None
+    return end.outcome
 
 
 def end_of(path: Path) -> tuple[bool, str]:
@@ -182,6 +188,17 @@ def test_who_has_another_scenario_is_refused_with_the_first_key_that_differs(
     assert content_digest(read_recording(path)) == undisturbed
 
 
+@pytest.mark.parametrize(("max_ticks", "outcome"), [(40, Outcome.BUDGET), (2000, Outcome.DONE)])
+def test_the_end_of_a_run_tells_whether_its_task_was_done_or_its_budget_spent(
+    max_ticks: int, outcome: Outcome, tmp_path: Path, simulate: Simulate
+) -> None:
+    scenario = load_scenario("landmark-room", overrides=[f"max_ticks={max_ticks}", "estimator.n=10"])
+    on_the_bus, inline = tmp_path / "bus.mcap", tmp_path / "inline.mcap"
+    simulate(plan_of(scenario), on_the_bus).run()
+    record_inline(scenario, inline)
+    assert outcome_of(on_the_bus) == outcome_of(inline) == outcome
+
+
 @pytest.mark.parametrize("name", EVERYBODY)
 def test_asked_to_stop_once_the_run_ends_complete(name: str, tmp_path: Path, simulate: Simulate) -> None:
     path = tmp_path / "run.mcap"
@@ -191,6 +208,7 @@ def test_asked_to_stop_once_the_run_ends_complete(name: str, tmp_path: Path, sim
     simulation.run()
     assert set(simulation.ended.values()) == {None}
     assert end_of(path) == (True, "stopped by the user")
+    assert outcome_of(path) == Outcome.STOPPED
     assert 20 <= simulation.published[f"{TICK}estimator"] < 30
 
 
