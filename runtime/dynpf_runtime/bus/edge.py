@@ -12,7 +12,7 @@ import zenoh
 from dynpf_protocol.control import Beat, Doing, decode_control, encode_control
 from dynpf_protocol.keys import BEAT
 
-from dynpf_runtime.bus.pulse import Pulse
+from dynpf_runtime.bus.pulse import Pulse, Reading
 from dynpf_runtime.bus.session import Bus
 from dynpf_runtime.bus.terminal import StopSignal, say
 from dynpf_runtime.machines.effects import (
@@ -39,7 +39,7 @@ from dynpf_runtime.machines.events import (
     Woke,
 )
 
-__all__ = ["Perform", "drive", "new_boot"]
+__all__ = ["Perform", "drive", "late_beat", "new_boot"]
 
 Perform = Callable[[Effect], Event | None]
 """Carries out an effect that does not concern the bus, and returns the event that follows, if any."""
@@ -60,6 +60,18 @@ def new_boot() -> str:
 def refuse(effect: Effect) -> None:
     """Raise TypeError: for machines all of whose effects concern the bus."""
     raise TypeError(f"no one carries out {effect!r} here")
+
+
+def late_beat(beat: Put, pulse: Reading, now_ns: int) -> Put | None:
+    """Return a process's last heartbeat with what its main loop does instead of the next one; None if it is in time.
+
+    None, too, while the loop waits for the bus: another message would only wait behind it.
+    """
+    for_ns = now_ns - pulse.since_ns
+    if for_ns <= _LATE_NS or pulse.doing is Doing.BUS:
+        return None
+    said = msgspec.structs.replace(decode_control(beat.payload, Beat), doing=pulse.doing, for_ns=for_ns)
+    return beat._replace(payload=encode_control(said))
 
 
 def drive(name: str, machine: Machine, bus: Bus, stop: StopSignal, perform: Perform = refuse, *, pulse: Pulse) -> None:
@@ -141,12 +153,10 @@ class _Edge:
 
     def beat_if_late(self) -> None:
         """Publish the last heartbeat again, with what the main loop does instead of publishing the next one."""
-        reading, beat = self._pulse.read(), self._beat
-        for_ns = time.monotonic_ns() - reading.since_ns
-        if beat is not None and for_ns > _LATE_NS and reading.doing is not Doing.BUS:
-            said = msgspec.structs.replace(decode_control(beat.payload, Beat), doing=reading.doing, for_ns=for_ns)
+        late = None if self._beat is None else late_beat(self._beat, self._pulse.read(), time.monotonic_ns())
+        if late is not None:
             with suppress(zenoh.ZError):
-                self._bus.put(beat.key, encode_control(said))
+                self._bus.put(*late)
 
     def _put(self, put: Put) -> None:
         if put.key.startswith(BEAT):

@@ -34,6 +34,9 @@ RECEIVERS = 16
 CLOSE_S = 1.0
 """How long the end of a session may take: it sends what is left to all who are connected."""
 
+BROKEN_S = 0.3
+"""The same when an error ends it, which is to be told soon."""
+
 
 def _config(mode: str, keys: Credentials | None, settings: Mapping[str, Any]) -> zenoh.Config:
     config = zenoh.Config()
@@ -89,12 +92,14 @@ def open_router(
 @contextmanager
 def _closed(session: zenoh.Session) -> Iterator[None]:
     """Close a session after the block, without waiting for long: who hangs at its other end may hold that up."""
+    patience_s = BROKEN_S
     try:
         yield
+        patience_s = CLOSE_S
     finally:
         closing = threading.Thread(target=session.close, daemon=True)
         closing.start()
-        closing.join(CLOSE_S)
+        closing.join(patience_s)
 
 
 class Bus:

@@ -30,7 +30,7 @@ STEP_NS = 600_000_000_000
 """How long a step, or the disk, may take. A step that never ends cannot be told from a long one before."""
 
 NOTICE_NS = 10_000_000_000
-"""After this, and then ever twice as long, a notice says who is still starting or in a step."""
+"""After this, and then ever twice as long, a notice says who is still starting."""
 
 GRACE_NS = 2_500_000_000
 """How long the other processes may take to stop by themselves after one has failed."""
@@ -94,7 +94,7 @@ class Supervision:
         self._left = len(names)
         self._stopped_ns: dict[str, int] = {}
         self._killed: set[str] = set()
-        self._notice_ns: dict[tuple[str, Doing, int], int] = {}  # what a process does -> after which time it is told
+        self._notice_ns: dict[str, int] = {}  # a process -> after which time the next notice is due
         self._turns: dict[str, int] = {}
         self._moved_ns = 0  # when a process that is needed for the end last did something
 
@@ -146,14 +146,11 @@ class Supervision:
         return "a signal has stopped it (SIGSTOP)" if now_ns - since_ns >= STOPPED_NS else ""
 
     def _takes_long(self, name: str, pulse: Reading, now_ns: int) -> Iterator[Act]:
-        if pulse.doing not in _TOLD or not pulse.since_ns:
-            return
-        key = (name, pulse.doing, pulse.since_ns)
+        """Tell of a process that is still starting; of long steps the recorder tells."""
         lasted_ns = now_ns - pulse.since_ns
-        if lasted_ns >= self._notice_ns.get(key, NOTICE_NS):
-            self._notice_ns[key] = 2 * lasted_ns
-            doing = _TOLD[pulse.doing].format(tick=pulse.tick)
-            yield Say(f"{name} has been {doing} for {lasted_ns // SECOND_NS} s")
+        if pulse.doing is Doing.STARTING and lasted_ns >= self._notice_ns.get(name, NOTICE_NS):
+            self._notice_ns[name] = 2 * lasted_ns
+            yield Say(f"{name} has been starting for {lasted_ns // SECOND_NS} s")
 
     def _breaks(self, seen: Mapping[str, Seen], running: list[str], now_ns: int) -> None:
         """Set the deadline for those left when a process has failed, or has broken off."""
@@ -185,8 +182,8 @@ class Supervision:
         return f"{', '.join(broken)} broke off" if broken else ""
 
 
-_TOLD = {
-    Doing.STARTING: "starting",
+_HELD = {
+    Doing.BUS: "waiting for the bus",
     Doing.STEP: "in the step of tick {tick}",
     Doing.FILE: "waiting for its disk",
 }
@@ -200,8 +197,7 @@ def _stands_still(pulse: Reading, now_ns: int) -> str:
         return ""
     if pulse.doing is Doing.TURNING:
         return f"its main loop has stood still for {lasted_ns / SECOND_NS:.1f} s"
-    doing = "waiting for the bus" if pulse.doing is Doing.BUS else _TOLD[pulse.doing].format(tick=pulse.tick)
-    return f"it has been {doing} for {lasted_ns // SECOND_NS} s"
+    return f"it has been {_HELD[pulse.doing].format(tick=pulse.tick)} for {lasted_ns // SECOND_NS} s"
 
 
 def _failure(seen: Mapping[str, Seen]) -> str:

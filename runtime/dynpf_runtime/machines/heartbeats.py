@@ -72,7 +72,7 @@ class Heartbeats:
         what = "said nothing"
         if beat.doing in (Doing.STEP, Doing.FILE):
             lasted_ns = beat.for_ns + silent_ns
-            what = "been in a step" if beat.doing is Doing.STEP else "waited for its disk"
+            what = f"been in the step of tick {beat.ticks}" if beat.doing is Doing.STEP else "waited for its disk"
         if lasted_ns > STEP_NS:
             raise _hangs(peer, f"it has {what} for {lasted_ns // SECOND_NS} s")
         if lasted_ns < NOTICE_NS:

@@ -225,7 +225,8 @@ class Membership:
         yield Put(f"{BEAT}{self.name}", encode_control(Beat(self.name, self.boot, self.ticks)))
         if not self.leaving:
             for text in self._heartbeats.look({**self.boots, **self._others.boots}, now_ns):
-                yield Tell(text)
+                if self.name == RECORDER:  # once is enough, and it is never in a step itself
+                    yield Tell(text)
 
     def _token(self, token: Token, now_ns: int) -> Iterator[Effect]:
         node, boot, ready = holder(token)
