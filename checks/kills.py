@@ -59,6 +59,7 @@ def main() -> int:
         for trial in range(count):
             target, after_s = targets[trial % len(targets)], random.uniform(0.0, lasts_s)
             outcome = _disturbed(target, number, after_s)
+            print(f"\r{number.name} {trial + 1} of {count} ", end="", file=sys.stderr, flush=True)
             outcomes[f"{number.name} {target}"].append(outcome)
             for fault in outcome.faults:
                 print(f"{number.name} of {target} after {after_s:.2f} s of {lasts_s:.2f} s: {fault}", flush=True)
