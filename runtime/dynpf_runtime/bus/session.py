@@ -26,7 +26,10 @@ LEASE_MS = 1500
 """Zenoh drops a peer that has been silent for this long, ms."""
 
 HOLD_US = 500_000
-"""Zenoh drops a peer that takes nothing for so long, microseconds: until then it holds up all who send to it."""
+"""The hub drops a client that takes nothing for so long, microseconds: until then it holds up all who send to that.
+
+Clients wait longer for the hub, so that they do not drop it meanwhile.
+"""
 
 RECEIVERS = 16
 """Threads by which the hub receives: each that passes a message on to a peer that takes nothing is held up."""
@@ -46,7 +49,6 @@ def _config(mode: str, keys: Credentials | None, settings: Mapping[str, Any]) ->
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
-        "transport/link/tx/queue/congestion_control/block/wait_before_close": HOLD_US,
     }
     for key, value in {**common, **_tls(mode, keys), **settings}.items():
         config.insert_json5(key, json.dumps(value))
@@ -76,7 +78,11 @@ def open_router(
 
     ``keys`` are needed for an endpoint ``tls/...``; ``access`` is Zenoh's table of what each of its clients may do.
     """
-    settings = {"listen/endpoints": [endpoint], **({} if access is None else {"access_control": access})}
+    settings = {
+        "listen/endpoints": [endpoint],
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": HOLD_US,
+        **({} if access is None else {"access_control": access}),
+    }
     os.environ.setdefault("ZENOH_RUNTIME", f"(rx: (worker_threads: {RECEIVERS}))")
     try:
         session = zenoh.open(_config("router", keys, settings))

@@ -91,6 +91,7 @@ class Supervision:
         self._failed = ""
         self._deadline_ns: int | None = None
         self._asked = False
+        self._router_asked = False
         self._left = len(names)
         self._stopped_ns: dict[str, int] = {}
         self._killed: set[str] = set()
@@ -112,7 +113,8 @@ class Supervision:
             yield Say(f"{asked.reason}: ending the run (again to end it at once)")
             for name in running:
                 yield Terminate(name)
-        if running == [ROUTER] and (self._asked or self._deadline_ns is not None):
+        if running == [ROUTER] and not self._router_asked and (self._asked or self._deadline_ns is not None):
+            self._router_asked = True
             yield Terminate(ROUTER)  # it waits for a run that will not begin
         left = ", ".join(running)
         if asked.at_once:
