@@ -24,6 +24,7 @@ from dynpf_protocol.topics import TOPICS
 from dynpf_runtime.bus.host import run_node
 from dynpf_runtime.bus.keys import load, run_keys
 from dynpf_runtime.bus.processes import free_port
+from dynpf_runtime.bus.pulse import Pulse
 from dynpf_runtime.bus.terminal import StopSignal
 from dynpf_runtime.graph import Graph, NodeSpec
 from dynpf_runtime.node import Output, Result, State, Step
@@ -71,7 +72,7 @@ def measure(folder: Path, rate: int, seconds: float, keys: Path | None) -> dict[
     plan = plan._replace(graph=graph, rate=1.0, tick_ns=10**9 // TICKS_PER_S, max_ticks=int(seconds * TICKS_PER_S))
     with StopSignal.installed() as stop:
         own = None if keys is None else load(keys, "simulator", datetime.now(UTC))
-        run_node("simulator", plan, endpoint, [], stop, keys=own)
+        run_node("simulator", plan, endpoint, [], stop, pulse=Pulse.private(), keys=own)
     chatter = chatters[-1]  # the others rehearsed
     settled = time.monotonic() - chatter.ended
     took = chatter.ended - chatter.began

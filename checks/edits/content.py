@@ -93,7 +93,8 @@ def resealed(content: Content) -> Content:
             opened.add(row.source)
             account.open(row.source, _schema(content, row.topic))
         account.add(row.source, row.sequence, row.stamp_ns, row.publish_ns, row.payload, entry=entry_of(row))
-    return content._replace(rows=rows, end=account.end(content.end.complete, content.end.reason))
+    end = content.end
+    return content._replace(rows=rows, end=account.end(end.complete, end.reason, end.outcome))
 
 
 def _chained(content: Content) -> tuple[Row, ...]:

@@ -9,6 +9,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.info import ended
 from dynpf_formats.recording.reader import Recording
 from dynpf_formats.shipped import listed, load
 from dynpf_protocol.messages import Message
@@ -44,7 +45,8 @@ def _all_measures() -> tuple[Measures, ...]:
 
 def measure(recording: Recording) -> dict[str, Any]:
     """Return the measures of a recording; measures without data are left out."""
-    return {**_figures(recording), "content_digest": content_digest(recording)}
+    outcome = recording.end.outcome if recording.end is not None else ""
+    return {**_figures(recording), "outcome": outcome, "content_digest": content_digest(recording)}
 
 
 def measure_run(run: RunMessages) -> dict[str, Any]:
@@ -90,7 +92,8 @@ def summary(recording: Recording, measures: Mapping[str, Any]) -> str:
     """Return the measures as text for a person."""
     scenario = override_resolved(recording.header.scenario, (), str(recording.path))
     state = "complete" if measures["complete"] else "INCOMPLETE"
-    reason = recording.end.reason if recording.end is not None else "it was never closed"
+    end = recording.end
+    reason = ended(end.reason, end.outcome) if end is not None else "it was never closed"
     lines = [f"{scenario.title} (seed {scenario.seed})", f"recording   {recording.path}, {state}: {reason}"]
     for topic in estimates_of(recorded(recording))[:1]:
         stamps = [record.stamp_ns for record in recording.messages(topic)]

@@ -5,10 +5,10 @@ With a sink the run becomes a recording. Without one nothing is encoded; an obse
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import cv2
-from dynpf_protocol.control import TickDone
+from dynpf_protocol.control import Outcome, TickDone
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.journal import encode_entry, genesis
 
@@ -22,7 +22,7 @@ from dynpf_runtime.plan import Plan
 from dynpf_runtime.progress import Progress
 from dynpf_runtime.source import Feed, LogRecord, feed_log, feed_ticks
 
-__all__ = ["BOOT", "Observer", "Sink", "run_inline"]
+__all__ = ["BOOT", "Observer", "Ran", "Sink", "run_inline"]
 
 BOOT = "inline"
 
@@ -44,6 +44,13 @@ class Sink(Protocol):
         """Write a journal entry."""
 
 
+class Ran(NamedTuple):
+    """How many ticks a run had, and why the last one was the last."""
+
+    ticks: int
+    outcome: Outcome
+
+
 def run_inline(
     plan: Plan,
     log: Iterable[LogRecord],
@@ -51,8 +58,8 @@ def run_inline(
     *,
     observe: Observer | None = None,
     stopped: Callable[[], bool] = lambda: False,
-) -> int:
-    """Run ``plan`` to its end and return the number of ticks.
+) -> Ran:
+    """Run ``plan`` to its end and return how many ticks it had, and why it ended.
 
     The messages, their order and every state equal those of the same plan on the bus. ``sink`` gets the encoded
     messages and the journal; without it nothing is encoded or journalled. A tick before which ``stopped`` returns true
@@ -63,21 +70,24 @@ def run_inline(
     run = _Run({name: _Seat(spec, plan) for name, spec in graph.specs.items()}, sink, observe)
     source = run.seats[graph.source]
     progress = Progress()
-    ticks = 0
+    ticks, outcome = 0, Outcome.BUDGET
     for feed in _feeds(plan, log):
         ready = source.take(feed.stamp_ns)
         inputs = [*feed.inputs, *ready.inputs]
-        last = run.step(source, ready._replace(inputs=inputs), feed.stamp_ns, feed.sent, last=feed.last or stopped())
+        asked = stopped()
+        last = feed.last or asked
+        done = run.step(source, ready._replace(inputs=inputs), feed.stamp_ns, feed.sent, last=last)
         for name in graph.nodes[1:]:
             ready = run.seats[name].take()
             run.step(run.seats[name], ready, ready.stamp_ns, last=ready.last)
         ticks += 1
         if sink is not None:
             progress.show(ticks, sink.messages)
-        if last:
+        if done.last:
+            outcome = done.outcome or (Outcome.STOPPED if asked else Outcome.BUDGET)
             break
     progress.clear()
-    return ticks
+    return Ran(ticks, outcome)
 
 
 def _feeds(plan: Plan, log: Iterable[LogRecord]) -> Iterator[Feed]:
@@ -97,8 +107,8 @@ class _Run:
         topics = {topic for seat in seats.values() for topic in seat.reads}
         self._readers = {topic: [seat for seat in seats.values() if topic in seat.reads] for topic in topics}
 
-    def step(self, seat: "_Seat", ready: Ready, stamp_ns: int, fed: Sequence[Sent] = (), *, last: bool) -> bool:
-        """Run a node's step, deliver its messages, and return whether it was the run's last."""
+    def step(self, seat: "_Seat", ready: Ready, stamp_ns: int, fed: Sequence[Sent] = (), *, last: bool) -> TickDone:
+        """Run a node's step, deliver its messages, and return what it has done."""
         if self._sink is None:
             done, sent = seat.step_unsent(ready, stamp_ns, fed, last=last)
         else:
@@ -110,7 +120,7 @@ class _Run:
             self._deliver(message)
         for other in self.seats.values():
             other.inbox.done(done)
-        return done.last
+        return done
 
     def _deliver(self, sent: Sent | Unsent) -> None:
         topic, envelope = sent.topic, sent.envelope
@@ -151,11 +161,12 @@ class _Seat:
         """Run a step; return its TickDone, the messages, and the encoded journal entry."""
         events = notice_gaps(self._executor, self._gaps, ready, stamp_ns, 0)
         executed = self._executor.step(ready.tick, stamp_ns, ready.inputs, 0)
-        last = last or executed.finished
+        finished = executed.finished
+        last = last or finished
         hosted = (*fed, *events)
         entry = self._executor.journal(ready.tick, stamp_ns, ready.inputs, executed.sent, hosted=hosted, last=last)
         sent = (*hosted, *executed.sent)
-        return self._done(ready.tick, stamp_ns, sent, last=last), sent, encode_entry(entry)
+        return self._done(ready.tick, stamp_ns, sent, last=last, finished=finished), sent, encode_entry(entry)
 
     def step_unsent(
         self, ready: Ready, stamp_ns: int, fed: Sequence[Sent], *, last: bool
@@ -164,8 +175,9 @@ class _Seat:
         events = notice_gaps(self._executor, self._gaps, ready, stamp_ns, 0)
         results, finished = self._executor.step_unsent(ready.tick, stamp_ns, ready.inputs)
         sent: tuple[Sent | Unsent, ...] = (*fed, *events, *results)
-        return self._done(ready.tick, stamp_ns, sent, last=last or finished), sent
+        return self._done(ready.tick, stamp_ns, sent, last=last or finished, finished=finished), sent
 
-    def _done(self, tick: int, stamp_ns: int, sent: Sequence[Sent | Unsent], *, last: bool) -> TickDone:
+    def _done(self, tick: int, stamp_ns: int, sent: Sequence[Sent | Unsent], *, last: bool, finished: bool) -> TickDone:
         counts = dict(Counter(message.topic for message in sent))
-        return TickDone(self.name, BOOT, self._executor.steps - 1, tick, stamp_ns, counts, last)
+        outcome = Outcome.DONE if finished else None
+        return TickDone(self.name, BOOT, self._executor.steps - 1, tick, stamp_ns, counts, last, outcome)

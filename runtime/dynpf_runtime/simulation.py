@@ -42,6 +42,7 @@ from dynpf_runtime.machines.events import (
 __all__ = ["Happened", "Network", "Simulation"]
 
 _EPOCH_NS = 1_700_000_000 * 10**9
+_LEASE_NS = 1_500_000_000
 _CUT_NS = 20_000_000  # longest time from the loss of the others' tokens until a process knows that the router is gone
 
 
@@ -149,6 +150,16 @@ class Simulation:
     def hang(self, name: str) -> None:
         """Make a process stop handling events while it stays connected."""
         self._processes[name].hangs = True
+
+    def freeze(self, name: str) -> None:
+        """Stop a process as SIGSTOP does: it does nothing any more, and its connection is dropped after the lease."""
+        process = self._processes[name]
+        process.hangs = True
+        if name == self._router:
+            self._open = False
+            self._at(self.now_ns + _LEASE_NS, self._close)
+        else:
+            self._at(self.now_ns + _LEASE_NS, lambda: self._forget(process))
 
     def ask_to_stop(self, name: str, reason: str, *, at_once: bool = False) -> None:
         """Act like a signal to a process."""

@@ -109,7 +109,9 @@ def test_an_output_that_cannot_be_written_is_refused(tmp_path, recorded, here, m
     assert_one_line(here(*RUN, "-o", nowhere), 2, nowhere, "does not exist")
     if os.geteuid() != 0:
         (tmp_path / "locked").mkdir(mode=0o500)
-        assert_one_line(here(*RUN, "-o", tmp_path / "locked" / "run.mcap"), 2, "locked cannot be written to")
+        assert_one_line(
+            here(*RUN, "-o", tmp_path / "locked" / "run.mcap"), 2, "run.mcap: cannot be written: Permission denied"
+        )
     # A place where nobody may create a file, the superuser included.
     assert_one_line(here(*RUN, "--runner", "inline", "-o", "/proc/run.mcap"), 2, "/proc/run.mcap", "cannot be written")
     monkeypatch.chdir(tmp_path)

@@ -3,7 +3,10 @@
 import json
 import os
 import signal
+import subprocess
+import sys
 import time
+from contextlib import contextmanager
 
 import pytest
 from dynpf_formats.recording.reader import read_recording
@@ -71,14 +74,49 @@ def test_what_a_killed_recorder_had_is_recovered_up_to_half_a_second_before(tmp_
     print(f"recorder killed: lost {(killed_ns - last_ns) / 1e9:.3f} s")
 
 
-def test_a_process_that_hangs_ends_the_run_and_is_named(tmp_path, dynpf, here):
+@pytest.mark.parametrize("name", ["estimator", "router"])  # all others: tests/unit/bus/test_supervision.py
+def test_a_process_that_a_signal_stops_ends_the_run_and_is_named(name, tmp_path, dynpf, here):
     path = tmp_path / "run.mcap"
     run = dynpf("run", "parts-3-tracked", "-o", path)
     await_mid_run(tmp_path, run)
-    kill(tmp_path, "estimator", signal.SIGSTOP)
+    kill(tmp_path, name, signal.SIGSTOP)
     assert run.wait() == 1
-    assert "dynpf run: estimator hangs; killed what was left: estimator\n" in run.stderr
+    assert f"\ndynpf run: {name} hangs: a signal has stopped it (SIGSTOP); the run cannot go on\n" in run.stderr
+    assert run.stderr.endswith(f"dynpf run: {name} hangs: a signal has stopped it (SIGSTOP)\n")
+    assert "Traceback" not in run.stderr
     assert_valid_and_incomplete(path, here)
+
+
+def test_a_stopped_subscriber_of_a_stranger_changes_nothing(tmp_path, dynpf, here):
+    run = dynpf("run", "landmark-room", "--insecure", "-o", tmp_path / "run.mcap")
+    node = until(lambda: service_of(tmp_path, "estimator"), "the estimator's process")
+    assert node is not None
+    with stranger(node.endpoint) as other:
+        await_mid_run(tmp_path, run)
+        other.send_signal(signal.SIGSTOP)
+        assert run.wait() == 0, run.stderr
+    assert "Traceback" not in run.stderr
+    assert "complete: finished" in run.stdout
+    assert here("doctor", tmp_path / "run.mcap").code == 0
+
+
+@contextmanager
+def stranger(endpoint):
+    """A process of somebody else's that subscribes to everything."""
+    source = (
+        "import sys, zenoh, json; c = zenoh.Config(); c.insert_json5('mode', json.dumps('client'));"
+        "c.insert_json5('connect/endpoints', json.dumps([sys.argv[1]]));"
+        "s = zenoh.open(c); d = s.declare_subscriber('dynpf/**', lambda _: None); print(flush=True); sys.stdin.read()"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", source, endpoint], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline()
+            yield process
+        finally:
+            process.kill()
 
 
 def test_processes_end_by_themselves_when_the_run_command_is_killed(tmp_path, dynpf, here):
@@ -99,3 +137,14 @@ def test_no_process_waits_for_ever_when_the_run_command_is_killed_at_the_start(t
     run.popen.kill()
     run.wait()
     until(lambda: not processes_of(tmp_path), "the end of the processes", 20.0)
+
+
+def test_a_stopped_process_and_the_runs_folder_do_not_outlive_the_run_command(tmp_path, dynpf):
+    run = dynpf("run", "landmark-room", "-o", tmp_path / "run.mcap")
+    await_mid_run(tmp_path, run)
+    assert list(tmp_path.glob("dynpf-*")), "the run has no folder"
+    kill(tmp_path, "estimator", signal.SIGSTOP)
+    run.popen.kill()
+    run.wait()
+    until(lambda: not processes_of(tmp_path), "the end of the processes", 20.0)
+    assert not list(tmp_path.glob("dynpf-*"))

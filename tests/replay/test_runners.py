@@ -65,7 +65,7 @@ def test_a_run_without_a_sink_has_the_messages_of_the_recording_and_encodes_none
     with monkeypatch.context() as patched:
         if not scenario(name).faults:  # a gap is told by its host, as on the bus
             patched.setattr(executor, "encode", lambda *_: pytest.fail("a message was encoded"))
-        assert run_inline(plan_of(scenario(name)), [], observe=observed.append) == TICKS[name]
+        assert run_inline(plan_of(scenario(name)), [], observe=observed.append).ticks == TICKS[name]
     sent = [
         (one.node, one.topic, one.sequence, one.stamp_ns, encode(one.topic, one.message, known_topics()))
         for one in observed

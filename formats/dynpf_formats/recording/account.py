@@ -126,13 +126,15 @@ class Account:
         """Forget references to messages that have arrived by now."""
         self._unresolved = {reference for reference in self._unresolved if not self._resolves(*reference)}
 
-    def end(self, complete: bool, reason: str) -> RunEnd:
+    def end(self, complete: bool, reason: str, outcome: str) -> RunEnd:
         """Return the end of a recording with these messages; it is complete only if nothing is missing from the run."""
         self.settle()
         problem = next(self._problems(), "") if complete else ""
+        whole = complete and not problem
         return RunEnd(
-            complete=complete and not problem,
+            complete=whole,
             reason=problem or reason,
+            outcome=outcome if whole else "",
             counts=self._counts(),
             gaps=self._gaps(),
             missing=self.missing,

@@ -3,6 +3,7 @@
 from typing import Any
 
 import msgspec
+from dynpf_protocol.control import Outcome
 from dynpf_protocol.journal import JOURNAL_PREFIX
 
 from dynpf_formats.recording.code import code_in_words, described_code, recorded_code
@@ -10,7 +11,7 @@ from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.provenance import collect, provenance_difference
 from dynpf_formats.recording.reader import Recording
 
-__all__ = ["describe", "text"]
+__all__ = ["describe", "ended", "text"]
 
 
 def describe(recording: Recording) -> dict[str, Any]:
@@ -32,6 +33,7 @@ def describe(recording: Recording) -> dict[str, Any]:
         "seed": recording.header.seed,
         "complete": end is not None and end.complete,
         "reason": end.reason if end is not None else "the end of the run was never written",
+        "outcome": end.outcome if end is not None else "",
         "truncated": recording.truncated,
         "duration_s": (last_stamp - (first_stamp or 0)) / 1e9,
         "ticks": _ticks(recording),
@@ -51,9 +53,16 @@ def describe(recording: Recording) -> dict[str, Any]:
     }
 
 
+def ended(reason: str, outcome: str) -> str:
+    """Return why a run has ended: by its recorder, and whether its task was done or its budget spent."""
+    return reason if outcome in ("", Outcome.STOPPED) else f"{reason}, {outcome}"
+
+
 def text(summary: dict[str, Any]) -> str:
     """Return a summary as lines for a person."""
-    state = "complete" if summary["complete"] else f"INCOMPLETE: {summary['reason']}"
+    state = f"complete: {ended(summary['reason'], summary['outcome'])}"
+    if not summary["complete"]:
+        state = f"INCOMPLETE: {summary['reason']}"
     lines = [
         f"{summary['file']}: {summary['title']}, seed {summary['seed']}",
         f"  {state}",

@@ -41,6 +41,7 @@ def recover(source: Path | str, target: Path | str) -> Recovery:
         raise RecordingExistsError(f"{target}: the file exists; choose another name")
     recording, damage = load(source)
     complete, reason = _verdict(recording, damage)
+    outcome = recording.end.outcome if complete and recording.end is not None else ""
     refused = 0
     with RecordingWriter(
         target, recording.header, recording.attachments, boot="recovered", schemas=recording.schemas
@@ -54,7 +55,7 @@ def recover(source: Path | str, target: Path | str) -> Recovery:
                 writer.message(record.topic, envelope, record.payload)
             except ProtocolError:
                 refused += 1
-        end = writer.close(complete=complete, reason=reason)
+        end = writer.close(complete=complete, reason=reason, outcome=outcome)
     return Recovery(
         kept=sum(end.counts.values()) - end.counts.get(_GAP_TOPIC, 0),
         last_stamp_ns=max((record.stamp_ns for record in recording.records), default=0),

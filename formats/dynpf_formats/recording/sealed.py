@@ -18,8 +18,8 @@ __all__ = ["broken_promises", "end_of"]
 _END = "end of run"
 
 
-def end_of(recording: Recording, complete: bool, reason: str) -> RunEnd:
-    """Return the end that a recorder would write for what is in the file."""
+def end_of(recording: Recording, said: RunEnd) -> RunEnd:
+    """Return the end that a recorder would write for what is in the file, where ``said`` is right about why it ended."""
     account = Account(recording.header, recording.attachments)
     opened: set[Source] = set()
     for record in recording.records:
@@ -28,7 +28,7 @@ def end_of(recording: Recording, complete: bool, reason: str) -> RunEnd:
             opened.add(source)
             account.open(source, recording.schemas.get(source.topic, RecordedSchema("", b"")))
         account.add(source, record.sequence, record.stamp_ns, record.publish_ns, record.payload, entry=_entry(record))
-    return account.end(complete, reason)
+    return account.end(said.complete, said.reason, said.outcome)
 
 
 def broken_promises(recording: Recording) -> Iterator[Finding]:
@@ -39,7 +39,7 @@ def broken_promises(recording: Recording) -> Iterator[Finding]:
     end = recording.end
     if end is None:
         return
-    found = end_of(recording, end.complete, end.reason)
+    found = end_of(recording, end)
     if end.complete and not found.complete:
         yield error(found.reason, _END)
     if end.header != found.header:

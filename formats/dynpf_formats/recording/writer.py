@@ -194,7 +194,7 @@ class RecordingWriter:
         except OSError as error:
             raise self._fail(error) from error
 
-    def close(self, complete: bool, reason: str) -> RunEnd:
+    def close(self, complete: bool, reason: str, outcome: str = "") -> RunEnd:
         """End the recording and return the end that was written.
 
         A run is not complete, whatever the caller passes, if its journal refers to messages that were never received,
@@ -203,7 +203,7 @@ class RecordingWriter:
         """
         if self._failure is not None:
             complete, reason = False, str(self._failure)
-        end = self._account.end(complete, reason)
+        end = self._account.end(complete, reason, outcome)
         if self._closed:
             return end
         self._closed = True

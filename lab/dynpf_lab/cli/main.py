@@ -7,10 +7,12 @@ import sys
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
+from io import TextIOWrapper
 from typing import Any
 
 from dynpf_protocol.errors import DynpfError, StepError
 
+from dynpf_lab.cli.failures import sentence
 from dynpf_lab.cli.loading import loading
 
 __all__ = ["main"]
@@ -47,6 +49,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.environ.setdefault(variable, "1")  # for small matrices and images threads cost more than they gain
     if "_ARGCOMPLETE" in os.environ:
         _complete()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # a name that the terminal's encoding lacks is no reason to fail
+            stream.reconfigure(errors="backslashreplace")
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words == ["--version"]:
         from dynpf_lab.cli.version import versions
@@ -62,6 +67,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         hint = f"did you mean {close[0]!r}?" if close else "dynpf --help shows the commands"
         print(f"dynpf: unknown command {command!r}; {hint}", file=sys.stderr)
         return 2
+    return _execute(command, words)
+
+
+def _execute(command: str, words: Sequence[str]) -> int:
+    """Run a command, tell its errors, and return its exit code."""
     label = command
     try:
         with loading():
@@ -85,6 +95,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except SystemExit as stop:  # argparse has printed the error
         return stop.code if isinstance(stop.code, int) else 2
+    except Exception as error:
+        if os.environ.get("DYNPF_TRACEBACK"):
+            traceback.print_exception(error)
+        print(f"dynpf {label}: {sentence(error)}", file=sys.stderr)
+        return 1
 
 
 def _parser() -> "tuple[argparse.ArgumentParser, argparse._SubParsersAction[Any]]":

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import os
 import sys
 from datetime import datetime
 from pathlib import Path
@@ -75,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
         else:
             _run_on_bus(scenario, plan, path, log, options)
     except DynpfError:
-        if path.exists():
+        if path.is_file():
             print(
                 f"dynpf run: the messages recorded so far are in {path} (dynpf doctor tells what is missing)",
                 file=sys.stderr,
@@ -86,12 +85,17 @@ def run(options: argparse.Namespace) -> int:
 
 def _check_output(path: Path) -> None:
     """Raise UsageError for an unusable output, before any process is started."""
-    if path.exists():
-        raise UsageError(f"{path}: the file exists; choose another name")
-    if not path.parent.is_dir():
-        raise UsageError(f"{path}: the folder {path.parent} does not exist")
-    if not os.access(path.parent, os.W_OK):
-        raise UsageError(f"{path}: the folder {path.parent} cannot be written to")
+    try:
+        with path.open("xb"):
+            pass
+        path.unlink()
+    except FileExistsError as error:
+        raise UsageError(f"{path}: the file exists; choose another name") from error
+    except (OSError, ValueError) as error:  # too long, not permitted, a byte 0
+        if not path.parent.is_dir():
+            raise UsageError(f"{path}: the folder {path.parent} does not exist") from error
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise UsageError(f"{path}: cannot be written: {reason}; choose another name with -o") from error
 
 
 def _run_inline(scenario: Scenario, path: Path, log: "PlayedLog | None") -> None:

@@ -24,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, metavar="RUN.mcap", help="recorder: the recording to write")
     parser.add_argument("--quiet", action="store_true", help="print only errors of this process itself")
     parser.add_argument("--parent", type=int, help=argparse.SUPPRESS)  # end when this process is gone
+    parser.add_argument("--pulse", type=Path, help=argparse.SUPPRESS)  # the file by which it watches this one
     parser.set_defaults(run=run)
 
 
@@ -41,10 +42,25 @@ def run(options: argparse.Namespace) -> int:
         raise
 
 
+def _check_options(options: argparse.Namespace) -> None:
+    """Raise UsageError for an option that does nothing in this process."""
+    name = options.name
+    for option, wanted, whom in (
+        ("--listen", name == "router", "for the router alone; other processes have --connect"),
+        ("--connect", name != "router", "for all but the router, which has --listen"),
+        ("--output", name == "recorder", "for the recorder alone"),
+    ):
+        value = getattr(options, option[2:])
+        if value is not None and not wanted:
+            raise UsageError(f"{option} {value}: {name} has no use for it; it is {whom}")
+
+
 def _run(options: argparse.Namespace) -> int:
+    from dynpf_runtime.bus.pulse import Pulse
     from dynpf_runtime.bus.terminal import StopSignal, say
     from dynpf_services.scenario.build import plan_of
 
+    _check_options(options)
     log = load_log(options) if options.name != "router" or options.log else None
     scenario = scenario_from(options, log)
     if options.name not in {"router", "recorder", *scenario.nodes}:
@@ -55,11 +71,14 @@ def _run(options: argparse.Namespace) -> int:
         raise UsageError("this scenario plays an imported log: give it with --log IN.mcap (dynpf import makes one)")
     endpoint = endpoint_of(options, "listen" if options.name == "router" else "connect")
     keys = credentials_of(options, options.name, quiet=options.quiet)
+    pulse = Pulse.private() if options.pulse is None else Pulse.shared(options.pulse)
     with StopSignal.installed(options.parent) as stop:
         if options.name == "router":
             from dynpf_services.router.host import run_router
 
-            run_router(plan_of(scenario), endpoint, stop, quiet=options.quiet, keys=keys, player=options.player)
+            run_router(
+                plan_of(scenario), endpoint, stop, pulse=pulse, quiet=options.quiet, keys=keys, player=options.player
+            )
         elif options.name == "recorder":
             from dynpf_services.recorder.host import run_recorder
             from dynpf_services.scenario.recorded import attachments_of
@@ -68,11 +87,12 @@ def _run(options: argparse.Namespace) -> int:
 
             path = options.output or default_output(Path(options.scenario).stem, scenario.seed)
             attachments = attachments_of(scenario, log.attachments if log else ())
-            end = run_recorder(plan_of(scenario), endpoint, path, attachments, stop, keys=keys)
+            end = run_recorder(plan_of(scenario), endpoint, path, attachments, stop, pulse=pulse, keys=keys)
             if not options.quiet:
                 say("recorder", f"{path} is complete: {end.reason}")
         else:
             from dynpf_runtime.bus.host import run_node
 
-            run_node(options.name, plan_of(scenario), endpoint, log.records if log else [], stop, keys=keys)
+            records = log.records if log else []
+            run_node(options.name, plan_of(scenario), endpoint, records, stop, pulse=pulse, keys=keys)
     return 0

@@ -1,10 +1,18 @@
 """The edge: connects the machine of one process to the bus, the clock, the signals and the terminal."""
 
+import threading
 import time
 import uuid
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 
+import msgspec
+import zenoh
+from dynpf_protocol.control import Beat, Doing, decode_control, encode_control
+from dynpf_protocol.keys import BEAT
+
+from dynpf_runtime.bus.pulse import Pulse, Reading
 from dynpf_runtime.bus.session import Bus
 from dynpf_runtime.bus.terminal import StopSignal, say
 from dynpf_runtime.machines.effects import (
@@ -31,10 +39,17 @@ from dynpf_runtime.machines.events import (
     Woke,
 )
 
-__all__ = ["Perform", "drive", "new_boot"]
+__all__ = ["Perform", "drive", "late_beat", "new_boot"]
 
 Perform = Callable[[Effect], Event | None]
 """Carries out an effect that does not concern the bus, and returns the event that follows, if any."""
+
+_LATE_NS = 750_000_000
+"""After this, a main loop that goes round twice a second is late with its heartbeat."""
+
+_STAND_IN_S = 0.25
+
+_OF_THE_BUS = (Subscribe, Watch, Declare, Answer, Ask, Count)
 
 
 def new_boot() -> str:
@@ -47,63 +62,136 @@ def refuse(effect: Effect) -> None:
     raise TypeError(f"no one carries out {effect!r} here")
 
 
-def drive(name: str, machine: Machine, bus: Bus, stop: StopSignal, perform: Perform = refuse) -> None:
-    """Run ``machine`` on ``bus`` until it ends; raises the error it ends with, and whatever ``perform`` raises."""
-    edge = _Edge(name, machine, bus, perform)
+def late_beat(beat: Put, pulse: Reading, now_ns: int) -> Put | None:
+    """Return a process's last heartbeat with what its main loop does instead of the next one; None if it is in time.
+
+    None, too, while the loop waits for the bus: another message would only wait behind it.
+    """
+    for_ns = now_ns - pulse.since_ns
+    if for_ns <= _LATE_NS or pulse.doing is Doing.BUS:
+        return None
+    said = msgspec.structs.replace(decode_control(beat.payload, Beat), doing=pulse.doing, for_ns=for_ns)
+    return beat._replace(payload=encode_control(said))
+
+
+def drive(name: str, machine: Machine, bus: Bus, stop: StopSignal, perform: Perform = refuse, *, pulse: Pulse) -> None:
+    """Run ``machine`` on ``bus`` until it ends; raises the error it ends with, and whatever ``perform`` raises.
+
+    ``pulse`` tells at any time what this loop does; while it is long in one thing, its heartbeats say so.
+    """
+    edge = _Edge(name, machine, bus, pulse, perform)
     stop.wakes(bus.wake)
-    edge.handle(Started())
-    stop_requests = 0
-    while edge.ended is None:
-        event: Event | None = bus.receive((machine.wake_ns - time.monotonic_ns()) * 1e-9)
-        if stop.requested and stop_requests < 1 + stop.at_once:
-            stop_requests = 1 + stop.at_once
-            edge.handle(StopAsked(stop.reason, stop.at_once))
-        if event is not None:
-            edge.handle(event)
-        elif not bus.waiting and time.monotonic_ns() >= machine.wake_ns:
-            if not bus.connected:
-                edge.handle(RouterGone())
-            edge.handle(Woke())
+    with _understudy(edge):
+        edge.handle(Started())
+        stop_requests = 0
+        while edge.ended is None:
+            event: Event | None = bus.receive((machine.wake_ns - time.monotonic_ns()) * 1e-9)
+            if stop.requested and stop_requests < 1 + stop.at_once:
+                stop_requests = 1 + stop.at_once
+                edge.handle(StopAsked(stop.reason, stop.at_once))
+            if event is not None:
+                edge.handle(event)
+            elif not bus.waiting and time.monotonic_ns() >= machine.wake_ns:
+                if edge.cut or not bus.connected:
+                    edge.handle(RouterGone())
+                edge.handle(Woke())
+    pulse.now(Doing.ENDED)
     if edge.ended.error is not None:
         raise edge.ended.error
+
+
+@contextmanager
+def _understudy(edge: "_Edge") -> Iterator[None]:
+    """Publish heartbeats in a thread while the main loop is too long in one thing to publish its own."""
+    over = threading.Event()
+
+    def stand_in() -> None:
+        while not over.wait(_STAND_IN_S):
+            edge.beat_if_late()
+
+    thread = threading.Thread(target=stand_in, name="heartbeat", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join(_STAND_IN_S)  # it may be held up by the bus
 
 
 class _Edge:
     """Passes events to the machine, and carries out its effects."""
 
-    def __init__(self, name: str, machine: Machine, bus: Bus, perform: Perform) -> None:
+    def __init__(self, name: str, machine: Machine, bus: Bus, pulse: Pulse, perform: Perform) -> None:
         self.ended: Ended | None = None
+        self.cut = False  # whether the bus has refused a message, because the router is gone
         self._name = name
         self._machine = machine
         self._bus = bus
+        self._pulse = pulse
         self._perform = perform
         self._answers: deque[Event] = deque()
+        self._beat: Put | None = None  # the machine's last heartbeat
 
     def handle(self, event: Event) -> None:
         """Let the machine handle ``event`` and the events that follow from its effects; do nothing after the end."""
         self._answers.append(event)
+        pulse = self._pulse
         while self._answers and self.ended is None:
-            for effect in self._machine.handle(self._answers.popleft(), Now(time.monotonic_ns(), time.time_ns())):
+            now_ns = time.monotonic_ns()
+            pulse.turn(now_ns)
+            for effect in self._machine.handle(self._answers.popleft(), Now(now_ns, time.time_ns())):
                 if type(effect) is Put:
-                    self._bus.put(*effect)
+                    pulse.now(Doing.BUS)
+                    self._put(effect)
+                elif type(effect) in _OF_THE_BUS:
+                    pulse.now(Doing.BUS)
+                    self._ask(effect)
                 else:
+                    pulse.now(Doing.FILE)
                     self._do(effect)
+                pulse.now(Doing.TURNING)
+
+    def beat_if_late(self) -> None:
+        """Publish the last heartbeat again, with what the main loop does instead of publishing the next one."""
+        late = None if self._beat is None else late_beat(self._beat, self._pulse.read(), time.monotonic_ns())
+        if late is not None:
+            with suppress(zenoh.ZError):
+                self._bus.put(*late)
+
+    def _put(self, put: Put) -> None:
+        if put.key.startswith(BEAT):
+            self._beat = put
+        with self._noticed():
+            self._bus.put(*put)
+
+    @contextmanager
+    def _noticed(self) -> Iterator[None]:
+        """Note that the router is gone if the bus refuses something."""
+        try:
+            yield
+        except zenoh.ZError:
+            self.cut = True
+
+    def _ask(self, effect: Effect) -> None:
+        """Carry out an effect that concerns the bus, and that it may answer."""
+        bus = self._bus
+        with self._noticed():
+            match effect:
+                case Subscribe(key):
+                    bus.subscribe(key)
+                case Watch(key):
+                    bus.watch(key)
+                case Declare(key):
+                    bus.declare(key)
+                case Answer(key, payload):
+                    bus.answer(key, payload)
+                case Ask(key):
+                    self._answers.append(Answered(bus.ask(key)))
+                case Count(key):
+                    self._answers.append(Counted(tuple(sorted(set(bus.tokens(key))))))
 
     def _do(self, effect: Effect) -> None:
-        bus = self._bus
         match effect:
-            case Subscribe(key):
-                bus.subscribe(key)
-            case Watch(key):
-                bus.watch(key)
-            case Declare(key):
-                bus.declare(key)
-            case Answer(key, payload):
-                bus.answer(key, payload)
-            case Ask(key):
-                self._answers.append(Answered(bus.ask(key)))
-            case Count(key):
-                self._answers.append(Counted(tuple(sorted(set(bus.tokens(key))))))
             case Tell(text):
                 say(self._name, text)
             case Ended():

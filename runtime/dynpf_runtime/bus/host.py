@@ -8,6 +8,7 @@ import cv2
 from dynpf.portable import rehearse
 from dynpf_runtime.bus.edge import drive, new_boot
 from dynpf_runtime.bus.keys import Credentials
+from dynpf_runtime.bus.pulse import Pulse
 from dynpf_runtime.bus.session import Bus
 from dynpf_runtime.bus.terminal import StopSignal, say
 from dynpf_runtime.machines.node_host import NodeHost
@@ -26,6 +27,7 @@ def run_node(
     log: Sequence[LogRecord],
     stop: StopSignal,
     *,
+    pulse: Pulse,
     keys: Credentials | None = None,
 ) -> None:
     """Run the node ``name`` of ``plan`` on the bus, from joining to the recorder's confirmation of the run.
@@ -40,13 +42,18 @@ def run_node(
     if isinstance(node, Rehearsing):
         node.rehearse()  # takes as long as it needs: the run waits for processes that have not joined
     with Bus.connect(endpoint, lambda text: say(name, text), lambda: stop.requested, keys) as bus:
-        host = NodeHost(name, node, plan, new_boot(), endpoint=endpoint, log=log, gauges=_Gauges(bus))
-        drive(name, host, bus, stop)
+        host = NodeHost(name, node, plan, new_boot(), endpoint=endpoint, log=log, gauges=_Gauges(bus, pulse))
+        drive(name, host, bus, stop, pulse=pulse)
 
 
 class _Gauges:
-    def __init__(self, bus: Bus) -> None:
+    def __init__(self, bus: Bus, pulse: Pulse) -> None:
         self._bus = bus
+        self._pulse = pulse
+
+    def stepping(self, tick: int) -> None:
+        """Note that a step of the node begins, which may take long."""
+        self._pulse.step(tick)
 
     def stopwatch_s(self) -> float:
         """Return the seconds of a monotonic clock."""

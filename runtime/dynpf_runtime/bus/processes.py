@@ -6,41 +6,50 @@ import os
 import signal
 import socket
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
+from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from types import ModuleType
+from typing import NamedTuple
 
-from dynpf_protocol.errors import BROKEN_OFF, RunError
+from dynpf_protocol.control import Doing
+from dynpf_protocol.errors import RunError
 from dynpf_protocol.keys import OBSERVER, OPERATOR, RECORDER, ROUTER
 from setproctitle import setproctitle
 
+from dynpf_runtime.bus.guard import enlist, guard
 from dynpf_runtime.bus.keys import run_keys
+from dynpf_runtime.bus.pulse import Pulse
+from dynpf_runtime.bus.run_folder import run_folder
+from dynpf_runtime.bus.supervision import Asked, Finish, Kill, Say, Seen, Supervision, Terminate
 from dynpf_runtime.bus.terminal import StopSignal, say
 
-__all__ = ["Command", "free_port", "run_on_bus"]
+__all__ = ["Command", "free_port", "reserved_port", "run_on_bus"]
 
 Command = Callable[[Sequence[str]], int]
 """The command line: called with the arguments after ``dynpf``, returns the exit code."""
 
 STOPS = (signal.SIGINT, signal.SIGTERM)
 
-GRACE_S = 2.5
-"""How long the other processes may take to stop by themselves after one has failed."""
-
-HANG_S = 5.0
-"""How long no process may end, after some have ended because of another, before the remaining ones count as hanging.
-
-On a busy machine processes notice at very different times that their run has broken off.
-"""
-
 CLOSE_S = 1.0
-"""How long the recorder may take to close its file when all others have been killed."""
+"""How long the recorder may take to close its file before it is killed."""
 
 POLL_S = 0.02
+
+
+class _Child(NamedTuple):
+    """A process of the run, and its pulse."""
+
+    process: BaseProcess
+    pulse: Pulse
+
+    def seen(self) -> Seen:
+        """Return what this process sees of it now."""
+        pulse = self.pulse.read()  # before the exit code: who has ended no longer hangs
+        return Seen(self.process.exitcode, _is_stopped(self.process), pulse)
 
 
 def run_on_bus(
@@ -63,45 +72,69 @@ def run_on_bus(
     A ``secure`` run has keys that live as long as it does: one for each process, and those of an observer and an
     operator in the folder ``guests``, by default one of its own.
     """
-    with tempfile.TemporaryDirectory(prefix="dynpf-") as folder:
-        resolved = Path(folder) / "scenario.json"
+    with run_folder() as folder, reserved_port() as port:
+        resolved = folder / "scenario.json"
         resolved.write_text(scenario, encoding="utf-8")
         shared = ["--quiet", "--parent", str(os.getpid())]
         for modules in code:
             shared += ["--code", str(modules.absolute())]
-        endpoint = f"{'tls' if secure else 'tcp'}/127.0.0.1:{free_port()}"
+        endpoint = f"{'tls' if secure else 'tcp'}/127.0.0.1:{port}"
         keys: contextlib.AbstractContextManager[None] = contextlib.nullcontext()
         if secure:
-            own, guests = Path(folder) / "keys", (guests or Path(folder) / "guests").absolute()
+            own, guests = folder / "keys", (guests or folder / "guests").absolute()
             shared += ["--keys", str(own)]
             keys = run_keys({own: (ROUTER, RECORDER, *names), guests: (OBSERVER, OPERATOR)}, datetime.now(UTC))
         services = {}
         for name in (ROUTER, RECORDER, *names):
             words = ["service", name, str(resolved), "--listen" if name == ROUTER else "--connect", endpoint, *shared]
+            words += ["--pulse", str(_pulse_path(folder, name))]
             if log is not None and name != ROUTER:
                 words += ["--log", str(log)]
             if name == RECORDER:
                 words += ["-o", str(path)]
             services[name] = words
-        with keys, _processes(command, services) as processes:
+        with keys, _children(command, services, folder, stop) as children:
             if secure:
                 say("run", f"observer and operator: --connect {endpoint} --keys {guests}")
-            _watch(processes, stop)
+            _supervise(children, stop)
+
+
+def _pulse_path(folder: Path, name: str) -> Path:
+    return folder / f"{name.replace('/', '.')}.pulse"
 
 
 @contextlib.contextmanager
-def _processes(command: Command, services: dict[str, list[str]]) -> Iterator[dict[str, BaseProcess]]:
+def _children(
+    command: Command, services: dict[str, list[str]], folder: Path, stop: StopSignal
+) -> Iterator[dict[str, _Child]]:
     context = multiprocessing.get_context("fork" if _may_fork() else "spawn")
-    processes: dict[str, BaseProcess] = {}
+    children: dict[str, _Child] = {}
+    with _guarded(context, folder):
+        try:
+            with _signals_held(), _no_main():
+                for name, words in services.items():
+                    pulse = Pulse.shared(_pulse_path(folder, name))
+                    pulse.now(Doing.STARTING)
+                    process = context.Process(target=_serve, args=(command, words), name=name)  # type: ignore[attr-defined]
+                    process.start()
+                    enlist(process.pid, folder)
+                    children[name] = _Child(process, pulse)
+            yield children
+        finally:
+            _end({name: child.process for name, child in children.items()}, stopping=stop.requested)
+
+
+@contextlib.contextmanager
+def _guarded(context: BaseContext, folder: Path) -> Iterator[None]:
+    """Have a guard for the processes of the run while the block lasts."""
+    process = context.Process(target=guard, args=(os.getpid(), folder), name="guard")  # type: ignore[attr-defined]
+    with _signals_held(), _no_main():
+        process.start()
     try:
-        with _signals_held(), _no_main():
-            for name, words in services.items():
-                process = context.Process(target=_serve, args=(command, words), name=name)  # type: ignore[attr-defined]
-                process.start()
-                processes[name] = process
-        yield processes
+        yield
     finally:
-        _end(processes)
+        process.kill()
+        process.join()
 
 
 def _may_fork() -> bool:
@@ -140,7 +173,8 @@ def _no_main() -> Iterator[None]:
 def _serve(command: Command, words: Sequence[str]) -> None:
     """Run a process of the run; does not return."""
     os.setsid()  # its own session: Ctrl-C reaches only the parent, which asks the run to end cleanly
-    setproctitle(" ".join(["dynpf", *words]))
+    title = " ".join(["dynpf", *words])
+    setproctitle(os.fsencode(title).decode(errors="backslashreplace"))  # a file's name need not be UTF-8
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:
@@ -150,72 +184,68 @@ def _serve(command: Command, words: Sequence[str]) -> None:
         sys.exit(1)
 
 
-def _end(processes: dict[str, BaseProcess]) -> None:
-    """Kill all processes that still run. The recorder, which first may close its file, and the router come last."""
+def _is_stopped(process: BaseProcess) -> bool:
+    """Return whether a signal such as SIGSTOP has stopped a child; False where the system does not tell."""
+    if process.pid is None or not hasattr(os, "waitid"):
+        return False
+    try:
+        return os.waitid(os.P_PID, process.pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
+    except ChildProcessError:  # it has ended
+        return False
+
+
+def _end(processes: dict[str, BaseProcess], *, stopping: bool) -> None:
+    """Kill all processes that still run. The recorder, which first may close its file, and the router come last.
+
+    When the user is ``stopping`` the run the recorder is asked for the second time, and closes its file at once.
+    """
+    recorder = processes.get("recorder")
+    if stopping and recorder is not None:
+        recorder.terminate()
+        recorder.join(CLOSE_S)
     for name, process in processes.items():
         if name not in {"router", "recorder"}:
             process.kill()
-    if "recorder" in processes:
-        processes["recorder"].terminate()
-        processes["recorder"].join(CLOSE_S)
+    if not stopping and recorder is not None:
+        recorder.terminate()
+        recorder.join(CLOSE_S)
     for process in processes.values():
         process.kill()  # does nothing to those that have ended
         process.join()
 
 
-def _watch(processes: dict[str, BaseProcess], stop: StopSignal) -> None:
-    failed = ""
-    deadline: float | None = None
-    stopping = False
-    left = len(processes)
-    while running := [name for name, process in processes.items() if process.exitcode is None]:
-        if not stop.requested:
-            before, failed = failed, failed or _failure(processes)
-            if failed and not before:
-                deadline = time.monotonic() + GRACE_S
-            elif not failed and len(running) < left and any(process.exitcode for process in processes.values()):
-                deadline = time.monotonic() + HANG_S
-            left = len(running)
-        if stop.requested and not stopping:
-            stopping = True
-            say("run", f"{stop.reason}: ending the run (again to end it at once)")
-            for name in running:
-                processes[name].terminate()
-            deadline = deadline or time.monotonic() + 10.0
-        if (deadline is not None or stop.requested) and running == ["router"]:
-            processes["router"].terminate()  # it waits for a run that will not begin
-        if stop.at_once or (deadline is not None and time.monotonic() > deadline):
-            names = ", ".join(running)
-            raise RunError(f"{failed or stop.reason or f'{names} hangs'}; killed what was left: {names}")
+def _supervise(children: dict[str, _Child], stop: StopSignal) -> None:
+    """Do what the supervision of the processes asks for until all have ended; raises RunError if the run has failed."""
+    supervision = Supervision(tuple(children))
+    while True:
+        seen = {name: child.seen() for name, child in children.items()}
+        asked = Asked(stop.reason, stop.at_once) if stop.requested else Asked()
+        for act in supervision.look(seen, asked, time.monotonic_ns()):
+            match act:
+                case Say(text):
+                    say("run", text)
+                case Terminate(name):
+                    children[name].process.terminate()
+                case Kill(name):
+                    children[name].process.kill()
+                case Finish(failure):
+                    if failure:
+                        raise RunError(failure)
+                    return
         time.sleep(POLL_S)
-    if stop.requested:
-        if processes["recorder"].exitcode != 0:
-            raise RunError(f"{stop.reason} before the run had begun")
-        return
-    failed = failed or _failure(processes)
-    if failed:
-        raise RunError(failed)
-    if broken := [name for name, process in processes.items() if process.exitcode]:
-        raise RunError(f"{', '.join(broken)} broke off")
 
 
-def _failure(processes: dict[str, BaseProcess]) -> str:
-    """Return a sentence on the process that failed first, empty while processes have ended only because of others.
-
-    A killed process is the cause, whatever the exit codes of the others.
-    """
-    codes = {name: process.exitcode or 0 for name, process in processes.items()}
-    for name, code in codes.items():
-        if code < 0:
-            return f"{name} was killed by signal {-code}"
-    for name, code in codes.items():
-        if code not in (0, BROKEN_OFF):
-            return f"{name} ended with exit code {code}"
-    return ""
+@contextlib.contextmanager
+def reserved_port() -> Iterator[int]:
+    """Return a TCP port on loopback that no other run gets while the block lasts; a router may listen there."""
+    with socket.socket() as held:
+        # Bound and not listening, it keeps the port from those who ask for any, and not from one who may share it.
+        held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        held.bind(("127.0.0.1", 0))
+        yield int(held.getsockname()[1])
 
 
 def free_port() -> int:
-    """Return a free TCP port on loopback."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """Return a TCP port on loopback that is free now; ``reserved_port`` keeps it so."""
+    with reserved_port() as port:
+        return port

@@ -5,6 +5,8 @@ enqueue; the owner's main loop does everything else.
 """
 
 import json
+import os
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -22,6 +24,21 @@ __all__ = ["Bus", "open_router"]
 
 LEASE_MS = 1500
 """Zenoh drops a peer that has been silent for this long, ms."""
+
+HOLD_US = 500_000
+"""The hub drops a client that takes nothing for so long, microseconds: until then it holds up all who send to that.
+
+Clients wait longer for the hub, so that they do not drop it meanwhile.
+"""
+
+RECEIVERS = 16
+"""Threads by which the hub receives: each that passes a message on to a peer that takes nothing is held up."""
+
+CLOSE_S = 1.0
+"""How long the end of a session may take: it sends what is left to all who are connected."""
+
+BROKEN_S = 0.3
+"""The same when an error ends it, which is to be told soon."""
 
 
 def _config(mode: str, keys: Credentials | None, settings: Mapping[str, Any]) -> zenoh.Config:
@@ -61,7 +78,12 @@ def open_router(
 
     ``keys`` are needed for an endpoint ``tls/...``; ``access`` is Zenoh's table of what each of its clients may do.
     """
-    settings = {"listen/endpoints": [endpoint], **({} if access is None else {"access_control": access})}
+    settings = {
+        "listen/endpoints": [endpoint],
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": HOLD_US,
+        **({} if access is None else {"access_control": access}),
+    }
+    os.environ.setdefault("ZENOH_RUNTIME", f"(rx: (worker_threads: {RECEIVERS}))")
     try:
         session = zenoh.open(_config("router", keys, settings))
     except zenoh.ZError as error:
@@ -69,8 +91,21 @@ def open_router(
         raise UsageError(
             f"router: cannot listen at {endpoint}: {reason}; stop what runs there or give another --listen"
         ) from error
-    with session:
+    with _closed(session):
         yield Bus(session, hub=True)
+
+
+@contextmanager
+def _closed(session: zenoh.Session) -> Iterator[None]:
+    """Close a session after the block, without waiting for long: who hangs at its other end may hold that up."""
+    patience_s = BROKEN_S
+    try:
+        yield
+        patience_s = CLOSE_S
+    finally:
+        closing = threading.Thread(target=session.close, daemon=True)
+        closing.start()
+        closing.join(patience_s)
 
 
 class Bus:
@@ -114,7 +149,7 @@ class Bus:
                         raise UsageError(f"the router at {endpoint} {why}") from error
                     tell(f"waiting for the router at {endpoint} (dynpf service router SCENARIO)")
                 time.sleep(0.05)
-        with session:
+        with _closed(session):
             yield cls(session)
 
     def put(self, key: str, payload: bytes, attachment: bytes = b"") -> None:

@@ -107,6 +107,7 @@ class Close(NamedTuple):
 
     complete: bool
     reason: str
+    outcome: str = ""
 
 
 class Show(NamedTuple):

@@ -14,21 +14,23 @@ from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, OPERATOR, READY, RECORDED,
 from dynpf_runtime.machines.agreement import first_difference
 from dynpf_runtime.machines.effects import NEVER_NS, Ask, Count, Declare, Effect, Put, Subscribe, Tell, Watch
 from dynpf_runtime.machines.events import Answered, Arrived, Counted, Event, RouterGone, Started, StopAsked, Token, Woke
+from dynpf_runtime.machines.heartbeats import BEAT_NS, Heartbeats
 from dynpf_runtime.machines.roster import Change, Roster, holder
 from dynpf_runtime.plan import Plan
 
-__all__ = ["BEAT_NS", "SURE_NS", "WEDGED_NS", "Membership"]
+__all__ = ["LAST_WORD_NS", "SURE_NS", "Membership"]
 
-BEAT_NS = 500_000_000
-WEDGED_NS = 15_000_000_000
 SURE_NS = 50_000_000
 """How long to wait after a peer's token disappears: if the router is gone, the peers' tokens disappear first."""
+
+LAST_WORD_NS = 500_000_000
+"""Tokens and messages come on ways of their own: the recorder's last word may come after its token has gone."""
 
 _ANSWER_NS = 5_000_000_000
 _ASK_AGAIN_NS = 20_000_000  # Zenoh reports at once that no one answers yet
 _PATIENCE_NS = 1_000_000_000  # after that a notice lists the missing peers
 
-_ROUTER_GONE = "the router is gone; the run cannot go on"
+_ROUTER_GONE = "the router is gone or hangs; the run cannot go on"
 
 
 class _Stage(IntEnum):
@@ -67,8 +69,7 @@ class Membership:
         self._roster = Roster(self.peers)
         self._others = Roster({ROUTER, OPERATOR})
         self._rivals: set[str] = set()
-        self._beats: dict[tuple[str, str], int] = {}
-        self._peer_ticks: dict[str, int] = {}
+        self._heartbeats = Heartbeats()
         self._next_beat_ns = 0
         self._ask_at_ns = self._ask_until_ns = NEVER_NS
         self._notify_at_ns = 0
@@ -97,7 +98,7 @@ class Membership:
 
     def behind(self, peer: str) -> int:
         """Return how many ticks ``peer`` had ended at its last heartbeat."""
-        return self._peer_ticks.get(peer, 0)
+        return self._heartbeats.ticks(peer)
 
     def handle(self, event: Event, now_ns: int) -> Iterator[Effect]:
         """Yield the effects of an event; of arrivals, only heartbeats and control messages matter here.
@@ -222,11 +223,10 @@ class Membership:
     def _beat(self, now_ns: int) -> Iterator[Effect]:
         self._next_beat_ns = now_ns + BEAT_NS
         yield Put(f"{BEAT}{self.name}", encode_control(Beat(self.name, self.boot, self.ticks)))
-        for (peer, boot), seen_ns in self._beats.items():
-            if now_ns - seen_ns > WEDGED_NS and self.boots.get(peer) == boot and not self.leaving:
-                raise BrokenOffError(
-                    f"{peer} has not answered for {WEDGED_NS // 10**9} s: it hangs; the run cannot go on"
-                )
+        if not self.leaving:
+            for text in self._heartbeats.look({**self.boots, **self._others.boots}, now_ns):
+                if self.name == RECORDER:  # once is enough, and it is never in a step itself
+                    yield Tell(text)
 
     def _token(self, token: Token, now_ns: int) -> Iterator[Effect]:
         node, boot, ready = holder(token)
@@ -239,10 +239,10 @@ class Membership:
             if change is Change.SECOND:
                 yield Tell(f"a second {node} (boot {boot}) is refused; this run's is {self.boots[node]}")
             elif change is Change.GONE and self._suspect is None and not self._may_go(node):
-                self._suspect = node, now_ns + SURE_NS
+                self._suspect = node, now_ns + (LAST_WORD_NS if node == RECORDER else SURE_NS)
 
     def _may_go(self, node: str) -> bool:
-        return self.leaving or (node == RECORDER and self.recorded is not None)
+        return self.recorded is not None if node == RECORDER else self.leaving
 
     def _judge(self, now_ns: int) -> None:
         """Raise BrokenOffError for a peer whose token is gone, once it is clear that the router is not."""
@@ -252,16 +252,15 @@ class Membership:
         self._suspect = None
         if not self._may_go(node):
             raise BrokenOffError(
-                f"{node} is gone (killed, crashed or cut off) after tick {self.ticks}; the run cannot go on"
+                f"{node} is gone (killed, crashed, stopped or cut off) after tick {self.ticks}; the run cannot go on"
             )
 
     def _hear(self, arrived: Arrived, now_ns: int) -> Iterator[Effect]:
         try:
             if arrived.key.startswith(BEAT):
                 beat = decode_control(arrived.payload, Beat)
-                if self.boots.get(beat.node) == beat.boot:  # not from a stranger under a peer's name
-                    self._beats[beat.node, beat.boot] = now_ns
-                    self._peer_ticks[beat.node] = beat.ticks
+                if (self.boots | self._others.boots).get(beat.node) == beat.boot:  # not from a stranger
+                    self._heartbeats.take(beat, now_ns)
             elif arrived.key == RECORDED:
                 self._take_recorded(decode_control(arrived.payload, Recorded))
             elif arrived.key.startswith(STOP):
@@ -286,7 +285,7 @@ class Membership:
 
     def _stop(self, event: StopAsked) -> Iterator[Effect]:
         if event.at_once or not self.running:
-            raise KeyboardInterrupt
+            raise KeyboardInterrupt(event.reason if self.running else "")
         if not self._stop_sent:
             self._stop_sent = True
             self.stop_reason = self.stop_reason or event.reason

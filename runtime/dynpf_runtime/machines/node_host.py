@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Protocol
 
-from dynpf_protocol.control import TickDone, encode_control
+from dynpf_protocol.control import Outcome, TickDone, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
 from dynpf_protocol.errors import DynpfError, RunError
 from dynpf_protocol.journal import encode_entry, genesis
@@ -40,7 +40,10 @@ RECORDED_NS = 30_000_000_000
 
 
 class Gauges(Protocol):
-    """Measurements of the process for diagnostics; nothing in the run depends on them."""
+    """Measurements of the process, for diagnostics and for those who watch it; nothing in the run depends on them."""
+
+    def stepping(self, tick: int) -> None:
+        """Note that a step of the node begins, which may take long."""
 
     def stopwatch_s(self) -> float:
         """Return the seconds of a clock."""
@@ -183,6 +186,7 @@ class NodeHost:
         name, executor = self._spec.name, self._executor
         self._stamp_ns, self._stepped_ns = stamp_ns, now.monotonic_ns
         events = notice_gaps(executor, self._gaps, turn.ready, stamp_ns, now.wall_ns)
+        self._gauges.stepping(tick)
         began_s = self._gauges.stopwatch_s()
         executed = executor.step(tick, stamp_ns, inputs, now.wall_ns)
         self._step_time_s += self._gauges.stopwatch_s() - began_s
@@ -196,11 +200,13 @@ class NodeHost:
         counts = dict(Counter(message.topic for message in sent))
         if last or now.monotonic_ns >= self._report_at_ns:  # the last report precedes the end of the last tick
             yield self._report(now)
-        done = TickDone(name, executor.boot, executor.steps, tick, stamp_ns, counts, last)
+        outcome = self._outcome(finished=executed.finished) if last and self._leads else None
+        done = TickDone(name, executor.boot, executor.steps, tick, stamp_ns, counts, last, outcome)
         yield Put(TICK + name, encode_control(done))
         for message in sent:
             if message.topic not in self._awaited:
                 yield _put(message)
+        self._gauges.stepping(tick)  # the digest of a large state
         entry = executor.journal(tick, stamp_ns, inputs, executed.sent, hosted=hosted, last=last)
         envelope = Envelope(name, executor.boot, entry.step, tick, stamp_ns, now.wall_ns)
         yield Put(JOURNAL + name, encode_entry(entry), encode_envelope(envelope))
@@ -227,6 +233,11 @@ class NodeHost:
                 f"tick {tick} does not begin, though {', '.join(awaited)} sent all that it waits for: it was lost, or "
                 f"{self._spec.name}'s key may not hear it"
             )
+
+    def _outcome(self, *, finished: bool) -> Outcome:
+        if finished:
+            return Outcome.DONE
+        return Outcome.STOPPED if self._member.stop_reason else Outcome.BUDGET
 
     def _receive(self, arrived: Arrived, now: Now) -> Refusal | None:
         """Put an arrival into the inbox, or return why it was refused."""

@@ -73,6 +73,7 @@ class RecorderMachine:
         self._entries: Counter[str] = Counter()
         self._ticks: dict[str, int] = {}
         self._last: set[str] = set()
+        self._outcome = ""
         self._refused: Counter[str] = Counter()
         self._early: list[Arrived] = []  # arrivals before the run begins, which come from strangers
         self._stamp_ns = 0
@@ -152,7 +153,7 @@ class RecorderMachine:
         self._member.leaving = True
         if not self._missing():
             self._stage = _Stage.CLOSING
-            yield Close(True, self._member.stop_reason or "finished")
+            yield Close(True, self._member.stop_reason or "finished", self._outcome)
         elif self._due_ns == NEVER_NS:
             self._due_ns = now.monotonic_ns + SETTLE_NS
         elif now.monotonic_ns >= self._due_ns:
@@ -216,6 +217,7 @@ class RecorderMachine:
         self._stamp_ns = max(self._stamp_ns, done.stamp_ns)
         if done.last:
             self._last.add(done.node)
+            self._outcome = done.outcome or self._outcome
         self._member.ticks = min(self._ticks.get(node, 0) for node in self._nodes)
 
     def _missing(self) -> dict[str, int]:

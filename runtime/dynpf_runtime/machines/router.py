@@ -8,14 +8,15 @@ from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, READY, RECORDED, RECORDER,
 
 from dynpf_runtime.machines.effects import NEVER_NS, Answer, Declare, Effect, Ended, Put, Subscribe, Tell, Watch
 from dynpf_runtime.machines.events import Arrived, Event, Now, Started, StopAsked, Token
-from dynpf_runtime.machines.membership import BEAT_NS
+from dynpf_runtime.machines.heartbeats import BEAT_NS
+from dynpf_runtime.machines.membership import LAST_WORD_NS
 from dynpf_runtime.machines.roster import Roster, holder
 from dynpf_runtime.plan import Plan
 
-__all__ = ["LAST_WORD_NS", "RouterMachine"]
+__all__ = ["RouterMachine"]
 
-LAST_WORD_NS = 500_000_000
-"""Tokens and messages come on ways of their own: the recorder's last word may come after its token has gone."""
+NOTICE_NS = 5_000_000_000
+"""After this, and then ever twice as long, the router says whom the run waits for."""
 
 
 class RouterMachine:
@@ -32,11 +33,14 @@ class RouterMachine:
         self._began = False
         self._left_ns = NEVER_NS  # when the last process left without a word of the recorder
         self._stopping = False
+        self._began_ns = NEVER_NS  # when this process started
+        self._notice_at_ns = 0
 
     def handle(self, event: Event, now: Now) -> Iterator[Effect]:
         """Yield the effects of an event. It ends with BrokenOffError if the run was not recorded completely."""
         match event:
             case Started():
+                self._began_ns, self._notice_at_ns = now.monotonic_ns, now.monotonic_ns + NOTICE_NS
                 yield Answer(SCENARIO, self._scenario.encode())
                 yield from (Subscribe(f"{CONTROL}**"), Watch(f"{ALIVE}**"), Watch(f"{READY}**"))
                 yield Declare(f"{ALIVE}{ROUTER}/{self._boot}")
@@ -56,6 +60,7 @@ class RouterMachine:
         elif now.monotonic_ns >= self.wake_ns:
             self.wake_ns = now.monotonic_ns + BEAT_NS
             yield Put(f"{BEAT}{ROUTER}", encode_control(Beat(ROUTER, self._boot, 0)))
+            yield from self._notify_missing(now.monotonic_ns)
 
     def _over(self, now: Now) -> bool:
         """Return whether everybody has left, the recorder with its last word or without one."""
@@ -66,6 +71,16 @@ class RouterMachine:
             self._left_ns = now.monotonic_ns
             self.wake_ns = min(self.wake_ns, now.monotonic_ns + LAST_WORD_NS)
         return self._recorded is not None or now.monotonic_ns >= self._left_ns + LAST_WORD_NS
+
+    def _notify_missing(self, now_ns: int) -> Iterator[Tell]:
+        """Say, ever more rarely, for whom the run waits and since when; they may have been refused."""
+        if self._began or now_ns < self._notice_at_ns:
+            return
+        waited_ns = now_ns - self._began_ns
+        self._notice_at_ns = now_ns + waited_ns
+        missing = sorted(self._names - {holder(Token(key, present=True))[0] for key in self._present})
+        if missing:
+            yield Tell(f"the run has waited for {', '.join(missing)} for {waited_ns // 10**9} s; Ctrl-C ends it")
 
     def _token(self, token: Token) -> None:
         name, _, ready = holder(token)

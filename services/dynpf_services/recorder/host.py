@@ -1,5 +1,6 @@
 """The recorder process: the recorder's machine on the bus, and its file."""
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Self
@@ -9,6 +10,7 @@ from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_protocol.keys import RECORDER
 from dynpf_runtime.bus.edge import drive, new_boot
 from dynpf_runtime.bus.keys import Credentials
+from dynpf_runtime.bus.pulse import Pulse
 from dynpf_runtime.bus.session import Bus
 from dynpf_runtime.bus.terminal import StopSignal, say
 from dynpf_runtime.machines.effects import Close, Effect, Flush, Open, Record, Show
@@ -27,6 +29,7 @@ def run_recorder(
     attachments: tuple[Attachment, ...],
     stop: StopSignal,
     *,
+    pulse: Pulse,
     keys: Credentials | None = None,
 ) -> RunEnd:
     """Record one run into ``path`` and return how it ended.
@@ -35,12 +38,13 @@ def run_recorder(
     the file cannot be written.
     """
     boot = new_boot()
-    machine = RecorderMachine(plan, boot, endpoint, str(path))
+    name = os.fsencode(path).decode(errors="backslashreplace")  # it travels, and need not be UTF-8
+    machine = RecorderMachine(plan, boot, endpoint, name)
     with (
         Bus.connect(endpoint, lambda text: say(RECORDER, text), lambda: stop.requested, keys) as bus,
         RecorderFile(plan, boot, path, attachments) as file,
     ):
-        drive(RECORDER, machine, bus, stop, file.perform)
+        drive(RECORDER, machine, bus, stop, file.perform, pulse=pulse)
     assert file.end is not None, "the machine has ended without an error and without a recording"
     return file.end
 
@@ -82,9 +86,9 @@ class RecorderFile:
                 self._open.flush_if_due(now_ns)
             case Show(ticks, messages):
                 self._progress.show(ticks, messages)
-            case Close(complete, reason):
+            case Close(complete, reason, outcome):
                 self._progress.clear()
-                self.end = self._open.close(complete=complete, reason=reason)
+                self.end = self._open.close(complete=complete, reason=reason, outcome=outcome)
                 return Closed(self.end)
             case _:
                 raise TypeError(f"a recorder's file does not carry out {effect!r}")

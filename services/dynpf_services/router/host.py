@@ -4,6 +4,7 @@ from dynpf_protocol.keys import ROUTER
 from dynpf_runtime.bus.access import PLAYER, access_control, grants
 from dynpf_runtime.bus.edge import drive, new_boot
 from dynpf_runtime.bus.keys import Credentials, current_name, revoked
+from dynpf_runtime.bus.pulse import Pulse
 from dynpf_runtime.bus.refused import Refused, tell_tls_refusals
 from dynpf_runtime.bus.session import open_router
 from dynpf_runtime.bus.terminal import StopSignal, say
@@ -14,7 +15,14 @@ __all__ = ["run_router"]
 
 
 def run_router(
-    plan: Plan, endpoint: str, stop: StopSignal, *, quiet: bool, keys: Credentials | None = None, player: bool = False
+    plan: Plan,
+    endpoint: str,
+    stop: StopSignal,
+    *,
+    pulse: Pulse,
+    quiet: bool,
+    keys: Credentials | None = None,
+    player: bool = False,
 ) -> None:
     """Route at ``endpoint`` until the run of ``plan`` has ended and all processes have left.
 
@@ -36,4 +44,4 @@ def run_router(
             say(ROUTER, f"listening at {endpoint}")
         if keys is not None:
             bus.watch_links(refused.watch_names(known))
-        drive(ROUTER, RouterMachine(plan, new_boot()), bus, stop)
+        drive(ROUTER, RouterMachine(plan, new_boot()), bus, stop, pulse=pulse)

@@ -64,6 +64,6 @@ def record_inline(
     plan = plan_of(scenario)
     attachments = attachments_of(scenario, log.attachments)
     with RecordingWriter(path, run_header(plan), attachments, topics=plan.graph.topics) as writer:
-        ticks = run_inline(plan, log.records, writer, observe=observe, stopped=lambda: bool(stopped()))
-        writer.close(complete=True, reason=stopped() or reason)
-    return ticks
+        run = run_inline(plan, log.records, writer, observe=observe, stopped=lambda: bool(stopped()))
+        writer.close(complete=True, reason=stopped() or reason, outcome=run.outcome)
+    return run.ticks

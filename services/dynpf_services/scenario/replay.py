@@ -111,8 +111,9 @@ def write_nodes(recording: Recording, scenario: Scenario, outcomes: Sequence[Rep
     topics, schemas = plan.graph.topics, recording.schemas
     with RecordingWriter(path, run_header(plan), attachments, topics=topics, schemas=schemas) as writer:
         write_replayed(recording, outcomes, writer)
-        whole = recording.end is not None and recording.end.complete
-        writer.close(complete=whole, reason=f"replayed from {recording.path.name}")
+        end = recording.end
+        whole, outcome = (end.complete, end.outcome) if end is not None else (False, "")
+        writer.close(complete=whole, reason=f"replayed from {recording.path.name}", outcome=outcome)
 
 
 def rerun(recording: Recording, scenario: Scenario, path: Path) -> None:

@@ -23,6 +23,9 @@ NETWORK = Network()
 class Still:
     """No time passes, and nothing waits: what a host reports of itself says nothing."""
 
+    def stepping(self, tick: int) -> None:
+        pass
+
     def stopwatch_s(self) -> float:
         return 0.0
 

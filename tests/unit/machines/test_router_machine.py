@@ -1,11 +1,12 @@
-"""The router waits for the recorder's last word, which may come after the recorder's token has gone."""
+"""The router waits for the recorder's last word, which may come after its token, and says for whom a run waits."""
 
 from dynpf_protocol.control import Recorded, encode_control
 from dynpf_protocol.errors import BrokenOffError
 from dynpf_protocol.keys import ALIVE, READY, RECORDED
-from dynpf_runtime.machines.effects import Ended
+from dynpf_runtime.machines.effects import Ended, Tell
 from dynpf_runtime.machines.events import Arrived, Event, Now, Started, Token, Woke
-from dynpf_runtime.machines.router import LAST_WORD_NS, RouterMachine
+from dynpf_runtime.machines.membership import LAST_WORD_NS
+from dynpf_runtime.machines.router import RouterMachine
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import load_scenario
 
@@ -58,3 +59,16 @@ def test_a_strangers_tokens_neither_end_the_run_nor_keep_it() -> None:
     router = left_by_all()
     assert ended(router, Token(f"{ALIVE}nobody/x", True), 1) is None
     assert ended(router, LAST_WORD, 2) == Ended(None)
+
+
+def test_a_router_whose_run_does_not_begin_says_for_whom_it_waits_and_since_when() -> None:
+    router = RouterMachine(PLAN, "router-1")
+    told: list[str] = []
+    events: list[Event] = [Started(), *(Token(f"{ALIVE}{name}/b", True) for name in ("recorder", "sensors"))]
+    for tenths in range(450):
+        now_ns = tenths * 10**8
+        for event in events or [Woke()]:
+            told += [effect.text for effect in router.handle(event, Now(now_ns, now_ns)) if isinstance(effect, Tell)]
+        events = []
+    waited = "the run has waited for controller, estimator, simulator for {} s; Ctrl-C ends it"
+    assert told == [waited.format(seconds) for seconds in (5, 10, 20, 40)]

@@ -172,6 +172,9 @@ def test_a_node_that_raises_is_named_and_the_others_break_off(tmp_path: Path, si
     simulation.run()
     ended = {name: str(error) for name, error in simulation.ended.items()}
     assert ended["controller"].startswith("controller failed in step 3, tick 3: IndexError: out of it")
-    assert ended["simulator"] == "controller is gone (killed, crashed or cut off) after tick 4; the run cannot go on"
+    assert (
+        ended["simulator"]
+        == "controller is gone (killed, crashed, stopped or cut off) after tick 4; the run cannot go on"
+    )
     assert ended["recorder"].startswith("controller is gone")
     assert ended["router"].startswith("the run ended incomplete: controller is gone")

@@ -46,7 +46,7 @@ LOCALIZATION = {
 }
 FINAL_ERRORS = {"final_error_mean_m", "final_error_max_m"}
 REARRANGEMENT = {"completed", "collisions", "npl", "nrl", "pi", "comp", "rpee_m", "ppee_m"} | FINAL_ERRORS
-ALWAYS = {"messages", "gaps", "complete", "content_digest"}
+ALWAYS = {"messages", "gaps", "complete", "outcome", "content_digest"}
 
 ROOM = {"title": "A room", "simulator": {"kind": "room"}}
 PARTS = {

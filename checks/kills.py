@@ -1,0 +1,239 @@
+"""Runs whose processes are killed and stopped at random moments: who was named and when, and what is left.
+
+``python -m checks.kills --kills 100 --stops 50 --seed 0`` starts ``dynpf run`` again and again and sends one of its
+processes SIGKILL or SIGSTOP, at a moment between its first process and its end. ``--cold 50`` starts it with an empty
+cache of kernels while other processes keep the machine busy: nobody may be named then. Durations are this machine's.
+"""
+
+import argparse
+import contextlib
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from random import Random
+from typing import NamedTuple
+
+from dynpf_lab.cli.main import main as dynpf
+
+SCENARIO = "landmark-room"
+PROCESSES = ("router", "recorder", "simulator", "sensors", "estimator", "controller")
+SUPERVISOR = "run"
+NAMED_S = 3.0
+"""Within this a process has to be named, and all have to be gone when the starting process was killed."""
+
+PATIENCE_S = 60.0
+POLL_S = 0.01
+BUSY = 2  # processes that keep the machine busy during cold starts
+
+
+class Outcome(NamedTuple):
+    """What became of one run."""
+
+    named_s: float | None  # None if it had ended before the signal, or nobody was left to name anyone
+    gone_s: float  # until its last process had gone
+    faults: tuple[str, ...]
+
+
+def main() -> int:
+    """Run the trials and print a table; the exit code is 1 if anything was wrong."""
+    parser = argparse.ArgumentParser(prog="python -m checks.kills")
+    parser.add_argument("--kills", type=int, default=10, metavar="N", help="runs of which a process is killed")
+    parser.add_argument("--stops", type=int, default=5, metavar="N", help="runs of which a process is stopped")
+    parser.add_argument("--cold", type=int, default=0, metavar="N", help="starts with an empty cache, under load")
+    parser.add_argument("--seed", type=int, default=0, metavar="N")
+    options = parser.parse_args()
+    random = Random(options.seed)
+    lasts_s = _undisturbed_s() if options.kills + options.stops else 0.0
+    outcomes: dict[str, list[Outcome]] = defaultdict(list)
+    for number, count in ((signal.SIGKILL, options.kills), (signal.SIGSTOP, options.stops)):
+        # A stopped supervisor stops nobody but itself.
+        targets = (*PROCESSES, SUPERVISOR) if number is signal.SIGKILL else PROCESSES
+        for trial in range(count):
+            target, after_s = targets[trial % len(targets)], random.uniform(0.0, lasts_s)
+            outcome = _disturbed(target, number, after_s)
+            print(f"\r{number.name} {trial + 1} of {count} ", end="", file=sys.stderr, flush=True)
+            outcomes[f"{number.name} {target}"].append(outcome)
+            for fault in outcome.faults:
+                print(f"{number.name} of {target} after {after_s:.2f} s of {lasts_s:.2f} s: {fault}", flush=True)
+    _print_table(outcomes)
+    faults = sum(len(outcome.faults) for rows in outcomes.values() for outcome in rows)
+    return int(faults + _cold(options.cold) > 0)
+
+
+def _print_table(outcomes: dict[str, list[Outcome]]) -> None:
+    print(f"{'signal to':20} {'runs':>5} {'named':>6} {'after at most':>14} {'all gone after':>15} {'faults':>7}")
+    for what, rows in sorted(outcomes.items()):
+        named = [row.named_s for row in rows if row.named_s is not None]
+        longest = f"{max(named):12.2f} s" if named else f"{'-':>14}"
+        gone_s, faults = max(row.gone_s for row in rows), sum(len(row.faults) for row in rows)
+        print(f"{what:20} {len(rows):5} {len(named):6} {longest} {gone_s:13.2f} s {faults:7}", flush=True)
+
+
+class _Run:
+    """One ``dynpf run``, all of whose files lie in ``folder``, which marks its processes."""
+
+    def __init__(self, folder: Path, *words: str, **environment: str) -> None:
+        self.path = folder / "run.mcap"
+        self._folder = folder
+        self._errors = folder / "stderr"
+        command = [sys.executable, "-P", "-m", "dynpf_lab.cli.main", "run", SCENARIO, "-o", str(self.path), *words]
+        variables = {**os.environ, "TMPDIR": str(folder), **environment}
+        with self._errors.open("wb") as errors:
+            self.popen = subprocess.Popen(
+                command, stdout=subprocess.DEVNULL, stderr=errors, env=variables, start_new_session=True
+            )
+
+    @property
+    def errors(self) -> str:
+        return self._errors.read_text()
+
+    def processes(self) -> dict[int, str]:
+        """Return the living processes but the first one: id to name of the service, or "guard"."""
+        found = {}
+        for entry in Path("/proc").glob("[0-9]*/cmdline"):
+            with contextlib.suppress(OSError):
+                words = entry.read_bytes().decode(errors="replace").replace("\0", " ").split()
+                if words[1:2] in (["service"], ["guard"]) and any(str(self._folder) in word for word in words):
+                    found[int(entry.parent.name)] = words[2] if words[1] == "service" else "guard"
+        return found
+
+    def await_process(self, name: str) -> int | None:
+        """Return the id of a process once it is there, or None if the run ends before."""
+        while self.popen.poll() is None:
+            for pid, service in self.processes().items():
+                if service == name:
+                    return pid
+            time.sleep(POLL_S)
+        return None
+
+    def kill(self) -> None:
+        for pid in self.processes():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        self.popen.kill()
+        self.popen.wait()
+
+
+@contextlib.contextmanager
+def _run(*words: str, **environment: str) -> Iterator[_Run]:
+    with tempfile.TemporaryDirectory(prefix="kills-") as name:
+        run = _Run(Path(name), *words, **environment)
+        try:
+            yield run
+        finally:
+            run.kill()
+
+
+def _undisturbed_s() -> float:
+    """Return how long a run lasts from its last process's start to its end; kernels are compiled before."""
+    for _ in range(2):
+        with _run() as run:
+            run.await_process(PROCESSES[-1])
+            began = time.monotonic()
+            run.popen.wait()
+            lasted_s = time.monotonic() - began
+    return lasted_s
+
+
+def _disturbed(target: str, number: signal.Signals, after_s: float) -> Outcome:
+    """Send a signal to one process of a run, and see what becomes of it."""
+    with _run() as run:
+        pid = run.await_process(PROCESSES[-1] if target == SUPERVISOR else target)
+        time.sleep(after_s)
+        sent_s = time.monotonic()
+        with contextlib.suppress(ProcessLookupError):
+            if pid is not None and run.popen.poll() is None:
+                os.kill(run.popen.pid if target == SUPERVISOR else pid, number)
+        named_s = None
+        while (left := run.processes()) or run.popen.poll() is None:
+            waited_s = time.monotonic() - sent_s
+            if named_s is None and any(text in run.errors for text in _names(target)):
+                named_s = waited_s
+            if waited_s > PATIENCE_S:
+                break
+            time.sleep(POLL_S)
+        gone_s = time.monotonic() - sent_s
+        if named_s is None and any(text in run.errors for text in _names(target)):
+            named_s = gone_s
+        faults = [*_faults(run, target, named_s, gone_s), *_file_faults(run.path)]
+        if left:
+            faults.append(f"left: {', '.join(left.values())}")
+        return Outcome(named_s, gone_s, tuple(faults))
+
+
+def _names(target: str) -> tuple[str, str]:
+    return f"dynpf run: {target} hangs: ", f"dynpf run: {target} was killed by signal 9"
+
+
+def _faults(run: _Run, target: str, named_s: float | None, gone_s: float) -> Iterator[str]:
+    errors = run.errors
+    if "Traceback" in errors:
+        yield f"a traceback: {errors}"
+    if any(text in errors for name in PROCESSES if name != target for text in _names(name)):
+        yield f"another was named: {errors}"
+    if target == SUPERVISOR:
+        if gone_s > NAMED_S:
+            yield f"the last process has gone after {gone_s:.2f} s"
+    elif named_s is None and run.popen.poll() != 0:
+        yield f"it was not named: {errors}"
+    elif named_s is not None and named_s > NAMED_S:
+        yield f"it was named after {named_s:.2f} s"
+    if folders := [path.name for path in run.path.parent.glob("dynpf-*")]:
+        yield f"left: the folder {', '.join(folders)}"
+
+
+def _file_faults(path: Path) -> Iterator[str]:
+    """Say what is wrong with a recording that is neither whole nor can be mended."""
+    if not path.exists():
+        return
+    _, findings = _told("doctor", str(path), "--json")
+    if not json.loads(findings or "{}").get("findings"):
+        return
+    mended = path.with_name("mended.mcap")
+    code, text = _told("recover", str(path), "-o", str(mended))
+    if code:
+        yield f"dynpf recover: {text}"
+        return
+    _, findings = _told("doctor", str(mended), "--json")
+    for finding in json.loads(findings)["findings"]:
+        if "byte" in finding["where"]:
+            yield f"the mended recording: {finding}"
+
+
+def _told(*words: str) -> tuple[int, str]:
+    out, errors = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
+        code = dynpf(words)
+    return code, out.getvalue() or errors.getvalue()
+
+
+def _cold(count: int) -> int:
+    """Start runs with an empty cache of kernels on a busy machine, and return how often something was wrong."""
+    wrong = 0
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(BUSY if count else 0)]
+    try:
+        for trial in range(count):
+            with tempfile.TemporaryDirectory() as cache, _run("--set", "max_ticks=20", NUMBA_CACHE_DIR=cache) as run:
+                code = run.popen.wait()
+                if code or "hangs" in run.errors:
+                    wrong += 1
+                    print(f"cold start {trial}: exit code {code}: {run.errors}", flush=True)
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+    if count:
+        print(f"cold starts: {count}, on a machine with {BUSY} busy processes besides; wrong: {wrong}", flush=True)
+    return wrong
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,53 @@
+"""The temporary folder of a run: nobody else may read it, and it does not outlive the processes of the run."""
+
+import contextlib
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # not on this system; folders of killed runs then stay
+    fcntl = None  # type: ignore[assignment]
+
+__all__ = ["run_folder"]
+
+_PREFIX = "dynpf-"
+_LOCK = "in-use"
+
+
+@contextmanager
+def run_folder() -> Iterator[Path]:
+    """Make a folder of mode 0700, which is removed when the block ends.
+
+    It holds a locked file, which processes forked from this one keep locked, too. Folders whose file is no longer
+    locked, because all processes of their run were killed, are removed first.
+    """
+    if fcntl is not None:
+        _remove_abandoned(Path(tempfile.gettempdir()))
+    with tempfile.TemporaryDirectory(prefix=_PREFIX) as name:
+        folder = Path(name)
+        if fcntl is None:
+            yield folder
+            return
+        with (folder / "new").open("wb") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            (folder / "new").rename(folder / _LOCK)  # no one sees the file unlocked
+            yield folder
+
+
+def _remove_abandoned(parent: Path) -> None:
+    """Remove this user's folders of runs that are over, or were killed with all their processes."""
+    for path in parent.glob(f"{_PREFIX}*/{_LOCK}"):
+        with contextlib.suppress(OSError):
+            if path.parent.lstat().st_uid != os.getuid() or path.parent.is_symlink():
+                continue
+            descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # raises while the run lasts
+                shutil.rmtree(path.parent, ignore_errors=True)
+            finally:
+                os.close(descriptor)

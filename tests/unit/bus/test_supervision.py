@@ -1,0 +1,162 @@
+"""Supervision: who is named and killed, and who only takes long, by the clock of the test."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import pytest
+from dynpf_protocol.control import Doing
+from dynpf_protocol.errors import BROKEN_OFF
+from dynpf_runtime.bus.pulse import Reading
+from dynpf_runtime.bus.supervision import (
+    STALLED_NS,
+    STEP_NS,
+    STOPPED_NS,
+    WEDGED_NS,
+    Act,
+    Asked,
+    Finish,
+    Kill,
+    Say,
+    Seen,
+    Supervision,
+    Terminate,
+)
+
+NAMES = ("router", "recorder", "simulator", "estimator")
+STEP = 20_000_000  # of the test's clock, nanoseconds
+SECOND_NS = 10**9
+
+
+class Acted(NamedTuple):
+    at_ns: int
+    act: Act
+
+
+class Watched:
+    """A run whose processes do what the test says; all turn, unless it says something else."""
+
+    def __init__(self) -> None:
+        self.now_ns = SECOND_NS
+        self.acted: list[Acted] = []
+        self.asked = Asked()
+        self._supervision = Supervision(NAMES)
+        self._others: dict[str, Seen] = {}
+
+    def let(
+        self,
+        name: str,
+        doing: Doing = Doing.TURNING,
+        *,
+        exit_code: int | None = None,
+        stopped: bool = False,
+    ) -> None:
+        """Let a process do ``doing`` from now on, or end, or be stopped."""
+        self._others[name] = Seen(exit_code, stopped, Reading(doing, self.now_ns, 7, 0))
+
+    def seen(self) -> Mapping[str, Seen]:
+        turning = Seen(None, False, Reading(Doing.TURNING, self.now_ns, 3, 0))
+        return {name: self._others.get(name, turning) for name in NAMES}
+
+    def run(self, for_ns: int) -> list[Act]:
+        """Let time pass, until the supervision finishes; return what it did, killing whom it kills."""
+        before, until_ns = len(self.acted), self.now_ns + for_ns
+        while self.now_ns < until_ns and not any(isinstance(one.act, Finish) for one in self.acted):
+            self.now_ns += STEP
+            for act in self._supervision.look(self.seen(), self.asked, self.now_ns):
+                self.acted.append(Acted(self.now_ns, act))
+                if isinstance(act, Kill):
+                    self.let(act.name, exit_code=-9)
+        return [one.act for one in self.acted[before:]]
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("doing", Doing)
+def test_who_is_stopped_by_a_signal_is_named_and_killed_whatever_it_did(name: str, doing: Doing) -> None:
+    run = Watched()
+    run.let(name, doing, stopped=True)
+    text = f"{name} hangs: a signal has stopped it (SIGSTOP)"
+    assert run.run(2 * STOPPED_NS) == [Say(f"{text}; the run cannot go on"), Kill(name)]
+    for other in NAMES:
+        if other != name:
+            run.let(other, exit_code=BROKEN_OFF)
+    assert run.run(SECOND_NS) == [Finish(text)]
+    assert run.acted[0].at_ns < 3 * SECOND_NS
+
+
+def test_a_stop_that_is_lifted_at_once_changes_nothing() -> None:
+    run = Watched()
+    for stopped in (True, False, True, False):
+        run.let("estimator", Doing.STEP, stopped=stopped)
+        assert run.run(STOPPED_NS // 2) == []
+
+
+def test_a_main_loop_that_stands_still_is_named_within_three_seconds() -> None:
+    run = Watched()
+    run.let("estimator")
+    said, killed = run.run(2 * WEDGED_NS)
+    assert said == Say("estimator hangs: its main loop has stood still for 2.5 s; the run cannot go on")
+    assert killed == Kill("estimator")
+    assert run.acted[0].at_ns - SECOND_NS < 3 * SECOND_NS
+
+
+def test_who_is_long_in_starting_is_told_and_not_killed() -> None:
+    run = Watched()
+    run.let("estimator", Doing.STARTING)
+    told = [Say(f"estimator has been starting for {seconds} s") for seconds in (10, 20, 40, 80)]
+    assert run.run(100 * SECOND_NS) == told
+
+
+@pytest.mark.parametrize("doing", [Doing.STEP, Doing.FILE])
+def test_who_is_long_in_a_step_or_waits_for_its_disk_is_not_killed(doing: Doing) -> None:
+    run = Watched()
+    run.let("estimator", doing)
+    assert run.run(100 * SECOND_NS) == []
+
+
+def test_a_step_that_never_ends_has_a_limit() -> None:
+    run = Watched()
+    run.let("estimator", Doing.STEP)
+    assert Kill("estimator") in run.run(STEP_NS + 2 * SECOND_NS)
+
+
+@pytest.mark.parametrize(("code", "how"), [(-9, "was killed by signal 9"), (1, "ended with exit code 1")])
+def test_the_process_that_failed_is_named_whatever_becomes_of_the_others(code: int, how: str) -> None:
+    run = Watched()
+    run.let("estimator", exit_code=code)
+    for other in ("router", "recorder"):
+        run.let(other, exit_code=BROKEN_OFF)
+    assert run.run(60 * SECOND_NS) == [Finish(f"estimator {how}; killed what was left: simulator")]
+    assert run.now_ns < 4 * SECOND_NS
+
+
+def test_a_run_that_does_not_go_on_ends_within_three_seconds_of_the_users_wish() -> None:
+    run = Watched()
+    run.asked = Asked("stopped by the user")
+    said, *terminated, finish = run.run(60 * SECOND_NS)
+    assert said == Say("stopped by the user: ending the run (again to end it at once)")
+    assert terminated == [Terminate(name) for name in NAMES]
+    assert isinstance(finish, Finish)
+    assert run.now_ns - SECOND_NS < STALLED_NS + 2 * STEP + 1
+
+
+def test_a_step_may_be_ended_after_the_users_wish_unless_that_is_repeated() -> None:
+    run = Watched()
+    run.asked = Asked("stopped by the user")
+    run.let("estimator", Doing.STEP)
+    assert not any(isinstance(act, Finish) for act in run.run(9 * SECOND_NS))
+    run.asked = Asked("stopped by the user", at_once=True)
+    assert isinstance(run.run(SECOND_NS)[0], Finish)
+
+
+def test_a_router_that_nobody_can_come_to_any_more_is_ended() -> None:
+    run = Watched()
+    for name in NAMES[1:]:
+        run.let(name, exit_code=2)
+    assert Terminate("router") in run.run(SECOND_NS)
+
+
+def test_a_run_that_ended_well_has_not_failed() -> None:
+    run = Watched()
+    for name in NAMES:
+        run.let(name, exit_code=0)
+    assert run.run(SECOND_NS) == [Finish()]
