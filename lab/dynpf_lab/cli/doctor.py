@@ -1,8 +1,14 @@
 """``dynpf doctor``: faults of a recording, and the code that it names."""
 
 import argparse
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dynpf_lab.cli.arguments import add_json, add_recording
+
+if TYPE_CHECKING:
+    from dynpf_formats.recording.signature import Signed
 
 __all__ = ["add_arguments"]
 
@@ -10,6 +16,9 @@ __all__ = ["add_arguments"]
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``dynpf doctor``."""
     add_recording(parser)
+    parser.add_argument(
+        "--trust", type=Path, metavar="ca.pem", help="the file must be signed with a certificate of this authority"
+    )
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -19,18 +28,40 @@ def run(options: argparse.Namespace) -> int:
     import msgspec
     from dynpf_formats.recording.code import code_in_words, described_code
     from dynpf_formats.recording.doctor import Severity, diagnose
+    from dynpf_formats.recording.findings import error
+    from dynpf_formats.recording.signature import read_signature
 
     findings, named = diagnose(options.recording)
+    signed = read_signature(options.recording, options.trust, datetime.now(UTC))
+    if signed is not None and signed.problem:
+        findings.append(error(signed.problem, "signature"))
+    elif signed is None and options.trust is not None:
+        findings.append(error("the file is not signed", "signature"))
     code = described_code(named)
     if options.json:
-        print(msgspec.json.encode({"healthy": not findings, "findings": findings, "code": code}).decode())
+        print(
+            msgspec.json.encode(
+                {"healthy": not findings, "findings": findings, "code": code, "signed": signed}
+            ).decode()
+        )
     else:
         if not findings:
             print(f"{options.recording}: whole and complete")
         for finding in findings:
             print(f"{finding.severity}: {finding.where}: {finding.what}")
+        print(_signature_in_words(signed))
         for line in code_in_words(code):
             print(line)
     if any(finding.severity is Severity.UNREADABLE for finding in findings):
         return 2
     return 1 if findings else 0
+
+
+def _signature_in_words(signed: "Signed | None") -> str:
+    if signed is None:
+        return "not signed"
+    if not signed.name:
+        return "the signature is unreadable"
+    trust = "of the trusted authority" if signed.trusted else "whose authority is not checked (--trust)"
+    state = f"signed by {signed.name}, {trust}" if not signed.problem else f"NOT validly signed by {signed.name}"
+    return f"{state}; says at {signed.signed_at}; key {signed.fingerprint}"

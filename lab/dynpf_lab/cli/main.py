@@ -31,6 +31,7 @@ _COMMANDS = {
     "diff": ("diff", "first difference of two recordings"),
     "info": ("info", "what is in a recording"),
     "doctor": ("doctor", "what is wrong with a recording"),
+    "sign": ("sign", "sign every byte of a recording"),
     "recover": ("recover", "repair a recording into a new file"),
     "metrics": ("metrics", "measures of a recorded run against its truth"),
     "fit": ("fit", "the beam model's parameters from a recorded run"),

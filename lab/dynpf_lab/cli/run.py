@@ -13,6 +13,7 @@ from dynpf_services.scenario.schema import Scenario
 from dynpf_lab.cli.arguments import add_clock, add_json
 from dynpf_lab.cli.loading import loading
 from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
+from dynpf_lab.cli.sign import add_sign, check_key, sign_recording
 
 if TYPE_CHECKING:
     from dynpf_runtime.plan import Plan
@@ -36,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--insecure", action="store_true", help="plain tcp: any program on this machine may speak and listen"
     )
+    add_sign(parser)
     add_json(parser, "print the metrics of the run as JSON")
     parser.set_defaults(run=run)
 
@@ -64,6 +66,8 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError("--runner inline goes in lockstep only; a realtime run needs --runner bus")
     path = options.output or default_output(Path(options.scenario).stem, scenario.seed)
     _check_output(path)
+    if options.sign is not None:
+        check_key(options.sign)
     with loading():
         plan = plan_of(scenario)
         for spec in plan.graph.specs.values():
@@ -75,11 +79,15 @@ def run(options: argparse.Namespace) -> int:
             _run_on_bus(scenario, plan, path, log, options)
     except DynpfError:
         if path.is_file():
+            if options.sign is not None:
+                sign_recording(path, options.sign)
             print(
                 f"dynpf run: the messages recorded so far are in {path} (dynpf doctor tells what is missing)",
                 file=sys.stderr,
             )
         raise
+    if options.sign is not None:
+        sign_recording(path, options.sign)
     return _summary(path, as_json=options.json)
 
 

@@ -8,6 +8,7 @@ from dynpf_protocol.errors import BrokenOffError, RunError, UsageError
 from dynpf_lab.cli.access import credentials_of, endpoint_of
 from dynpf_lab.cli.arguments import add_clock, add_connect, add_keys
 from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
+from dynpf_lab.cli.sign import add_sign, check_key, sign_recording
 
 __all__ = ["add_arguments"]
 
@@ -22,6 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_keys(parser)
     parser.add_argument("--player", action="store_true", help="router: let dynpf play speak in the name of all nodes")
     parser.add_argument("-o", "--output", type=Path, metavar="RUN.mcap", help="recorder: the recording to write")
+    add_sign(parser)
     parser.add_argument("--quiet", action="store_true", help="print only errors of this process itself")
     parser.add_argument("--parent", type=int, help=argparse.SUPPRESS)  # end when this process is gone
     parser.add_argument("--pulse", type=Path, help=argparse.SUPPRESS)  # the file by which it watches this one
@@ -87,7 +89,13 @@ def _run(options: argparse.Namespace) -> int:
 
             path = options.output or default_output(Path(options.scenario).stem, scenario.seed)
             attachments = attachments_of(scenario, log.attachments if log else ())
-            end = run_recorder(plan_of(scenario), endpoint, path, attachments, stop, pulse=pulse, keys=keys)
+            if options.sign is not None:
+                check_key(options.sign)
+            try:
+                end = run_recorder(plan_of(scenario), endpoint, path, attachments, stop, pulse=pulse, keys=keys)
+            finally:
+                if options.sign is not None and path.is_file():
+                    sign_recording(path, options.sign)
             if not options.quiet:
                 say("recorder", f"{path} is complete: {end.reason}")
         else:

@@ -1,0 +1,179 @@
+"""Signatures of recordings: ed25519 over every byte of the file, in a file of their own beside it.
+
+A signature inside the file could not cover the checksums and the summary that MCAP puts after it; beside the file it
+covers every byte, the file stays what every MCAP reader knows, and nothing is written into a closed recording.
+"""
+
+import base64
+import binascii
+import hashlib
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+from dynpf_protocol.errors import UsageError
+
+from dynpf_formats.recording.errors import RecordingError
+
+__all__ = ["Signed", "Signer", "load_signer", "read_signature", "sign", "signature_file"]
+
+_FORMAT = "dynpf-signature-1"
+_MOST_BYTES = 65_536
+
+
+class _Document(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The content of a signature file; the signature is over all the rest."""
+
+    format: str
+    sha256: str  # of the recording
+    signed_at: str  # by the signer's clock
+    certificate: str  # PEM
+    signature: str = ""  # base64
+
+
+class Signer(NamedTuple):
+    """A key, and the certificate that says whose it is."""
+
+    key: Ed25519PrivateKey
+    certificate: x509.Certificate
+
+
+class Signed(NamedTuple):
+    """Who signed a recording. ``problem`` says why the signature does not hold, or is empty."""
+
+    name: str
+    fingerprint: str  # SHA-256 of the public key
+    signed_at: str
+    trusted: bool
+    problem: str
+
+
+def signature_file(recording: Path) -> Path:
+    """Return the path of a recording's signature."""
+    return recording.with_name(f"{recording.name}.sig")
+
+
+def load_signer(key: Path) -> Signer:
+    """Return the key in NAME.key, with the certificate NAME.pem beside it; raises UsageError if they do not fit."""
+    certificate = key.with_suffix(".pem")
+    try:
+        private = serialization.load_pem_private_key(key.read_bytes(), password=None)
+        issued = x509.load_pem_x509_certificate(certificate.read_bytes())
+    except OSError as error:
+        raise UsageError(f"{error.filename}: cannot be read: {error.strerror}; dynpf keys makes such files") from error
+    except (ValueError, TypeError, UnsupportedAlgorithm) as error:
+        raise UsageError(f"{key}, {certificate}: no key and certificate without a password: {error}") from error
+    if not isinstance(private, Ed25519PrivateKey):
+        raise UsageError(f"{key}: not an ed25519 key; dynpf keys makes such keys")
+    if _public_bytes(issued) != private.public_key().public_bytes_raw():
+        raise UsageError(f"{certificate}: is not the certificate of {key}")
+    return Signer(private, issued)
+
+
+def sign(recording: Path, signer: Signer, now: datetime) -> Path:
+    """Sign the bytes of a recording and return the signature's path; an older signature is replaced.
+
+    Raises RecordingError if a file cannot be read or written.
+    """
+    unsigned = _Document(
+        format=_FORMAT,
+        sha256=_sha256(recording),
+        signed_at=now.astimezone(UTC).isoformat(timespec="seconds"),
+        certificate=signer.certificate.public_bytes(serialization.Encoding.PEM).decode(),
+    )
+    signature = base64.b64encode(signer.key.sign(_statement(unsigned))).decode()
+    path = signature_file(recording)
+    try:
+        path.write_bytes(msgspec.json.encode(msgspec.structs.replace(unsigned, signature=signature)) + b"\n")
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {error.strerror}") from error
+    return path
+
+
+def read_signature(recording: Path, trust: Path | None, now: datetime) -> Signed | None:
+    """Return who signed a recording, or None if it has no signature file.
+
+    ``trust`` is the certificate of the authority that is believed. Raises UsageError if it is none.
+    """
+    authority = None if trust is None else _authority(trust)
+    path = signature_file(recording)
+    try:
+        with path.open("rb") as file:
+            data = file.read(_MOST_BYTES + 1)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        return Signed("", "", "", False, f"{path}: cannot be read: {error.strerror}")
+    try:
+        return _checked(msgspec.json.decode(data, type=_Document), recording, authority, now)
+    except (msgspec.DecodeError, ValueError, RecursionError, UnsupportedAlgorithm):
+        return Signed("", "", "", False, f"{path}: is no signature of a recording")
+
+
+def _checked(document: _Document, recording: Path, authority: x509.Certificate | None, now: datetime) -> Signed:
+    certificate = x509.load_pem_x509_certificate(document.certificate.encode())
+    public = _public_bytes(certificate)
+    if document.format != _FORMAT or public is None:
+        raise ValueError("not an ed25519 signature of this format")
+    problem = _problem(document, public, recording)
+    trusted = False
+    if authority is not None and not problem:
+        problem = _distrust(certificate, authority, datetime.fromisoformat(document.signed_at), now)
+        trusted = not problem
+    name = certificate.subject.get_attributes_for_oid(x509.NameOID.COMMON_NAME)
+    spoken = str(name[0].value) if name else "nobody by name"
+    return Signed(spoken, hashlib.sha256(public).hexdigest(), document.signed_at, trusted, problem)
+
+
+def _problem(document: _Document, public: bytes, recording: Path) -> str:
+    try:
+        signature = base64.b64decode(document.signature, validate=True)
+        Ed25519PublicKey.from_public_bytes(public).verify(signature, _statement(document))
+    except (InvalidSignature, binascii.Error):
+        return "the signature is not that of its key"
+    if _sha256(recording) != document.sha256:
+        return "the file is not the one that was signed"
+    return ""
+
+
+def _distrust(certificate: x509.Certificate, authority: x509.Certificate, signed_at: datetime, now: datetime) -> str:
+    """Return why the certificate is not believed, or an empty text."""
+    try:
+        certificate.verify_directly_issued_by(authority)
+    except (ValueError, TypeError, InvalidSignature):
+        return "the signer's certificate is not of the trusted authority"
+    begin, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
+    if signed_at.tzinfo is None or not begin <= signed_at <= end or signed_at > now:
+        return f"signed at {signed_at.isoformat()}, when the certificate was not valid: {begin:%F} to {end:%F}"
+    return ""
+
+
+def _authority(path: Path) -> x509.Certificate:
+    try:
+        return x509.load_pem_x509_certificate(path.read_bytes())
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise UsageError(f"{path}: no certificate in PEM: {error}") from error
+
+
+def _public_bytes(certificate: x509.Certificate) -> bytes | None:
+    public = certificate.public_key()
+    return public.public_bytes_raw() if isinstance(public, Ed25519PublicKey) else None
+
+
+def _statement(document: _Document) -> bytes:
+    return msgspec.json.encode(msgspec.structs.replace(document, signature=""))
+
+
+def _sha256(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error

@@ -1,0 +1,45 @@
+"""Whatever is edited in a recording with every checksum made right is found, or told as not compared."""
+
+from pathlib import Path
+from random import Random
+
+import pytest
+from dynpf_formats.recording.doctor import examine
+
+from checks.edits.content import Content, resealed, write_content
+from checks.edits.judge import Found, judge
+from checks.edits.kinds import KINDS, Kind
+from checks.edits.runs import small_runs
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory) -> list[Content]:
+    return [*small_runs(tmp_path_factory.mktemp("runs"))]
+
+
+def test_unedited_runs_are_whole_and_sealed_as_they_were(runs, tmp_path):
+    """The control: writing a run again, chained and sealed anew, changes nothing and is no fault."""
+    for run in runs:
+        assert resealed(run) == run
+        write_content(run, tmp_path / "copy.mcap")
+        assert examine(tmp_path / "copy.mcap") == []
+
+
+@pytest.mark.parametrize("reseal", [False, True], ids=["checksums right", "chain and seal right"])
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_an_edit_is_found(kind: Kind, reseal: bool, runs: list[Content], tmp_path: Path) -> None:
+    random = Random(f"{kind.name} {reseal}")
+    attempts = (judge(kind, random.choice(runs), random, tmp_path / "edited.mcap", reseal=reseal) for _ in range(100))
+    judged = next(attempt for attempt in attempts if attempt is not None)
+    assert judged.found is not Found.SILENT
+    if not reseal and not kind.end:
+        assert judged.found is Found.DOCTOR or kind.what == "not compared"
+
+
+def test_half_a_run_with_its_end_kept_is_found_and_told(runs, tmp_path):
+    (kind,) = [kind for kind in KINDS if kind.name == "ticks cut off"]
+    cut = kind.change(runs[0], Random(1))
+    assert cut is not None
+    write_content(resealed(cut), tmp_path / "cut.mcap")
+    told = " ".join(finding.what for finding in examine(tmp_path / "cut.mcap"))
+    assert "which is not its last" in told

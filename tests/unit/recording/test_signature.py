@@ -1,0 +1,108 @@
+"""A signature holds for the bytes that were signed, and says whose key it was."""
+
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from dynpf_formats.recording.signature import load_signer, read_signature, sign, signature_file
+from dynpf_lab.cli.main import main
+from dynpf_protocol.errors import UsageError
+
+from tests.unit.recording.recorded_runs import lockstep, write
+
+NOW = datetime(2030, 1, 1, 12, tzinfo=UTC)
+
+
+def certificate(name: str, key: Ed25519PrivateKey, issuer: str, by: Ed25519PrivateKey) -> bytes:
+    built = (
+        x509.CertificateBuilder()
+        .subject_name(x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, name)]))
+        .issuer_name(x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, issuer)]))
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(NOW - timedelta(days=1))
+        .not_valid_after(NOW + timedelta(days=1))
+        .add_extension(x509.BasicConstraints(ca=name == issuer, path_length=None), critical=True)
+        .sign(by, None)
+    )
+    return built.public_bytes(serialization.Encoding.PEM)
+
+
+@pytest.fixture
+def keys(tmp_path: Path) -> Path:
+    """A folder of keys: two authorities, and a recorder whose certificate is of the first."""
+    folder = tmp_path / "keys"
+    folder.mkdir()
+    authority, other, recorder = (Ed25519PrivateKey.generate() for _ in range(3))
+    (folder / "ca.pem").write_bytes(certificate("ca", authority, "ca", authority))
+    (folder / "other.pem").write_bytes(certificate("ca", other, "ca", other))
+    (folder / "recorder.pem").write_bytes(certificate("recorder", recorder, "ca", authority))
+    plain = serialization.NoEncryption()
+    form = serialization.PrivateFormat.PKCS8
+    (folder / "recorder.key").write_bytes(recorder.private_bytes(serialization.Encoding.PEM, form, plain))
+    (folder / "stranger.key").write_bytes(other.private_bytes(serialization.Encoding.PEM, form, plain))
+    (folder / "stranger.pem").write_bytes((folder / "recorder.pem").read_bytes())
+    return folder
+
+
+def test_who_signed_is_told(tmp_path, keys):
+    path = write(tmp_path / "run.mcap", lockstep())
+    assert read_signature(path, None, NOW) is None
+    sign(path, load_signer(keys / "recorder.key"), NOW)
+    signed = read_signature(path, keys / "ca.pem", NOW)
+    assert signed is not None
+    assert (signed.name, signed.trusted, signed.problem) == ("recorder", True, "")
+    foreign = read_signature(path, keys / "other.pem", NOW)
+    assert foreign is not None
+    assert (foreign.trusted, foreign.problem) == (False, "the signer's certificate is not of the trusted authority")
+
+
+def test_every_changed_byte_is_found(tmp_path, keys):
+    path = write(tmp_path / "run.mcap", lockstep(2))
+    sign(path, load_signer(keys / "recorder.key"), NOW)
+    data = path.read_bytes()
+    for place in (*range(0, len(data), 37), len(data) - 1):
+        path.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
+        signed = read_signature(path, None, NOW)
+        assert signed is not None
+        assert signed.problem == "the file is not the one that was signed"
+    path.write_bytes(data)
+    signature = signature_file(path).read_bytes()
+    signature_file(path).write_bytes(signature.replace(b'"signed_at":"2030', b'"signed_at":"2029'))
+    signed = read_signature(path, None, NOW)
+    assert signed is not None
+    assert signed.problem == "the signature is not that of its key"
+    signature_file(path).write_bytes(b"{" * 100_000)
+    signed = read_signature(path, None, NOW)
+    assert signed is not None
+    assert "is no signature" in signed.problem
+
+
+def test_a_signature_of_a_time_without_a_valid_certificate_is_not_trusted(tmp_path, keys):
+    path = write(tmp_path / "run.mcap", lockstep())
+    late = NOW + timedelta(days=2)
+    sign(path, load_signer(keys / "recorder.key"), late)
+    signed = read_signature(path, keys / "ca.pem", late)
+    assert signed is not None
+    assert "when the certificate was not valid" in signed.problem
+
+
+def test_a_key_without_its_certificate_is_refused(keys):
+    with pytest.raises(UsageError, match="is not the certificate of"):
+        load_signer(keys / "stranger.key")
+    with pytest.raises(UsageError, match="cannot be read"):
+        load_signer(keys / "nobody.key")
+
+
+def test_the_commands_sign_and_tell(tmp_path, keys, capsys):
+    path = write(tmp_path / "run.mcap", lockstep())
+    assert main(["doctor", str(path)]) == 0
+    assert "not signed" in capsys.readouterr().out
+    assert main(["doctor", str(path), "--trust", str(keys / "ca.pem")]) == 1
+    assert "signature: the file is not signed" in capsys.readouterr().out
+    assert main(["sign", str(path), "--key", str(keys / "recorder.key")]) == 0
+    assert main(["doctor", str(path)]) == 0
+    assert "signed by recorder, whose authority is not checked (--trust)" in capsys.readouterr().out
