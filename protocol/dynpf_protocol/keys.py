@@ -12,14 +12,16 @@ __all__ = [
     "RECORDED",
     "RECORDER",
     "ROUTER",
+    "RUN",
     "SCENARIO",
     "STOP",
     "TICK",
 ]
 
-DATA = "dynpf/data/"  # + topic
-JOURNAL = "dynpf/journal/"  # + node
-TICK = "dynpf/tick/"  # + node
+RUN = "dynpf/run/"  # all that a recorder takes, by one subscription, which keeps the order of each sender's messages
+DATA = "dynpf/run/data/"  # + topic
+JOURNAL = "dynpf/run/journal/"  # + node
+TICK = "dynpf/run/tick/"  # + node
 BEAT = "dynpf/beat/"  # + process
 CONTROL = "dynpf/control/"
 STOP = "dynpf/control/stop/"  # + process that asks for the end of the run

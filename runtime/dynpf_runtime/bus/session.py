@@ -4,6 +4,7 @@ Every process is a client of the router, which is the only hub: no scouting, no 
 enqueue; the owner's main loop does everything else.
 """
 
+import itertools
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -22,6 +23,8 @@ __all__ = ["Bus", "open_router"]
 
 LEASE_MS = 1500
 """Zenoh drops a peer that has been silent for this long, ms."""
+
+_MOST_ANSWERS = 1000
 
 
 def _config(mode: str, keys: Credentials | None, settings: Mapping[str, Any]) -> zenoh.Config:
@@ -158,12 +161,22 @@ class Bus:
         """Answer every query of ``key`` with ``payload``."""
         self._declared.append(self._session.declare_queryable(key, lambda query: query.reply(key, payload)))
 
-    def ask(self, key: str, patience_s: float = 5.0) -> bytes | None:
-        """Return the answer to the query ``key``; None if there is none within ``patience_s``, or no one to answer."""
-        for reply in self._session.get(key, timeout=patience_s):
+    def ask(self, key: str, wanted: bytes, patience_s: float = 5.0) -> bytes | None:
+        """Return the answer to the query ``key``: ``wanted`` if anybody gives it, else the first one.
+
+        None if there is none within ``patience_s``, or no one to answer. Everybody is asked: a stranger that answers,
+        and be it faster, does not keep the others from it.
+        """
+        first = None
+        everybody, each = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
+        replies = self._session.get(key, target=everybody, consolidation=each, timeout=patience_s)
+        for reply in itertools.islice(replies, _MOST_ANSWERS):
             if reply.ok is not None:
-                return reply.ok.payload.to_bytes()
-        return None
+                answer = reply.ok.payload.to_bytes()
+                if answer == wanted:
+                    return answer
+                first = answer if first is None else first
+        return first
 
     def receive(self, timeout_s: float) -> Arrived | Token | None:
         """Return the next item of the queue, or None after ``timeout_s`` or when woken."""

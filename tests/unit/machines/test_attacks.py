@@ -1,0 +1,125 @@
+"""What a stranger says on the bus, of every kind that there is, against whole runs on a simulated network.
+
+The stranger knows the boots, which are public. It is refused; where nothing but a certificate could tell it from the
+process in whose name it speaks, the run says that it is not to be trusted.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import pytest
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.reader import read_recording
+from dynpf_protocol.errors import DynpfError
+from dynpf_protocol.keys import RUN
+from dynpf_runtime.machines.effects import NEVER_NS, Answer, Declare, Effect, Put, Subscribe, Watch
+from dynpf_runtime.machines.events import Arrived, Event, Now, Started, Token
+from dynpf_runtime.simulation import Network, Simulation
+from dynpf_services.scenario.build import plan_of
+from dynpf_services.scenario.load import load_scenario
+from dynpf_services.scenario.record import record_inline
+
+from checks.attacks.kinds import KINDS, Kind, When
+from checks.attacks.spy import SOURCE, Spy
+from tests.unit.machines.conftest import Simulate
+
+SCENARIO = load_scenario("landmark-room", overrides=["max_ticks=40"])
+PLAN = plan_of(SCENARIO)
+EVERYBODY = ("router", "recorder", *PLAN.graph.nodes)
+STOPS = {"stop in a node's name", "stop as an operator"}
+
+
+class Stranger:
+    """The machine of an attacker, which hears everything and knows who is there."""
+
+    wake_ns = NEVER_NS
+
+    def __init__(self, kind: Kind) -> None:
+        self.said = 0
+        self._kind = kind
+        self._spy = Spy()
+        self._own: Counter[Arrived] = Counter()
+        self._done = False
+
+    def handle(self, event: Event, _now: Now) -> Iterator[Effect]:
+        match event:
+            case Started():
+                yield from (Subscribe("dynpf/**"), Watch("dynpf/**"))
+                if self._kind.when is When.JOINING:
+                    yield from self._act()
+            case Token(key, True):
+                self._spy.token(key)
+            case Arrived(key):
+                if self._own[event]:
+                    self._own[event] -= 1  # its own message has come back
+                    return
+                self._spy.hear(event)
+                if key.startswith(RUN) and self._spy.ticks >= 20 and self._kind.when is not When.JOINING:
+                    yield from self._act()
+
+    def _act(self) -> Iterator[Effect]:
+        if self._done or self.said > 5000:
+            return
+        self._done = self._kind.when is not When.THROUGHOUT
+        for effect in self._kind.act(self._spy):
+            if isinstance(effect, Put | Declare | Answer):  # the simulated network has nothing else
+                self.said += 1
+                if isinstance(effect, Put):
+                    self._own[Arrived(*effect)] += 1
+                yield effect
+
+
+@pytest.fixture(name="undisturbed", scope="module")
+def content_of_an_undisturbed_run(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("undisturbed") / "run.mcap"
+    record_inline(SCENARIO, path)
+    return content_digest(read_recording(path))
+
+
+def attacked(simulation: Simulation, kind: Kind) -> int:
+    """Simulate a run with a stranger on its bus, and return how much the stranger has said."""
+    stranger = Stranger(kind)
+    simulation.add("stranger", stranger)
+    simulation.run(until=lambda: simulation.ended.keys() >= {*EVERYBODY}, limit_ns=100 * 10**9)
+    return stranger.said
+
+
+def refusals(simulation: Simulation) -> Iterable[str]:
+    return [text for name in EVERYBODY for text in simulation.notices(name) if "refused" in text]
+
+
+ELSEWHERE = {  # what the simulated network does not have, or a router that has to be stopped
+    "deletions",
+    "the scenario never answered",
+    "a node's own token, declared and withdrawn",
+    "all names taken before the run",
+}
+
+
+@pytest.mark.parametrize("name", sorted(KINDS.keys() - ELSEWHERE))
+def test_a_stranger_changes_nothing_or_the_run_says_so(
+    name: str, tmp_path: Path, simulate: Simulate, undisturbed: str
+) -> None:
+    kind, path = KINDS[name], tmp_path / "run.mcap"
+    for seed in (1, 2):
+        path.unlink(missing_ok=True)
+        simulation = simulate(PLAN, path, seed, network=Network(start_ns=0))
+        said = attacked(simulation, kind)
+        assert said
+        assert "stranger" not in simulation.ended
+        recording = read_recording(path)
+        assert recording.end is not None
+        errors = {who: error for who, error in simulation.ended.items() if error is not None}
+        assert all(isinstance(error, DynpfError) for error in errors.values()), errors
+        if not kind.forged:
+            assert not errors
+            assert recording.end.complete
+        if recording.end.complete and name not in STOPS:
+            assert content_digest(recording) == undisturbed
+        if not recording.end.complete:
+            assert any(text in recording.end.reason for text in ("claim to be", "has come twice"))
+        texts = [text for who in EVERYBODY for text in simulation.notices(who)]
+        assert len(texts) < 150
+        assert not [text for text in (*texts, recording.end.reason) if not text.isprintable()]
+        assert SOURCE in simulation.ended
