@@ -18,6 +18,7 @@ from dynpf_protocol.keys import (
     RECORDED,
     RECORDER,
     ROUTER,
+    RUN,
     SCENARIO,
     STOP,
     TICK,
@@ -43,7 +44,7 @@ class Grant(NamedTuple):
 
 
 _PRESENCE = (f"{ALIVE}**", f"{READY}**")
-_ALL = (f"{DATA}**", f"{JOURNAL}**", f"{TICK}**", f"{BEAT}**", f"{CONTROL}**")
+_ALL = (f"{RUN}**", f"{BEAT}**", f"{CONTROL}**")
 
 
 def grants(graph: Graph) -> dict[str, Grant]:
