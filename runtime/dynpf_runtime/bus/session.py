@@ -24,6 +24,9 @@ __all__ = ["Bus", "open_router"]
 LEASE_MS = 1500
 """Zenoh drops a peer that has been silent for this long, ms."""
 
+MOST_BYTES = 64 * 2**20
+"""The largest message that a process takes from its link, which it closes at a larger one; topics allow less."""
+
 _MOST_ANSWERS = 1000
 
 
@@ -35,6 +38,7 @@ def _config(mode: str, keys: Credentials | None, settings: Mapping[str, Any]) ->
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
+        "transport/link/rx/max_message_size": MOST_BYTES,
     }
     for key, value in {**common, **_tls(mode, keys), **settings}.items():
         config.insert_json5(key, json.dumps(value))

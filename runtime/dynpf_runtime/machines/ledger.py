@@ -6,7 +6,7 @@ run, the first is kept, and the run is *doubtful*: somebody speaks in a node's n
 """
 
 from collections import Counter, defaultdict, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple, NoReturn
 
 from dynpf_protocol.codec import decode
@@ -16,8 +16,10 @@ from dynpf_protocol.errors import OrderError, ProtocolError
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry
 
 from dynpf_runtime.inbox import SeenNumbers
+from dynpf_runtime.machines.consumption import Consumption
 from dynpf_runtime.machines.effects import Record
 from dynpf_runtime.machines.roles import MOST_OF_A_TICK, Roles
+from dynpf_runtime.plan import Plan
 
 __all__ = ["Ledger"]
 
@@ -76,14 +78,15 @@ class Dropped(NamedTuple):
 
 
 class Ledger:
-    """The steps of all ``nodes`` of a run; ``roles`` has checked what comes here.
+    """The steps of all nodes of a run of ``plan``; ``roles`` has checked what comes here.
 
     Each method yields the records to write.
     """
 
-    def __init__(self, nodes: Sequence[str], roles: Roles) -> None:
+    def __init__(self, plan: Plan, roles: Roles) -> None:
         self._roles = roles
-        self._nodes = {name: _Node() for name in nodes}
+        self._nodes = {name: _Node() for name in plan.graph.nodes}
+        self._consumption = Consumption(plan)
         self.ticks = 0  # written of every node
         self.written = 0  # steps of all nodes
         self.stamp_ns = 0
@@ -295,6 +298,8 @@ class Ledger:
                 text = f"sequence {place[1]}, which is not among those that {name} has sent in tick {number}"
                 self.dropped.append(Dropped(place[0], OrderError(text)))
         if entry is not None:
+            if end is not None and entry.entry is not None:
+                self.doubt = self.doubt or self._consumption.wrote(name, end, entry.entry)
             yield entry
         else:
             node.missing.add((JOURNAL_PREFIX + name, number))

@@ -66,7 +66,7 @@ class RecorderMachine:
         self._stage = _Stage.ASSEMBLING
         self._error: BaseException | None = None
         self._roles = Roles(plan, self._member.boots)
-        self._ledger = Ledger(plan.graph.nodes, self._roles)
+        self._ledger = Ledger(plan, self._roles)
         self._warnings = 0
         self._doubted = False
         self._written, self._written_ns = 0, 0  # steps, and when the last one was

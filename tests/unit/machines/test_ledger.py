@@ -28,7 +28,7 @@ Said = tuple[str, Envelope, bytes] | TickDone | JournalEntry
 
 
 def ledger() -> Ledger:
-    return Ledger(["sensors"], Roles(PLAN, {"sensors": "s1"}))
+    return Ledger(PLAN, Roles(PLAN, {"sensors": "s1"}))
 
 
 def message(sequence: int, tick: int, payload: bytes = GOOD, topic: str = TOPIC) -> Said:
