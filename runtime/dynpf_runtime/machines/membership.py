@@ -36,6 +36,7 @@ SURE_NS = 50_000_000
 
 _ANSWER_NS = 5_000_000_000
 _ASK_AGAIN_NS = 20_000_000  # Zenoh reports at once that no one answers yet
+_DIFFERS_NS = 3_000_000_000  # how long another scenario has to be the answer, and ours not among the answers
 _PATIENCE_NS = 1_000_000_000  # after that a notice lists the missing peers
 
 _ROUTER_GONE = "the router is gone; the run cannot go on"
@@ -83,7 +84,7 @@ class Membership:
         self._beats: dict[tuple[str, str], int] = {}
         self._peer_ticks: dict[str, int] = {}
         self._next_beat_ns = 0
-        self._ask_at_ns = self._ask_until_ns = NEVER_NS
+        self._ask_at_ns = self._ask_until_ns = self._differ_at_ns = NEVER_NS
         self._notify_at_ns = 0
         self._notified: set[str] = set()
         self._suspect: tuple[str, int] | None = None
@@ -162,6 +163,11 @@ class Membership:
                     f"{router} does not say which scenario it runs; is it a dynpf router, and is {self.name}'s key "
                     "not revoked?"
                 )
+            self._ask_at_ns = now_ns + _ASK_AGAIN_NS
+            return
+        if theirs != self._text.encode() and now_ns < self._differ_at_ns:
+            # It may be a stranger's, who was there before the router had begun to answer.
+            self._differ_at_ns = min(self._differ_at_ns, now_ns + _DIFFERS_NS)
             self._ask_at_ns = now_ns + _ASK_AGAIN_NS
             return
         try:
