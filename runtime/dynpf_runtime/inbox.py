@@ -210,6 +210,7 @@ class RealtimeInbox:
         self._running = {upstream for upstream, lag in graph.lags[node].items() if lag == 0}
         self._link = link
         self._seen: defaultdict[tuple[str, str], SeenNumbers] = defaultdict(SeenNumbers)
+        self._ends: defaultdict[str, int] = defaultdict(int)  # node -> ticks that it has ended
         self._arrived: list[Received] = []
         self._late: list[tuple[int, int, Received]] = []
         self._count = 0
@@ -221,8 +222,10 @@ class RealtimeInbox:
         self._seen[sender, name].take(envelope.sequence)
 
     def admit_end(self, done: TickDone) -> None:
-        """Raise OrderError for an end that has come before, or is far ahead of its node."""
-        self._seen[done.node, ""].take(done.tick)
+        """Raise OrderError for an end of another tick than the node's next."""
+        if done.tick != self._ends[done.node]:
+            raise OrderError(f"the end of tick {done.tick}; expected that of {self._ends[done.node]}")
+        self._ends[done.node] += 1
 
     def deliver(self, received: Received, _tick: int, now_ns: int) -> None:
         """Add a message, unless the link loses it."""

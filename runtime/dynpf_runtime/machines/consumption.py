@@ -4,7 +4,7 @@ In lockstep what a step reads follows from what the nodes upstream have sent. A 
 given something else: a stranger's word came before the true one.
 """
 
-from collections import Counter, deque
+from collections import deque
 
 from dynpf_protocol.control import TickDone
 from dynpf_protocol.journal import JournalEntry
@@ -31,7 +31,7 @@ class Consumption:
         faulty = {name: {fault.topic for fault in plan.faults if fault.to == name} for name in graph.nodes}
         self._reads = {name: frozenset(spec.reads) - faulty[name] for name, spec in graph.specs.items()}
         self._sent: dict[str, dict[int, dict[str, int]]] = {name: {} for name in graph.nodes}
-        self._waiting: deque[tuple[str, int, Counter[str]]] = deque()
+        self._waiting: deque[tuple[str, int, dict[str, int]]] = deque()
 
     def wrote(self, name: str, end: TickDone, entry: JournalEntry) -> str:
         """Note a step of a node, and return a sentence on a step that has not read what was sent to it, or ""."""
@@ -42,7 +42,10 @@ class Consumption:
         sent.pop(end.tick - _WINDOW, None)
         reads = self._reads[name]
         own = {name, LOG_NODE} if name == self._source else {name}  # what its own host has given to it
-        read = Counter(ref.topic for ref in entry.consumed if ref.topic in reads and ref.node not in own)
+        read: dict[str, int] = {}
+        for ref in entry.consumed:
+            if ref.topic in reads and ref.node not in own:
+                read[ref.topic] = read.get(ref.topic, 0) + 1
         self._waiting.append((name, end.tick, read))
         return self._compare()
 
@@ -58,13 +61,16 @@ class Consumption:
                 doubt = doubt or f"step {tick} of {name} has not read what was sent to it"
         return doubt
 
-    def _expected(self, name: str, tick: int) -> Counter[str] | None:
+    def _expected(self, name: str, tick: int) -> dict[str, int] | None:
         """Return how many messages of each topic a step reads, or None while a node upstream has not come so far."""
-        expected: Counter[str] = Counter()
+        reads = self._reads[name]
+        expected: dict[str, int] = {}
         for upstream, lag in self._lags[name].items():
             if tick >= lag:
                 counts = self._sent[upstream].get(tick - lag)
                 if counts is None:
                     return None
-                expected.update({topic: count for topic, count in counts.items() if topic in self._reads[name]})
+                for topic, count in counts.items():
+                    if topic in reads:
+                        expected[topic] = expected.get(topic, 0) + count
         return expected

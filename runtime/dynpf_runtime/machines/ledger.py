@@ -29,6 +29,9 @@ _WINDOW = 1000
 _CLAIMS = 16
 """How many different ends or entries of one step are kept at most."""
 
+_EARLY = 10_000
+"""How many messages that came too early are remembered at most."""
+
 _Place = tuple[str, int]
 """Topic and sequence of a message."""
 
@@ -62,6 +65,7 @@ class _Node:
         self.open: defaultdict[int, _Step] = defaultdict(_Step)
         self.past: deque[_Past] = deque(maxlen=_WINDOW)
         self.missing: set[_Place] = set()  # messages that written steps have promised, and that have not come
+        self.early: dict[_Place, int] = {}  # hashes of what has been refused because its step was still to come
         self.seen: defaultdict[str, SeenNumbers] = defaultdict(SeenNumbers)  # of what no end of a tick counts
 
     def past_of(self, step: int) -> _Past | None:
@@ -87,6 +91,7 @@ class Ledger:
         self._roles = roles
         self._nodes = {name: _Node() for name in plan.graph.nodes}
         self._consumption = Consumption(plan)
+        self._realtime = plan.clock == "realtime"
         self.ticks = 0  # written of every node
         self.written = 0  # steps of all nodes
         self.stamp_ns = 0
@@ -118,7 +123,11 @@ class Ledger:
             return (self._counted(record),)
         if envelope.tick < node.written:
             self._again(node, record)
-        self._check_open(sender, node, envelope.tick)
+        try:
+            self._check_open(sender, node, envelope.tick)
+        except OrderError:
+            self._note_early(node, record)
+            raise
         if not 0 <= envelope.sequence - node.next[name] < 2 * MOST_OF_A_TICK:
             raise OrderError(f"sequence {envelope.sequence}; expected {node.next[name]} or the next")
         here = node.open[envelope.tick].messages
@@ -181,11 +190,17 @@ class Ledger:
 
     def _check_open(self, name: str, node: _Node, step: int) -> None:
         """A node is in the step that is to be written, or in the next one if that has an end or an entry."""
-        current = node.written
-        here = node.open[current]
-        if node.ended or (step != current and not (step == current + 1 and (here.ends or here.entries))):
+        current, here = node.written, node.open.get(node.written)
+        begun = here is not None and bool(here.ends or here.entries)
+        if node.ended or (step != current and not (step == current + 1 and begun)):
             at = "its last step is over" if node.ended else f"expected {current}, the one that {name} is in"
             raise OrderError(f"tick {step}; {at}")
+
+    def _note_early(self, node: _Node, record: Record) -> None:
+        """Remember a message that is refused here, and that a node may have taken: in realtime it knows of no ticks."""
+        place = record.topic, record.envelope.sequence
+        if self._realtime and len(node.early) < _EARLY and place[1] >= node.next[place[0]]:
+            node.early.setdefault(place, hash(record.payload))
 
     def _check_claim(self, name: str, sender: str, held: Record, record: Record) -> None:
         """Raise OrderError unless a second message for a place replaces the first: what cannot be read is not true.
@@ -292,9 +307,12 @@ class Ledger:
         written: dict[_Place, int] = {}
         for place, record in step.messages.items():
             if 0 < node.next[place[0]] - place[1] <= counts.get(place[0], 0):
-                written[place] = hash(record.payload)
+                written[place] = claim = hash(record.payload)
+                if node.early.pop(place, claim) != claim:
+                    self._doubt(f"message {place[1]} on {place[0]}", name)
                 yield self._counted(record)
             else:
+                self._note_early(node, record)
                 text = f"sequence {place[1]}, which is not among those that {name} has sent in tick {number}"
                 self.dropped.append(Dropped(place[0], OrderError(text)))
         if entry is not None:

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import read_recording
+from dynpf_lab.cli.main import main
 from dynpf_protocol.errors import DynpfError
 from dynpf_protocol.keys import RUN
 from dynpf_runtime.machines.effects import NEVER_NS, Answer, Declare, Effect, Put, Subscribe, Watch
@@ -121,6 +122,39 @@ def test_whatever_the_network_does_a_forged_run_says_so(
         simulation = simulated(files, PLAN, path, seed, network=Network(delay_ns, start_ns=0))
         attacked(simulation, KINDS[name])
         check(simulation, KINDS[name], path, undisturbed)
+
+
+REALTIME = {
+    "data two sequences ahead": False,
+    "data 10^6 sequences ahead": True,
+    "everything again": True,
+    "end of tick that promises 10^9": True,
+    "last ends of future ticks": True,
+    "old last ends of ticks": True,
+    "journal entries ahead": True,
+    "the next data, forged": False,
+}
+"""Kinds of attack, and whether they change nothing in realtime, where a node cannot know what is sent to it."""
+
+
+@pytest.mark.parametrize("name", REALTIME)
+def test_a_realtime_run_is_whole_and_replays_or_says_that_it_is_not(
+    name: str, tmp_path: Path, simulate: Simulate
+) -> None:
+    path = tmp_path / "run.mcap"
+    plan = plan_of(load_scenario("landmark-room", overrides=["max_ticks=30", "clock=realtime"]))
+    simulation = simulate(plan, path, len(name), network=Network(start_ns=0))
+    assert attacked(simulation, KINDS[name])
+    assert simulation.ended.keys() >= {*EVERYBODY}
+    end = read_recording(path).end
+    assert end is not None
+    assert end.complete or not REALTIME[name]
+    if end.complete:
+        assert main(["replay", str(path)]) == 0
+    else:
+        assert any(text in end.reason for text in ("claim to be", "has come twice", "never arrived"))
+    counts = {end.counts[f"journal/{node}"] for node in ("simulator", "sensors")}
+    assert min(counts) >= 30 or not end.complete  # nobody has ended before the source
 
 
 def check(simulation: Simulation, kind: Kind, path: Path, undisturbed: str) -> None:
