@@ -1,13 +1,9 @@
 """Text from elsewhere, made fit for a terminal and a line of a log: no control characters, and not too long."""
 
-import unicodedata
-
 __all__ = ["MOST_CHARACTERS", "printable"]
 
 MOST_CHARACTERS = 500
 """The length of a text that ``printable`` returns, at most."""
-
-_KINDS = {"Cc", "Cf", "Cs", "Zl", "Zp"}  # control, format (such as right-to-left marks), surrogate, line, paragraph
 
 
 def printable(text: str, most: int = MOST_CHARACTERS) -> str:
@@ -16,8 +12,8 @@ def printable(text: str, most: int = MOST_CHARACTERS) -> str:
     Of a text longer than ``most`` characters the end is left out, and its length said.
     """
     shown = text[:most]
-    if not (shown.isascii() and shown.isprintable()):
-        shown = "".join(_escaped(char) if unicodedata.category(char) in _KINDS else char for char in shown)
+    if not shown.isprintable():  # control characters, right-to-left marks, surrogates, separators of lines
+        shown = "".join(char if char.isprintable() else _escaped(char) for char in shown)
     return shown if len(text) <= most else f"{shown[:most]}... ({len(text)} characters)"
 
 

@@ -51,7 +51,7 @@ def test_what_a_stranger_publishes_is_refused_and_changes_nothing(tmp_path, dynp
 
     diagnostics = [json.loads(one.payload) for one in recording.messages("diagnostics", "estimator")]
     assert diagnostics[0]["refused"] == {}
-    assert diagnostics[-1]["refused"] == {TOPIC: 6, "tick/sensors": 1, "control and beats": 4}
+    assert diagnostics[-1]["refused"] == {TOPIC: 6, "tick/sensors": 1, "control and beats": 5}
     told = "\n".join(json.loads(one.payload)["message"] for one in recording.messages("log"))
     for reason in (
         f"{TOPIC}: message refused: unreadable envelope",

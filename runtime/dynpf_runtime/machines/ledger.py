@@ -5,6 +5,7 @@ which messages belong to it; what else has come for it is dropped. Where two dif
 run, the first is kept, and the run is *doubtful*: somebody speaks in a node's name, and nothing here tells who is who.
 """
 
+import hashlib
 from collections import Counter, defaultdict, deque
 from collections.abc import Iterator
 from typing import NamedTuple, NoReturn
@@ -46,9 +47,9 @@ class _Step:
 
 
 class _Past:
-    """What was written of a step, as hashes, and what has come of it again."""
+    """What was written of a step, as digests, and what has come of it again."""
 
-    def __init__(self, messages: dict[_Place, int], end: TickDone | None, entry: Record | None) -> None:
+    def __init__(self, messages: dict[_Place, bytes], end: TickDone | None, entry: Record | None) -> None:
         self.messages = messages
         self.end = end
         self.entry = None if entry is None else entry.payload
@@ -65,7 +66,7 @@ class _Node:
         self.open: defaultdict[int, _Step] = defaultdict(_Step)
         self.past: deque[_Past] = deque(maxlen=_WINDOW)
         self.missing: set[_Place] = set()  # messages that written steps have promised, and that have not come
-        self.early: dict[_Place, int] = {}  # hashes of what has been refused because its step was still to come
+        self.early: dict[_Place, bytes] = {}  # digests of what has been refused because its step was still to come
         self.seen: defaultdict[str, SeenNumbers] = defaultdict(SeenNumbers)  # of what no end of a tick counts
 
     def past_of(self, step: int) -> _Past | None:
@@ -200,7 +201,7 @@ class Ledger:
         """Remember a message that is refused here, and that a node may have taken: in realtime it knows of no ticks."""
         place = record.topic, record.envelope.sequence
         if self._realtime and len(node.early) < _EARLY and place[1] >= node.next[place[0]]:
-            node.early.setdefault(place, hash(record.payload))
+            node.early.setdefault(place, _digest(record.payload))
 
     def _check_claim(self, name: str, sender: str, held: Record, record: Record) -> None:
         """Raise OrderError unless a second message for a place replaces the first: what cannot be read is not true.
@@ -234,7 +235,7 @@ class Ledger:
         envelope = record.envelope
         past = node.past_of(envelope.tick)
         held = None if past is None else past.messages.get((record.topic, envelope.sequence))
-        if past is not None and held is not None and held != hash(record.payload):
+        if past is not None and held is not None and held != _digest(record.payload):
             past.differs = True
         raise OrderError(f"sequence {envelope.sequence} of tick {envelope.tick}, which has ended")
 
@@ -304,10 +305,10 @@ class Ledger:
             promised = ((topic, sequence) for sequence in range(first, first + count))
             node.missing.update(place for place in promised if place not in step.messages)
             node.next[topic] = first + count
-        written: dict[_Place, int] = {}
+        written: dict[_Place, bytes] = {}
         for place, record in step.messages.items():
             if 0 < node.next[place[0]] - place[1] <= counts.get(place[0], 0):
-                written[place] = claim = hash(record.payload)
+                written[place] = claim = _digest(record.payload)
                 if node.early.pop(place, claim) != claim:
                     self._doubt(f"message {place[1]} on {place[0]}", name)
                 yield self._counted(record)
@@ -333,6 +334,10 @@ class Ledger:
     def _counted(self, record: Record) -> Record:
         self.messages += 1
         return record
+
+
+def _digest(payload: bytes) -> bytes:
+    return hashlib.blake2b(payload, digest_size=16).digest()
 
 
 def _first(step: _Step) -> tuple[TickDone | None, Record | None]:
