@@ -56,7 +56,7 @@ def test_what_a_stranger_publishes_is_refused_and_changes_nothing(tmp_path, dynp
     for reason in (
         f"{TOPIC}: message refused: unreadable envelope",
         f"{TOPIC}: message refused: unknown sender 'sensors' with boot 'deadbeef'",  # the first of its kind
-        f"{TOPIC}: message refused: tick 1; expected",
+        f"{TOPIC}: message refused: tick 1 at 0 ns; expected",
         "no/such/topic: message refused: topic 'no/such/topic' is not in the topic table",
     ):
         assert reason in told
