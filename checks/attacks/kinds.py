@@ -10,7 +10,20 @@ from random import Random
 from typing import NamedTuple
 
 from dynpf_protocol.journal import Consumed, Produced
-from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, DATA, JOURNAL, READY, RECORDED, RUN, SCENARIO, STOP, TICK
+from dynpf_protocol.keys import (
+    ALIVE,
+    BEAT,
+    CONTROL,
+    DATA,
+    JOURNAL,
+    READY,
+    RECORDED,
+    RUN,
+    SCENARIO,
+    STOP,
+    TICK,
+    data_key,
+)
 from dynpf_runtime.machines.effects import Answer, Declare, Put
 
 from checks.attacks.spy import SOURCE, Spy
@@ -141,7 +154,7 @@ def _record(spy: Spy) -> Put:
 
 def _recorders(spy: Spy, topic: str) -> Put:
     put = spy.data(TRUTH, node="recorder", boot=spy.boot("recorder"), ahead=0)
-    return put._replace(key=DATA + topic)
+    return put._replace(key=data_key(topic, "recorder"))
 
 
 def _nobodys(spy: Spy, name: str) -> Put:
@@ -237,7 +250,7 @@ _BYTES = (
 
 def _large(spy: Spy, topic: str, size: int) -> Put:
     name = topic if topic in spy.messages else TRUTH
-    return spy.data(name, payload=b" " * size, ahead=0)._replace(key=DATA + topic)
+    return spy.data(name, payload=b" " * size, ahead=0)._replace(key=data_key(topic, spy.messages[name][0].node))
 
 
 _TOKENS = (

@@ -9,7 +9,7 @@ from dynpf_protocol.control import Beat, Recorded, Stop, TickDone, decode_contro
 from dynpf_protocol.envelope import Envelope, decode_envelope, encode_envelope
 from dynpf_protocol.errors import ProtocolError
 from dynpf_protocol.journal import JournalEntry, decode_entry, encode_entry
-from dynpf_protocol.keys import ALIVE, BEAT, DATA, JOURNAL, RECORDED, STOP, TICK
+from dynpf_protocol.keys import ALIVE, BEAT, DATA, JOURNAL, RECORDED, STOP, TICK, data_key, topic_of
 from dynpf_runtime.machines.effects import Put
 from dynpf_runtime.machines.events import Arrived
 
@@ -60,8 +60,9 @@ class Spy:
             self.entries[envelope.node] = envelope, decode_entry(arrived.payload)
         elif key.startswith(DATA):
             envelope = decode_envelope(arrived.attachment)
-            self.messages[key[len(DATA) :]] = envelope, arrived.payload
-            self.first.setdefault(key[len(DATA) :], arrived.payload)
+            topic, _ = topic_of(key)
+            self.messages[topic] = envelope, arrived.payload
+            self.first.setdefault(topic, arrived.payload)
 
     def boot(self, name: str) -> str:
         """Return the boot of a process, or one that is wrong if it is not known."""
@@ -77,7 +78,8 @@ class Spy:
             last, sequence=last.sequence + ahead, tick=last.tick + ticks, stamp_ns=(last.tick + ticks) * tick_ns
         )
         envelope = msgspec.structs.replace(changed, **changes)
-        return Put(DATA + topic, self.first[topic] if payload is None else payload, encode_envelope(envelope))
+        key = data_key(topic, envelope.node)
+        return Put(key, self.first[topic] if payload is None else payload, encode_envelope(envelope))
 
     def end(self, node: str, /, *, ticks: int = 1, key: str = "", **changes: Any) -> Put:
         """Return the end of a tick like the last one of ``node``, ``ticks`` ticks later."""

@@ -146,14 +146,15 @@ def watch_run(folder: Path, run: Child) -> Iterator["Watched"]:
     assert isinstance(node, Running), run.stderr
     with join_bus(node.endpoint, node.credentials(OBSERVER)) as bus:
         bus.subscribe(f"{TICK}estimator")
-        yield Watched(bus, run)
+        yield Watched(bus, run, node.endpoint)
 
 
 class Watched:
     """A run as a guest on its bus sees it."""
 
-    def __init__(self, bus: Bus, run: Child) -> None:
+    def __init__(self, bus: Bus, run: Child, endpoint: str) -> None:
         self.bus = bus
+        self.endpoint = endpoint
         self._run = run
 
     def await_ticks(self, count: int) -> None:

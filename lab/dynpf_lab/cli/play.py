@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     from dynpf_formats.recording.reader import read_recording
     from dynpf_protocol.envelope import Envelope, encode_envelope
     from dynpf_protocol.errors import UsageError
-    from dynpf_protocol.keys import DATA
+    from dynpf_protocol.keys import data_key
     from dynpf_runtime.bus.access import PLAYER
     from dynpf_runtime.bus.session import Bus
     from dynpf_runtime.bus.terminal import StopSignal, say
@@ -69,6 +69,6 @@ def run(options: argparse.Namespace) -> int:
                 return 1
             tick = recording.tick_of(record) or 0
             envelope = Envelope(record.node, record.boot, record.sequence, tick, record.stamp_ns, time.time_ns())
-            bus.put(DATA + record.topic, record.payload, encode_envelope(envelope))
+            bus.put(data_key(record.topic, record.node), record.payload, encode_envelope(envelope))
     print(f"played {len(records)} messages")
     return 0

@@ -22,6 +22,8 @@ from dynpf_protocol.keys import (
     SCENARIO,
     STOP,
     TICK,
+    data_key,
+    data_keys,
 )
 from dynpf_protocol.topics import LOG_NODE
 
@@ -69,11 +71,11 @@ def grants(graph: Graph) -> dict[str, Grant]:
 
 def _node(name: str, graph: Graph) -> Grant:
     senders = {name, LOG_NODE} if name == graph.source else {name}  # the source publishes the records of a log
-    writes = [DATA + topic for topic, row in graph.topics.items() if senders.intersection(row.publishers)]
+    writes = [data_key(topic, name) for topic, row in graph.topics.items() if senders.intersection(row.publishers)]
     return Grant(
         puts=(*writes, JOURNAL + name, TICK + name, BEAT + name, STOP + name),
         subscribes=(
-            *(DATA + topic for topic in graph.subscribed(name)),
+            *map(data_keys, graph.subscribed(name)),
             *(TICK + other for other in graph.lags[name]),
             f"{BEAT}**",
             f"{CONTROL}**",

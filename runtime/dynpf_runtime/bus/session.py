@@ -165,7 +165,7 @@ class Bus:
         """Answer every query of ``key`` with ``payload``."""
         self._declared.append(self._session.declare_queryable(key, lambda query: query.reply(key, payload)))
 
-    def ask(self, key: str, wanted: bytes, patience_s: float = 1.0) -> bytes | None:
+    def ask(self, key: str, wanted: bytes = b"", patience_s: float = 1.0) -> bytes | None:
         """Return the answer to the query ``key``: ``wanted`` if anybody gives it, else the first one.
 
         None if there is none within ``patience_s``, or no one to answer. Everybody is asked: a stranger that answers,

@@ -22,7 +22,7 @@ from dynpf_protocol.printable import printable
 from dynpf_runtime.machines.agreement import first_difference
 from dynpf_runtime.machines.effects import NEVER_NS, Ask, Count, Declare, Effect, Put, Subscribe, Tell, Watch
 from dynpf_runtime.machines.events import Answered, Arrived, Counted, Event, RouterGone, Started, StopAsked, Token, Woke
-from dynpf_runtime.machines.refusals import Refusals, known_keys
+from dynpf_runtime.machines.refusals import Refusals, known_names
 from dynpf_runtime.machines.roles import check_boot, check_named
 from dynpf_runtime.machines.roster import Change, Roster, holder
 from dynpf_runtime.plan import Plan
@@ -71,7 +71,7 @@ class Membership:
         self.stop_reason = ""
         self.leaving = False  # the run is over: peers may go
         self.wake_ns = NEVER_NS
-        self.refusals = Refusals(known_keys(plan))
+        self.refusals = Refusals(known_names(plan))
         self._text = plan.text
         self._endpoint = endpoint
         self._prepare = prepare

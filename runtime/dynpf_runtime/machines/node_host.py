@@ -8,7 +8,7 @@ from dynpf_protocol.control import TickDone, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
 from dynpf_protocol.errors import DynpfError, OrderError, RunError
 from dynpf_protocol.journal import encode_entry
-from dynpf_protocol.keys import DATA, JOURNAL, RECORDER, RUN, TICK
+from dynpf_protocol.keys import JOURNAL, RECORDER, RUN, TICK, data_key, data_keys
 from dynpf_protocol.messages import Diagnostics, Log, LogLevel, timestamp
 
 from dynpf_runtime.executor import Executor, Sent
@@ -69,7 +69,7 @@ class NodeHost:
         self._log = log
         self._gauges = gauges
         self._leads = name == graph.source
-        keys = [*(DATA + topic for topic in graph.subscribed(name)), *(TICK + other for other in graph.lags[name])]
+        keys = [*map(data_keys, graph.subscribed(name)), *(TICK + other for other in graph.lags[name])]
         prepare = [Subscribe(key) for key in keys]
         self._member = Membership(name, plan, boot, endpoint, prepare, leads=self._leads)
         self._executor = Executor(node, self._spec, graph.topics, boot, plan.state_digest_ticks)
@@ -225,4 +225,4 @@ class NodeHost:
 
 
 def _put(sent: Sent) -> Put:
-    return Put(DATA + sent.topic, sent.payload, encode_envelope(sent.envelope))
+    return Put(data_key(sent.topic, sent.envelope.node), sent.payload, encode_envelope(sent.envelope))

@@ -4,12 +4,12 @@ from collections import Counter
 from collections.abc import Iterable
 
 from dynpf_protocol.errors import ProtocolError
-from dynpf_protocol.keys import BEAT, CONTROL, DATA, JOURNAL, RUN, TICK
+from dynpf_protocol.keys import BEAT, CONTROL, DATA, JOURNAL, RUN, TICK, topic_of
 from dynpf_protocol.printable import printable
 
 from dynpf_runtime.plan import Plan
 
-__all__ = ["AGAIN_NS", "Refusals", "known_keys"]
+__all__ = ["AGAIN_NS", "Refusals", "known_names"]
 
 AGAIN_NS = 10_000_000_000
 """How long a kind of refusal is not told of again."""
@@ -18,16 +18,15 @@ _CONTROL = "control and beats"
 _OTHER = "other keys"
 
 
-def known_keys(plan: Plan) -> frozenset[str]:
-    """Return the keys of a run's messages: refusals are counted by these, all others together."""
-    nodes = plan.graph.nodes
-    of_nodes = [prefix + node for prefix in (TICK, JOURNAL) for node in nodes]
-    return frozenset({*(DATA + name for name in plan.graph.topics), *of_nodes})
+def known_names(plan: Plan) -> frozenset[str]:
+    """Return the topics of a run, and what else its nodes say: refusals are counted by these, all others together."""
+    said = {prefix.removeprefix(RUN) + node for prefix in (TICK, JOURNAL) for node in plan.graph.nodes}
+    return frozenset({*plan.graph.topics, *said})
 
 
 def _shown(key: str) -> str:
     """Return a key as people know it: a message's topic, or what follows after the common beginning."""
-    return key.removeprefix(DATA).removeprefix(RUN).removeprefix("dynpf/")
+    return topic_of(key)[0] if key.startswith(DATA) else key.removeprefix(RUN).removeprefix("dynpf/")
 
 
 class _Kind:
@@ -42,19 +41,21 @@ class _Kind:
 
 
 class Refusals:
-    """Counts refused messages by key, and gives one line for the first of each kind, then one in AGAIN_NS at most.
+    """Counts refused messages by topic, and gives one line for the first of each kind, then one in AGAIN_NS at most.
 
-    A kind is one of the ``known`` keys, or all of control, or all others, and the class of the error.
+    A kind is one of the ``known`` topics, or all of control, or all others, and the class of the error.
     """
 
     def __init__(self, known: Iterable[str]) -> None:
         self.counts: Counter[str] = Counter()
-        self._names = {key: _shown(key) for key in known}
+        self._known = frozenset(known)
         self._kinds: dict[tuple[str, type[ProtocolError]], _Kind] = {}
 
     def note(self, key: str, error: ProtocolError, now_ns: int) -> str | None:
         """Count a refused message, and return the line to tell, if any."""
-        name = self._names.get(key) or (_CONTROL if key.startswith((BEAT, CONTROL)) else _OTHER)
+        name = _shown(key)
+        if name not in self._known:
+            name = _CONTROL if key.startswith((BEAT, CONTROL)) else _OTHER
         self.counts[name] += 1
         kind = self._kinds.setdefault((name, type(error)), _Kind())
         kind.untold += 1

@@ -18,7 +18,7 @@ from dynpf_protocol.errors import (
     UnknownTopicError,
 )
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
-from dynpf_protocol.keys import DATA, JOURNAL, TICK
+from dynpf_protocol.keys import JOURNAL, TICK, data_key, topic_of
 from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, MOST_BYTES
 
 from dynpf_runtime.machines.events import Arrived
@@ -78,7 +78,7 @@ class Roles:
 
         Records of an imported log carry the boot of the source, which sends them.
         """
-        name = arrival.key[len(DATA) :]
+        name, said_by = topic_of(arrival.key)
         senders = self._senders.get(name)
         if senders is None:
             raise UnknownTopicError(f"topic {name!r} is not in the topic table")
@@ -89,6 +89,8 @@ class Roles:
         sender = self.source if node == LOG_NODE else node
         if self._boots.get(sender) != envelope.boot:
             check_boot(node, envelope.boot, {node: self._boots.get(sender)})
+        if arrival.key != data_key(name, node):
+            raise UnknownSenderError(f"it comes in the name of {node!r}; its key is that of {said_by!r}")
         if len(arrival.payload) > self.topics[name].most_bytes:
             most = self.topics[name].most_bytes
             raise TooLargeError(f"{name}: a message of {len(arrival.payload)} bytes; at most {most} are allowed")

@@ -10,7 +10,7 @@ from dynpf_protocol.printable import printable
 from dynpf_runtime.machines.effects import NEVER_NS, Answer, Declare, Effect, Ended, Put, Subscribe, Tell, Watch
 from dynpf_runtime.machines.events import Arrived, Event, Now, Started, StopAsked, Token
 from dynpf_runtime.machines.membership import BEAT_NS
-from dynpf_runtime.machines.refusals import Refusals, known_keys
+from dynpf_runtime.machines.refusals import Refusals, known_names
 from dynpf_runtime.machines.roles import check_boot
 from dynpf_runtime.machines.roster import Roster, holder
 from dynpf_runtime.plan import Plan
@@ -29,7 +29,7 @@ class RouterMachine:
         self._scenario = plan.text
         self._boot = boot
         self._roster = Roster({*plan.graph.nodes, RECORDER})
-        self._refusals = Refusals(known_keys(plan))
+        self._refusals = Refusals(known_names(plan))
         self._recorded: Recorded | None = None
         self._began = False
         self._left_ns = NEVER_NS  # when the last process left without a word of the recorder

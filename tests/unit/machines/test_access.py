@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from dynpf_protocol.keys import DATA, OBSERVER, OPERATOR, RECORDER, SCENARIO
+from dynpf_protocol.keys import DATA, OBSERVER, OPERATOR, RECORDER, SCENARIO, data_key
 from dynpf_protocol.topics import TOPICS
 from dynpf_runtime.bus.access import PLAYER, Grant, access_control, grants
 from dynpf_runtime.graph import Graph
@@ -24,8 +24,6 @@ from tests.unit.machines.conftest import Simulate
 from tests.unit.machines.simulated_run import Still
 from tests.unit.services.small_log import FACTS
 from tests.unit.services.toy_nodes import ToyNode, spec_of
-
-SHARED = {f"{DATA}log", f"{DATA}diagnostics"}
 
 
 def within(key: str, allowed: Sequence[str]) -> bool:
@@ -55,9 +53,9 @@ def joining(name: str, plan: Plan) -> Iterator[Effect]:
     for event in events:
         yield from host.handle(event, Now(0, 0))
     for row in plan.graph.specs[name].writes.values():
-        yield Put(DATA + row.name, b"")
+        yield Put(data_key(row.name, name), b"")
     for topic in (f"event/{name}", "log", "diagnostics"):
-        yield Put(DATA + topic, b"")
+        yield Put(data_key(topic, name), b"")
 
 
 @pytest.mark.parametrize("path", scenario_files(), ids=lambda path: path.stem)
@@ -131,7 +129,7 @@ def test_no_two_processes_may_say_the_same_and_all_that_is_read_may_be_said_and_
     granted = grants(graph)
     speakers = [name for name in granted if name != PLAYER]
     for one, other in combinations(speakers, 2):
-        assert overlapping(granted[one].puts, granted[other].puts) <= SHARED
+        assert overlapping(granted[one].puts, granted[other].puts) == set()
         assert overlapping(granted[one].tokens, granted[other].tokens) == set()
     assert granted[OBSERVER].puts == granted[OBSERVER].tokens == ()
     for name, spec in graph.specs.items():
@@ -140,8 +138,8 @@ def test_no_two_processes_may_say_the_same_and_all_that_is_read_may_be_said_and_
                 other for other in graph.nodes if topic in [row.name for row in graph.specs[other].writes.values()]
             ]
             for writer in {*writers} - {name}:
-                assert within(DATA + topic, granted[writer].puts)
-                assert within(DATA + topic, granted[name].subscribes)
+                assert within(data_key(topic, writer), granted[writer].puts)
+                assert within(data_key(topic, writer), granted[name].subscribes)
         for key in granted[name].puts:
             assert within(key, granted[RECORDER].subscribes)
 

@@ -198,7 +198,7 @@ def test_asked_to_stop_before_the_run_has_begun_a_process_ends_at_once(
     ("key", "topic"),
     [
         (f"{DATA}estimator/state", "estimator/state"),
-        (f"{DATA}diagnostics", None),
+        (f"{DATA}diagnostics/-/sensors", None),
         (f"{JOURNAL}sensors", "journal/sensors"),
     ],
 )

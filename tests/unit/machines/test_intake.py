@@ -12,7 +12,7 @@ from dynpf_runtime.faults import FaultyLink
 from dynpf_runtime.inbox import LockstepInbox
 from dynpf_runtime.machines.events import Arrived
 from dynpf_runtime.machines.intake import Intake, Refusal
-from dynpf_runtime.machines.refusals import AGAIN_NS, Refusals, known_keys
+from dynpf_runtime.machines.refusals import AGAIN_NS, Refusals, known_names
 from dynpf_runtime.machines.roles import MOST_OF_A_TICK, Roles
 from dynpf_runtime.node import Received
 from dynpf_services.scenario.build import plan_of
@@ -152,7 +152,7 @@ def test_an_end_of_a_tick_counts_only_from_its_node_with_what_that_may_send(arri
 
 
 def test_each_kind_of_refusal_is_told_of_at_a_bounded_rate_and_all_are_counted() -> None:
-    refusals = Refusals(known_keys(PLAN))
+    refusals = Refusals(known_names(PLAN))
     lines = []
     for number in range(50_000):
         lines.append(refusals.note(f"{DATA}no/{number}", BadMessageError(f"reason {number}"), number))
