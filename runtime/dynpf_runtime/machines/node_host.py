@@ -31,6 +31,9 @@ AHEAD = 1000
 """How many ticks the source may run ahead of the recorder."""
 
 REPORT_NS = 1_000_000_000
+DEAF_NS = 3_000_000_000
+"""How long a step may stay away after all that it waits for has been sent; then a notice says so."""
+
 RECORDED_NS = 30_000_000_000
 """How long the recorder may take, after the last step, to confirm the run."""
 
@@ -82,6 +85,8 @@ class NodeHost:
         self._recorded_by_ns = NEVER_NS
         self._step_time_s = 0.0
         self._report_at_ns = 0
+        self._stepped_ns = 0  # when the last step was, or the run began
+        self._deaf_at_tick = -1  # the tick of which the notice was given
         self._stamp_ns = 0
 
     @property
@@ -121,9 +126,11 @@ class NodeHost:
             elif self._running and (refusal := self._intake.take(event, now.monotonic_ns)) is not None:
                 yield from self._refuse(refusal, now)
         if self._turns is None and self._member.running:
-            self._turns, self._running = self._turns_of(now), True
+            self._turns, self._running, self._stepped_ns = self._turns_of(now), True, now.monotonic_ns
         if self._running:
             yield from self._advance(now, self._turn(now, idle=type(event) is Woke))
+            if type(event) is Woke:
+                yield from self._notice_deafness(now)
         elif self._turns is not None:
             yield from self._await_recorded(now)
 
@@ -160,7 +167,7 @@ class NodeHost:
         """Run one step and publish its results."""
         (tick, _, inputs, _), stamp_ns = turn.ready, turn.stamp_ns
         name, executor = self._spec.name, self._executor
-        self._stamp_ns = stamp_ns
+        self._stamp_ns, self._stepped_ns = stamp_ns, now.monotonic_ns
         events = notice_gaps(executor, self._gaps, turn.ready, stamp_ns, now.wall_ns)
         began_s = self._gauges.stopwatch_s()
         executed = executor.step(tick, stamp_ns, inputs, now.wall_ns)
@@ -187,6 +194,24 @@ class NodeHost:
             self._running = False
             self._member.leaving = True
             self._recorded_by_ns = now.monotonic_ns + RECORDED_NS
+
+    def _notice_deafness(self, now: Now) -> Iterator[Effect]:
+        """Tell if a tick does not begin though, by their heartbeats, all nodes that it waits for have ended theirs."""
+        tick, plan = self._member.ticks, self._plan
+        paced = self._leads and (plan.rate is not None or tick - self._member.behind(RECORDER) > AHEAD)
+        if plan.clock != "lockstep" or paced or now.monotonic_ns < self._stepped_ns + DEAF_NS:
+            return
+        awaited = {node: tick - lag for node, lag in plan.graph.lags[self._spec.name].items() if tick >= lag}
+        if (
+            awaited
+            and tick != self._deaf_at_tick
+            and all(self._member.behind(node) > awaited[node] for node in awaited)
+        ):
+            self._deaf_at_tick = tick
+            yield Tell(
+                f"tick {tick} does not begin, though {', '.join(awaited)} sent all that it waits for: it was lost, or "
+                f"{self._spec.name}'s key may not hear it"
+            )
 
     def _refused(self, refusal: Refusal, now: Now) -> Iterator[Effect]:
         yield from self._refuse(refusal, now)

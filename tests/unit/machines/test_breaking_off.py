@@ -340,3 +340,29 @@ def test_of_two_that_start_under_one_name_at_the_same_moment_one_is_refused_and_
 def test_what_the_control_messages_carry_is_read_back() -> None:
     for message in (Stop("sensors", "b", "enough"), Recorded("b", True, "finished", "run.mcap")):
         assert decode_control(encode_control(message), type(message)) == message
+
+
+@pytest.mark.parametrize(
+    ("name", "topic", "tick", "sender"),
+    [("estimator", "sensors/odometry", 0, "sensors"), ("simulator", "controller/command", 1, "controller")],
+)
+def test_a_node_that_does_not_hear_what_was_sent_to_it_says_so(
+    name: str, topic: str, tick: int, sender: str, *, tmp_path: Path, simulate: Simulate
+) -> None:
+    simulation = simulate(PLAN, tmp_path / "run.mcap")
+    simulation.lost = lambda process, arrived: process == name and arrived.key == DATA + topic
+    simulation.run(until=lambda: simulation.now_ns > 10 * 10**9)
+    assert simulation.notices(name) == [
+        f"tick {tick} does not begin, though {sender} sent all that it waits for: it was lost, or {name}'s key may not "
+        "hear it"
+    ]
+    assert [simulation.notices(other) for other in {*NODES} - {name}] == [[], [], []]
+
+
+def test_a_node_that_waits_for_another_that_hangs_does_not_blame_its_key(tmp_path: Path, simulate: Simulate) -> None:
+    """The control of the test before this one."""
+    simulation = simulate(PLAN, tmp_path / "run.mcap")
+    mid_run(simulation)
+    simulation.hang("sensors")
+    simulation.run(until=lambda: simulation.now_ns > 10 * 10**9)
+    assert [simulation.notices(name) for name in ("simulator", "estimator", "controller")] == [[], [], []]
