@@ -5,7 +5,7 @@ from functools import cache
 
 import msgspec
 
-from dynpf_protocol.errors import BadMessageError
+from dynpf_protocol.errors import BadMessageError, TooLargeError
 from dynpf_protocol.messages import Message
 from dynpf_protocol.topics import TOPICS, Topic, topic
 
@@ -18,9 +18,10 @@ def encode(name: str, message: Message, topics: Mapping[str, Topic] = TOPICS) ->
     """Return the payload of ``message`` for topic ``name`` of ``topics``.
 
     Raises BadMessageError for another type than the topic's, for NaN and infinite numbers, which JSON lacks, and for
-    text that UTF-8 cannot encode.
+    text that UTF-8 cannot encode; TooLargeError for more bytes than the topic allows.
     """
-    expected = topic(name, topics).type
+    row = topic(name, topics)
+    expected = row.type
     if type(message) is not expected:
         raise BadMessageError(f"{name}: got {type(message).__name__}, expected {expected.__name__}")
     try:
@@ -31,6 +32,8 @@ def encode(name: str, message: Message, topics: Mapping[str, Topic] = TOPICS) ->
     # part of a text; decoding finds out which.
     if b"null" in payload:
         decode(name, payload, topics)
+    if len(payload) > row.most_bytes:
+        raise TooLargeError(f"{name}: a message of {len(payload)} bytes; at most {row.most_bytes} are allowed")
     return payload
 
 

@@ -1,12 +1,13 @@
 """Control messages, by which processes keep in step and end a run. They are not in the topic table, nor recorded."""
 
 from enum import IntEnum, StrEnum
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import msgspec
+from msgspec import Meta
 
-from dynpf_protocol.errors import BadMessageError
-from dynpf_protocol.numbers import Count
+from dynpf_protocol.errors import BadMessageError, TooLargeError
+from dynpf_protocol.numbers import Count63
 
 __all__ = ["Beat", "Doing", "Outcome", "Recorded", "Stop", "TickDone", "decode_control", "encode_control"]
 
@@ -19,15 +20,21 @@ class Outcome(StrEnum):
     STOPPED = "stopped"  # by the user
 
 
+_MOST_BYTES = 64 * 2**10
+
+Name = Annotated[str, Meta(min_length=1, max_length=64)]
+Text = Annotated[str, Meta(max_length=4096)]
+
+
 class TickDone(msgspec.Struct, frozen=True, array_like=True):
     """A node has ended a step: how many messages it sent on each topic, and whether this was its last step."""
 
-    node: str
-    boot: str
-    step: Count
-    tick: Count
-    stamp_ns: Count
-    counts: dict[str, Count]
+    node: Name
+    boot: Name
+    step: Count63
+    tick: Count63
+    stamp_ns: Count63
+    counts: dict[str, Count63]
     last: bool
     outcome: Outcome | None = None  # of the source's last step
 
@@ -46,28 +53,28 @@ class Doing(IntEnum):
 class Beat(msgspec.Struct, frozen=True, array_like=True):
     """A heartbeat: the process has ended ``ticks`` ticks, and its main loop has been ``doing`` this for ``for_ns``."""
 
-    node: str
-    boot: str
-    ticks: Count
+    node: Name
+    boot: Name
+    ticks: Count63
     doing: Doing = Doing.TURNING
-    for_ns: Count = 0
+    for_ns: Count63 = 0
 
 
 class Recorded(msgspec.Struct, frozen=True, array_like=True):
     """The recorder has closed the file; ``complete`` says whether it has the whole run, else ``reason`` why not."""
 
-    boot: str
+    boot: Name
     complete: bool
-    reason: str
-    path: str
+    reason: Text
+    path: Text
 
 
 class Stop(msgspec.Struct, frozen=True, array_like=True):
     """A request that the source make the next tick the last."""
 
-    node: str
-    boot: str
-    reason: str
+    node: Name
+    boot: Name
+    reason: Text
 
 
 Control = TypeVar("Control", bound=TickDone | Beat | Recorded | Stop)
@@ -81,7 +88,9 @@ def encode_control(message: TickDone | Beat | Recorded | Stop) -> bytes:
 
 
 def decode_control(data: bytes, kind: type[Control]) -> Control:
-    """Return the control message in ``data``; raises BadMessageError."""
+    """Return the control message in ``data``; raises BadMessageError, and TooLargeError before it is read."""
+    if len(data) > _MOST_BYTES:
+        raise TooLargeError(f"{kind.__name__}: {len(data)} bytes; at most {_MOST_BYTES} are allowed")
     try:
         return msgspec.msgpack.decode(data, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:

@@ -28,6 +28,7 @@ class Envelope(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fiel
 
 _ENCODER = msgspec.msgpack.Encoder()
 _DECODER = msgspec.msgpack.Decoder(Envelope)
+_MOST_BYTES = 1024
 
 
 def encode_envelope(envelope: Envelope) -> bytes:
@@ -37,6 +38,8 @@ def encode_envelope(envelope: Envelope) -> bytes:
 
 def decode_envelope(data: bytes) -> Envelope:
     """Return the envelope in ``data``; raises BadEnvelopeError."""
+    if len(data) > _MOST_BYTES:
+        raise BadEnvelopeError(f"unreadable envelope: {len(data)} bytes; at most {_MOST_BYTES} are allowed")
     try:
         return _DECODER.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:

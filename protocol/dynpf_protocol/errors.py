@@ -6,10 +6,13 @@ __all__ = [
     "BadMessageError",
     "BrokenOffError",
     "DynpfError",
+    "OrderError",
     "ProtocolError",
     "RunError",
     "ScenarioError",
     "StepError",
+    "TooLargeError",
+    "UnknownSenderError",
     "UnknownTopicError",
     "UsageError",
 ]
@@ -29,6 +32,18 @@ class BadEnvelopeError(ProtocolError):
 
 class UnknownTopicError(ProtocolError):
     """A topic is not in the topic table."""
+
+
+class UnknownSenderError(ProtocolError):
+    """A message is not due from its sender, or comes from another start of that process than this run's."""
+
+
+class OrderError(ProtocolError):
+    """A message is not one of those that its sender may send next: a repetition, or ahead of its sender."""
+
+
+class TooLargeError(BadMessageError):
+    """A message is larger than its topic allows."""
 
 
 BROKEN_OFF = 3

@@ -12,6 +12,7 @@ __all__ = [
     "RECORDED",
     "RECORDER",
     "ROUTER",
+    "RUN",
     "SAID_BY",
     "SCENARIO",
     "SHARED",
@@ -22,10 +23,11 @@ __all__ = [
     "topic_of",
 ]
 
-DATA = "dynpf/data/"  # + topic, and of those that several processes write + SAID_BY + process
+RUN = "dynpf/run/"  # all that a recorder takes, by one subscription, which keeps the order of each sender's messages
+DATA = "dynpf/run/data/"  # + topic, and of those that several processes write + SAID_BY + process
 SAID_BY = "/-/"  # which stands in no topic
-JOURNAL = "dynpf/journal/"  # + node
-TICK = "dynpf/tick/"  # + node
+JOURNAL = "dynpf/run/journal/"  # + node
+TICK = "dynpf/run/tick/"  # + node
 BEAT = "dynpf/beat/"  # + process
 CONTROL = "dynpf/control/"
 STOP = "dynpf/control/stop/"  # + process that asks for the end of the run

@@ -17,6 +17,7 @@ __all__ = [
     "EVENT_PREFIX",
     "HOST_NODES",
     "LOG_NODE",
+    "MOST_BYTES",
     "NODES",
     "TOPICS",
     "Delivery",
@@ -42,6 +43,12 @@ class Delivery(StrEnum):
     FRESH = "fresh"  # in realtime a node takes only the newest that has arrived; in lockstep as RELIABLE
 
 
+MOST_BYTES = 16 * 2**20
+"""The largest payload of a topic, bytes, unless its row says another."""
+
+_FEW_BYTES = 64 * 2**10  # of texts and reports of hosts
+
+
 class Topic(msgspec.Struct, frozen=True, kw_only=True):
     """One row of the table."""
 
@@ -52,6 +59,7 @@ class Topic(msgspec.Struct, frozen=True, kw_only=True):
     delivery: Delivery = Delivery.RELIABLE
     wakes: bool = True  # in realtime, nodes that read it step when it arrives
     compared: bool = True  # part of "the same run"
+    most_bytes: int = MOST_BYTES  # of a payload; a larger one is not sent, and refused
 
 
 _ROWS = (
@@ -205,6 +213,7 @@ _ROWS = (
             publishers=(node,),
             wakes=False,
             compared=False,
+            most_bytes=_FEW_BYTES,
             description=f"Events about missing inputs of {node}, from its host",
         )
         for node in NODES
@@ -215,6 +224,7 @@ _ROWS = (
         publishers=(*NODES, "recorder"),
         wakes=False,
         compared=False,
+        most_bytes=_FEW_BYTES,
         description="Warnings and errors as text",
     ),
     Topic(
@@ -223,6 +233,7 @@ _ROWS = (
         publishers=NODES,
         wakes=False,
         compared=False,
+        most_bytes=_FEW_BYTES,
         description="Timings, refusals and queue lengths of each process, by the wall clock",
     ),
     Topic(
@@ -231,6 +242,7 @@ _ROWS = (
         publishers=("recorder",),
         wakes=False,
         compared=False,
+        most_bytes=_FEW_BYTES,
         description="Sequence numbers that never reached the recorder",
     ),
 )

@@ -5,18 +5,33 @@ and the journal keeps what it took.
 """
 
 import heapq
-from collections import Counter, defaultdict
+from collections import defaultdict, deque
 from collections.abc import Mapping
 from typing import NamedTuple
 
 from dynpf_protocol.control import TickDone
+from dynpf_protocol.envelope import Envelope
+from dynpf_protocol.errors import OrderError
 from dynpf_protocol.topics import LOG_NODE, Delivery, Topic
 
 from dynpf_runtime.faults import FaultyLink
 from dynpf_runtime.graph import Graph
 from dynpf_runtime.node import Received
 
-__all__ = ["LockstepInbox", "Ready", "RealtimeInbox"]
+__all__ = ["LockstepInbox", "Ready", "RealtimeInbox", "SeenNumbers"]
+
+
+_Place = tuple[str, int]
+"""Topic and sequence of a message."""
+
+_ENDS = 64
+"""How many different ends of one tick are kept at most."""
+
+_AHEAD = 2**17
+"""How far a sequence may be ahead of the tick that is to be taken: two ticks of as many messages as are allowed."""
+
+_LEAD = 1000
+"""How far a message may be ahead of the last one in realtime, where some in between may have been lost."""
 
 
 class Ready(NamedTuple):
@@ -29,60 +44,122 @@ class Ready(NamedTuple):
 
 
 class LockstepInbox:
-    """Holds messages until every upstream node has ended the tick that the next step depends on."""
+    """Holds messages until every upstream node has ended the tick that the next step depends on.
+
+    The end of a tick says how many messages its node has sent on each topic; as they are numbered without gaps, it says
+    which ones belong to the tick. A tick is complete when these are here, and what else has come for it is dropped.
+    """
 
     def __init__(self, graph: Graph, node: str, link: FaultyLink) -> None:
         self._graph = graph
         self._lags = graph.lags[node]
         self._reads = graph.specs[node].reads
         self._link = link
-        self._messages: defaultdict[tuple[str, int], list[Received]] = defaultdict(list)
-        self._done: dict[tuple[str, int], TickDone] = {}
-        self._refused: Counter[tuple[str, int]] = Counter()
+        self._messages: defaultdict[tuple[str, int], dict[_Place, Received | None]] = defaultdict(dict)
+        self._ends: dict[tuple[str, int], deque[TickDone]] = {}
+        self._next: defaultdict[str, int] = defaultdict(int)  # topic -> the first sequence of the tick not yet taken
         self._late: list[tuple[int, Received]] = []
         self.tick = 0
+
+    def admit(self, name: str, sender: str, envelope: Envelope) -> None:
+        """Raise OrderError for a message that ``sender`` does not send now: of another tick, ahead, or again."""
+        tick = envelope.tick
+        self._admit(sender, tick)
+        ahead = envelope.sequence - self._next[name]
+        if not 0 <= ahead < _AHEAD:
+            raise OrderError(f"sequence {envelope.sequence} in tick {tick}; expected {self._next[name]} or the next")
+        here = self._messages.get((sender, tick))
+        if here is not None and here.get((name, envelope.sequence)) is not None:
+            raise OrderError(f"sequence {envelope.sequence} again in tick {tick}")
+
+    def admit_end(self, done: TickDone) -> None:
+        """Raise OrderError for the end of a tick that its node does not end now."""
+        self._admit(done.node, done.tick)
+        if done in self._ends.get((done.node, done.tick), ()):
+            raise OrderError(f"the end of tick {done.tick} again")
+
+    def _admit(self, sender: str, tick: int) -> None:
+        """Raise OrderError for a tick that is over, or that ``sender`` cannot be in before this node has made its step.
+
+        Tick k + 1 begins only after every node has ended tick k.
+        """
+        lag = self._lags.get(sender)
+        if lag is None:
+            raise OrderError(f"no step waits for {sender}")
+        if not max(0, self.tick - lag) <= tick <= self.tick:
+            raise OrderError(f"tick {tick}; expected {max(0, self.tick - lag)}, which {sender} is in")
 
     def deliver(self, received: Received, tick: int, _now_ns: int = 0) -> None:
         """Add a message of a tick."""
         # The source publishes the records of a log.
         sender = self._graph.source if received.node == LOG_NODE else received.node
-        self._messages[sender, tick].append(received)
+        self._messages[sender, tick][received.topic, received.sequence] = received
 
-    def deliver_refused(self, node: str, tick: int) -> None:
-        """Count a message that arrived but was refused, so that the node does not wait for it."""
-        self._refused[node, tick] += 1
+    def deliver_refused(self, name: str, sender: str, envelope: Envelope) -> None:
+        """Note a message whose content was refused, so that the node does not wait for it; another may replace it."""
+        self._messages[sender, envelope.tick].setdefault((name, envelope.sequence), None)
 
     def done(self, done: TickDone) -> None:
-        """Note that an upstream node has ended a tick."""
+        """Note that an upstream node has ended a tick.
+
+        If several ends of a tick come, the first counts of which all messages are here: those that promise more than
+        was sent would be waited for in vain.
+        """
         if done.node in self._lags:
-            self._done[done.node, done.tick] = done
+            ends = self._ends.get((done.node, done.tick))
+            if ends is None:
+                ends = self._ends[done.node, done.tick] = deque(maxlen=_ENDS)
+            ends.append(done)
 
     def take(self, stamp_ns: int = 0) -> Ready | None:
         """Return the next step's inputs and advance to the next tick, or None while a message is missing.
 
         The source of the run sets the time by ``stamp_ns``; other nodes get it from their upstream nodes.
         """
-        needed = [(node, self.tick - lag) for node, lag in self._lags.items() if self.tick >= lag]
-        if not all(self._complete(key) for key in needed):
-            return None
+        needed = []
+        for node, lag in self._lags.items():
+            if self.tick >= lag:
+                done = self._ended(node, self.tick - lag)
+                if done is None:
+                    return None
+                needed.append(done)
         arrived: list[Received] = []
         last = False
-        for key in needed:
-            arrived += self._messages.pop(key, [])
-            self._refused.pop(key, None)
-            done = self._done.pop(key)
+        for done in needed:
+            arrived += self._promised(done)
+            del self._ends[done.node, done.tick]
             if done.tick == self.tick:
                 stamp_ns, last = done.stamp_ns, last or done.last
         ready = Ready(self.tick, stamp_ns, self._through_link(arrived, stamp_ns), last)
         self.tick += 1
         return ready
 
-    def _complete(self, key: tuple[str, int]) -> bool:
-        done = self._done.get(key)
-        if done is None:
-            return False
-        expected = sum(count for topic, count in done.counts.items() if topic in self._reads)
-        return len(self._messages.get(key, ())) + self._refused[key] >= expected
+    def _ended(self, node: str, tick: int) -> TickDone | None:
+        ends = self._ends.get((node, tick))
+        if ends is None:
+            return None
+        return next((done for done in ends if self._complete(done)), None)
+
+    def _complete(self, done: TickDone) -> bool:
+        here = self._messages.get((done.node, done.tick), {})
+        for name, count in done.counts.items():
+            if name in self._reads:
+                first = self._next[name]
+                if count > len(here) or not all((name, first + index) in here for index in range(count)):
+                    return False
+        return True
+
+    def _promised(self, done: TickDone) -> list[Received]:
+        """Remove and return the messages of a complete tick; those whose content was refused are lacking."""
+        here = self._messages.pop((done.node, done.tick), {})
+        promised = []
+        for name, count in done.counts.items():
+            if name in self._reads:
+                first = self._next[name]
+                self._next[name] = first + count
+                found = [here[name, sequence] for sequence in range(first, first + count)]
+                promised += [received for received in found if received is not None]
+        return promised
 
     def _through_link(self, arrived: list[Received], stamp_ns: int) -> list[Received]:
         on_time = self._delayed(arrived, stamp_ns) if self._link.faulty else arrived
@@ -100,6 +177,31 @@ class LockstepInbox:
         return on_time
 
 
+class SeenNumbers:
+    """The numbers of a sequence that have come, of which some may be lost.
+
+    A number that is ahead does not close those before it: if it was a stranger's, the true ones still count.
+    """
+
+    def __init__(self) -> None:
+        self._next = 0
+        self._open: set[int] = set()  # before _next, and yet to come
+
+    def take(self, number: int) -> None:
+        """Note a number; raises OrderError for one that has come before, or is far ahead of the last."""
+        if number >= self._next + _LEAD:
+            raise OrderError(f"number {number}; expected {self._next}, or a little later")
+        if number >= self._next:
+            self._open.update(range(self._next, number))
+            self._next = number + 1
+            if len(self._open) > 2 * _LEAD:
+                self._open = {lost for lost in self._open if lost >= number - _LEAD}
+        elif number in self._open:
+            self._open.discard(number)
+        else:
+            raise OrderError(f"number {number} again; expected {self._next} or later")
+
+
 class RealtimeInbox:
     """Gives the node all messages that have arrived as soon as one of them triggers it, by the wall clock."""
 
@@ -107,11 +209,23 @@ class RealtimeInbox:
         self._topics = graph.topics
         self._running = {upstream for upstream, lag in graph.lags[node].items() if lag == 0}
         self._link = link
+        self._seen: defaultdict[tuple[str, str], SeenNumbers] = defaultdict(SeenNumbers)
+        self._ends: defaultdict[str, int] = defaultdict(int)  # node -> ticks that it has ended
         self._arrived: list[Received] = []
         self._late: list[tuple[int, int, Received]] = []
         self._count = 0
         self._stamp_ns = 0
         self.tick = 0
+
+    def admit(self, name: str, sender: str, envelope: Envelope) -> None:
+        """Raise OrderError for a message that has come before, or is far ahead of its sender."""
+        self._seen[sender, name].take(envelope.sequence)
+
+    def admit_end(self, done: TickDone) -> None:
+        """Raise OrderError for an end of another tick than the node's next."""
+        if done.tick != self._ends[done.node]:
+            raise OrderError(f"the end of tick {done.tick}; expected that of {self._ends[done.node]}")
+        self._ends[done.node] += 1
 
     def deliver(self, received: Received, _tick: int, now_ns: int) -> None:
         """Add a message, unless the link loses it."""
@@ -120,7 +234,7 @@ class RealtimeInbox:
             self._count += 1
             heapq.heappush(self._late, (now_ns + delay_ns, self._count, received))
 
-    def deliver_refused(self, node: str, tick: int) -> None:
+    def deliver_refused(self, name: str, sender: str, envelope: Envelope) -> None:
         """Do nothing: in realtime no node waits for a message."""
 
     def done(self, done: TickDone) -> None:

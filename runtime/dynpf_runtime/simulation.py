@@ -6,7 +6,7 @@ connections. Two simulations of the same machines under the same seed give the s
 """
 
 import heapq
-from collections import Counter, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable
 from functools import cache, partial
 from random import Random
@@ -119,7 +119,7 @@ class Simulation:
         self._count = 0
         self._open = True  # whether the router runs
         self._tokens: dict[str, _Process] = {}
-        self._answers: dict[str, bytes] = {}
+        self._answers: defaultdict[str, list[bytes]] = defaultdict(list)
         self._routes: dict[str, list[_Process]] = {}
 
     def add(self, name: str, machine: Machine, perform: Callable[[Effect], Event | None] | None = None) -> None:
@@ -224,9 +224,9 @@ class Simulation:
             case Declare(key):
                 self._send(process, lambda: self._declare(process, key))
             case Answer(key, payload):
-                self._answers[key] = payload
-            case Ask(key):
-                self._send(process, lambda: self._reply(process, Answered(self._answers.get(key))))
+                self._answers[key].append(payload)
+            case Ask(key, wanted):
+                self._send(process, lambda: self._reply(process, Answered(self._answer(key, wanted))))
             case Count(key):
                 self._send(process, lambda: self._reply(process, Counted(tuple(sorted(self._matching(key))))))
             case _:
@@ -282,6 +282,13 @@ class Simulation:
         for receiver in receivers:
             if receiver is not but and not self.lost(receiver.name, arrived):
                 self._reply(receiver, arrived)
+
+    def _answer(self, key: str, wanted: bytes) -> bytes | None:
+        """Return the wanted answer if anybody gives it, else one by chance."""
+        answers = self._answers[key]
+        if wanted in answers or not answers:
+            return wanted if answers else None
+        return self._random.choice(answers)
 
     def _subscribe(self, process: _Process, key: str) -> None:
         process.registered.append(key)

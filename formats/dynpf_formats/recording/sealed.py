@@ -19,7 +19,7 @@ _END = "end of run"
 
 
 def end_of(recording: Recording, said: RunEnd) -> RunEnd:
-    """Return the end that a recorder would write for what is in the file, where ``said`` is right about why it ended."""
+    """Return the end that a recorder would write for what is in the file, which ended as ``said``."""
     account = Account(recording.header, recording.attachments)
     opened: set[Source] = set()
     for record in recording.records:

@@ -18,6 +18,7 @@ from dynpf_protocol.keys import (
     RECORDED,
     RECORDER,
     ROUTER,
+    RUN,
     SCENARIO,
     STOP,
     TICK,
@@ -45,7 +46,7 @@ class Grant(NamedTuple):
 
 
 _PRESENCE = (f"{ALIVE}**", f"{READY}**")
-_ALL = (f"{DATA}**", f"{JOURNAL}**", f"{TICK}**", f"{BEAT}**", f"{CONTROL}**")
+_ALL = (f"{RUN}**", f"{BEAT}**", f"{CONTROL}**")
 
 
 _RECORDS = [f"{DATA}**/{name}" for name, row in TOPICS.items() if row.publishers == (LOG_NODE,)]

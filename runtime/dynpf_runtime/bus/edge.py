@@ -185,8 +185,8 @@ class _Edge:
                     bus.declare(key)
                 case Answer(key, payload):
                     bus.answer(key, payload)
-                case Ask(key):
-                    self._answers.append(Answered(bus.ask(key)))
+                case Ask(key, wanted):
+                    self._answers.append(Answered(bus.ask(key, wanted)))
                 case Count(key):
                     self._answers.append(Counted(tuple(sorted(set(bus.tokens(key))))))
 

@@ -4,6 +4,7 @@ Every process is a client of the router, which is the only hub: no scouting, no 
 enqueue; the owner's main loop does everything else.
 """
 
+import itertools
 import json
 import os
 import threading
@@ -40,6 +41,11 @@ CLOSE_S = 1.0
 BROKEN_S = 0.3
 """The same when an error ends it, which is to be told soon."""
 
+MOST_BYTES = 64 * 2**20
+"""The largest message that a process takes from its link, which it closes at a larger one; topics allow less."""
+
+_MOST_ANSWERS = 1000
+
 
 def _config(mode: str, keys: Credentials | None, settings: Mapping[str, Any]) -> zenoh.Config:
     config = zenoh.Config()
@@ -49,6 +55,7 @@ def _config(mode: str, keys: Credentials | None, settings: Mapping[str, Any]) ->
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
+        "transport/link/rx/max_message_size": MOST_BYTES,
     }
     for key, value in {**common, **_tls(mode, keys), **settings}.items():
         config.insert_json5(key, json.dumps(value))
@@ -193,12 +200,22 @@ class Bus:
         """Answer every query of ``key`` with ``payload``."""
         self._declared.append(self._session.declare_queryable(key, lambda query: query.reply(key, payload)))
 
-    def ask(self, key: str, patience_s: float = 5.0) -> bytes | None:
-        """Return the answer to the query ``key``; None if there is none within ``patience_s``, or no one to answer."""
-        for reply in self._session.get(key, timeout=patience_s):
+    def ask(self, key: str, wanted: bytes = b"", patience_s: float = 1.0) -> bytes | None:
+        """Return the answer to the query ``key``: ``wanted`` if anybody gives it, else the first one.
+
+        None if there is none within ``patience_s``, or no one to answer. Everybody is asked: a stranger that answers,
+        and be it faster, does not keep the others from it.
+        """
+        first = None
+        everybody, each = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
+        replies = self._session.get(key, target=everybody, consolidation=each, timeout=patience_s)
+        for reply in itertools.islice(replies, _MOST_ANSWERS):
             if reply.ok is not None:
-                return reply.ok.payload.to_bytes()
-        return None
+                answer = reply.ok.payload.to_bytes()
+                if answer == wanted:
+                    return answer
+                first = answer if first is None else first
+        return first
 
     def receive(self, timeout_s: float) -> Arrived | Token | None:
         """Return the next item of the queue, or None after ``timeout_s`` or when woken."""

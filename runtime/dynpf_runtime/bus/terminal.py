@@ -7,12 +7,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from dynpf_protocol.printable import printable
+
 __all__ = ["StopSignal", "say"]
+
+_MOST_CHARACTERS = 2000
 
 
 def say(name: str, text: str) -> None:
-    """Print a notice for the user."""
-    print(f"dynpf {name}: {text}", file=sys.stderr, flush=True)
+    """Print a notice for the user, without control characters: it may hold text from the bus."""
+    print(printable(f"dynpf {name}: {text}", _MOST_CHARACTERS), file=sys.stderr, flush=True)
 
 
 class StopSignal:

@@ -66,9 +66,10 @@ class Answer(NamedTuple):
 
 
 class Ask(NamedTuple):
-    """Query ``key``; Answered follows."""
+    """Query ``key``; Answered follows, with ``wanted`` if that is among the answers, else with the first."""
 
     key: str
+    wanted: bytes = b""
 
 
 class Count(NamedTuple):

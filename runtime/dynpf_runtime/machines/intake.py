@@ -1,95 +1,77 @@
 """Intake: checks messages from the bus before a node gets them.
 
-A bad message is refused and counted, and reported once per topic and reason; the process continues.
+A bad message is refused and counted, and told of at a bounded rate; the process continues.
 """
 
-from collections import Counter, defaultdict
-from collections.abc import Mapping
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from dynpf_protocol.codec import decode
-from dynpf_protocol.control import TickDone, decode_control
-from dynpf_protocol.envelope import Envelope, decode_envelope
+from dynpf_protocol.control import TickDone
+from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import ProtocolError
-from dynpf_protocol.keys import TICK, data_key, topic_of
-from dynpf_protocol.topics import LOG_NODE, topic
+from dynpf_protocol.keys import TICK
 
-from dynpf_runtime.graph import Graph
 from dynpf_runtime.machines.events import Arrived
+from dynpf_runtime.machines.roles import Roles
 from dynpf_runtime.node import Received
 
-__all__ = ["Intake", "Refusal", "check_sender"]
+__all__ = ["Inbox", "Intake", "Refusal"]
+
+
+class Inbox(Protocol):
+    """What an intake asks of an inbox, and gives to it."""
+
+    def admit(self, name: str, sender: str, envelope: Envelope) -> None:
+        """Raise OrderError for a message that is not its sender's next."""
+
+    def admit_end(self, done: TickDone) -> None:
+        """Raise OrderError for the end of a tick that is not its node's next."""
+
+    def deliver(self, received: Received, tick: int, now_ns: int) -> None:
+        """Add a message of a tick."""
+
+    def deliver_refused(self, name: str, sender: str, envelope: Envelope) -> None:
+        """Note a message whose content was refused."""
+
+    def done(self, done: TickDone) -> None:
+        """Note that an upstream node has ended a tick."""
 
 
 class Refusal(NamedTuple):
-    """Why a message was not accepted. ``envelope`` is set if the sender is known and genuine."""
+    """The key of a message that was not accepted, and why."""
 
-    topic: str
-    reason: str
-    first_of_its_kind: bool
-    envelope: Envelope | None = None
-
-
-def check_sender(arrival: Arrived, boots: Mapping[str, str], graph: Graph) -> tuple[str, Envelope]:
-    """Return topic and envelope of a message; raises ProtocolError if its sender is unknown.
-
-    Records of an imported log carry the boot of the graph's source, which publishes them.
-    """
-    name, said_by = topic_of(arrival.key)
-    row = topic(name, graph.topics)
-    envelope = decode_envelope(arrival.attachment)
-    sender = graph.source if envelope.node == LOG_NODE else envelope.node
-    if envelope.node not in row.publishers:
-        raise ProtocolError(f"unknown sender {envelope.node!r}; expected {' or '.join(row.publishers)}")
-    if boots.get(sender) != envelope.boot:
-        raise ProtocolError(
-            f"unknown sender {envelope.node!r} with boot {envelope.boot!r}; this run's is {boots.get(sender)!r}"
-        )
-    if data_key(name, envelope.node) != arrival.key:
-        raise ProtocolError(f"it comes in the name of {envelope.node!r}; its key is that of {said_by!r}")
-    return name, envelope
+    key: str
+    error: ProtocolError
 
 
 class Intake:
-    """Turns arrivals into a node's inputs, or refuses them. ``boots`` maps each peer to its boot in this run."""
+    """Puts arrivals into a node's inbox if their senders may say that, and now; else refuses them."""
 
-    def __init__(self, boots: Mapping[str, str], graph: Graph) -> None:
-        self._boots = boots
-        self._graph = graph
-        self._next: defaultdict[tuple[str, str], int] = defaultdict(int)
-        self._reasons: set[tuple[str, str]] = set()
-        self.refused: Counter[str] = Counter()
+    def __init__(self, roles: Roles, inbox: Inbox) -> None:
+        self._roles = roles
+        self._inbox = inbox
 
-    def accept(self, arrival: Arrived) -> tuple[Received, Envelope] | Refusal:
-        """Return a message as an input with its envelope, or refuse it."""
-        name, _ = topic_of(arrival.key)
-        envelope = None
+    def take(self, arrival: Arrived, now_ns: int) -> Refusal | None:
+        """Take a message, or the word that a node has ended a tick; return why it was refused, or None."""
+        key = arrival.key
         try:
-            name, accepted = check_sender(arrival, self._boots, self._graph)
-            key = (accepted.node, name)
-            if accepted.sequence < self._next[key]:
-                raise ProtocolError(f"sequence {accepted.sequence} again; expected {self._next[key]} or later")
-            self._next[key] = accepted.sequence + 1
-            envelope = accepted
-            message = decode(name, arrival.payload, self._graph.topics)
+            if key.startswith(TICK):
+                done = self._roles.tick(arrival)
+                self._inbox.admit_end(done)
+                self._inbox.done(done)
+            else:
+                name, sender, envelope = self._roles.message(arrival)
+                self._inbox.admit(name, sender, envelope)
+                self._deliver(name, sender, envelope, arrival.payload, now_ns)
         except ProtocolError as error:
-            return self._refuse(name, str(error), envelope)
-        return Received(name, accepted.node, accepted.boot, accepted.sequence, accepted.stamp_ns, message), accepted
+            return Refusal(key, error)
+        return None
 
-    def accept_tick(self, arrival: Arrived) -> TickDone | Refusal:
-        """Return a peer's notice that it has ended a tick, or refuse it."""
-        node = arrival.key[len(TICK) :]
+    def _deliver(self, name: str, sender: str, envelope: Envelope, payload: bytes, now_ns: int) -> None:
         try:
-            done = decode_control(arrival.payload, TickDone)
-            if done.node != node or self._boots.get(node) != done.boot:
-                raise ProtocolError(f"unknown sender {done.node!r} with boot {done.boot!r}")
-        except ProtocolError as error:
-            return self._refuse(f"tick/{node}", str(error), None)
-        return done
-
-    def _refuse(self, name: str, reason: str, envelope: Envelope | None) -> Refusal:
-        self.refused[name] += 1
-        first = (name, reason) not in self._reasons and len(self._reasons) < 100
-        if first:
-            self._reasons.add((name, reason))
-        return Refusal(name, reason, first, envelope)
+            message = decode(name, payload, self._roles.topics)
+        except ProtocolError:
+            self._inbox.deliver_refused(name, sender, envelope)
+            raise
+        node, boot, sequence, stamp_ns = envelope.node, envelope.boot, envelope.sequence, envelope.stamp_ns
+        self._inbox.deliver(Received(name, node, boot, sequence, stamp_ns, message), envelope.tick, now_ns)

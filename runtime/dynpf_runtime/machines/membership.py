@@ -8,13 +8,23 @@ from collections.abc import Iterator, Sequence
 from enum import IntEnum
 
 from dynpf_protocol.control import Beat, Recorded, Stop, decode_control, encode_control
-from dynpf_protocol.errors import BrokenOffError, ProtocolError, RunError, UsageError
+from dynpf_protocol.errors import (
+    BrokenOffError,
+    OrderError,
+    ProtocolError,
+    RunError,
+    UnknownSenderError,
+    UsageError,
+)
 from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, OPERATOR, READY, RECORDED, RECORDER, ROUTER, SCENARIO, STOP
+from dynpf_protocol.printable import printable
 
 from dynpf_runtime.machines.agreement import first_difference
 from dynpf_runtime.machines.effects import NEVER_NS, Ask, Count, Declare, Effect, Put, Subscribe, Tell, Watch
 from dynpf_runtime.machines.events import Answered, Arrived, Counted, Event, RouterGone, Started, StopAsked, Token, Woke
 from dynpf_runtime.machines.heartbeats import BEAT_NS, Heartbeats
+from dynpf_runtime.machines.refusals import Refusals, known_names
+from dynpf_runtime.machines.roles import check_boot, check_named
 from dynpf_runtime.machines.roster import Change, Roster, holder
 from dynpf_runtime.plan import Plan
 
@@ -28,6 +38,7 @@ LAST_WORD_NS = 500_000_000
 
 _ANSWER_NS = 5_000_000_000
 _ASK_AGAIN_NS = 20_000_000  # Zenoh reports at once that no one answers yet
+_DIFFERS_NS = 3_000_000_000  # how long another scenario has to be the answer, and ours not among the answers
 _PATIENCE_NS = 1_000_000_000  # after that a notice lists the missing peers
 
 _ROUTER_GONE = "the router is gone or hangs; the run cannot go on"
@@ -57,9 +68,12 @@ class Membership:
         self.peers = frozenset({*plan.graph.nodes, RECORDER} - {name})
         self.ticks = 0  # how many this process has ended
         self.recorded: Recorded | None = None
+        self.over: set[str] = set()  # peers of whose last step this process knows: they may go
+        self._closed_early = ""
         self.stop_reason = ""
         self.leaving = False  # the run is over: peers may go
         self.wake_ns = NEVER_NS
+        self.refusals = Refusals(known_names(plan))
         self._text = plan.text
         self._endpoint = endpoint
         self._prepare = prepare
@@ -71,7 +85,7 @@ class Membership:
         self._rivals: set[str] = set()
         self._heartbeats = Heartbeats()
         self._next_beat_ns = 0
-        self._ask_at_ns = self._ask_until_ns = NEVER_NS
+        self._ask_at_ns = self._ask_until_ns = self._differ_at_ns = NEVER_NS
         self._notify_at_ns = 0
         self._notified: set[str] = set()
         self._suspect: tuple[str, int] | None = None
@@ -109,7 +123,7 @@ class Membership:
         match event:
             case Started():
                 self._ask_until_ns = now_ns + _ANSWER_NS
-                yield Ask(SCENARIO)
+                yield Ask(SCENARIO, self._text.encode())
             case Answered(payload):
                 yield from self._answered(payload, now_ns)
             case Counted(keys):
@@ -127,7 +141,7 @@ class Membership:
                 self._judge(now_ns)
         if self._stage is _Stage.ASKING and now_ns >= self._ask_at_ns:
             self._ask_at_ns = NEVER_NS
-            yield Ask(SCENARIO)
+            yield Ask(SCENARIO, self._text.encode())
         if self._stage >= _Stage.JOINING and now_ns >= self._next_beat_ns:
             yield from self._beat(now_ns)
         if _Stage.ALIVE <= self._stage < _Stage.RUNNING:
@@ -152,15 +166,21 @@ class Membership:
                 )
             self._ask_at_ns = now_ns + _ASK_AGAIN_NS
             return
+        if theirs != self._text.encode() and now_ns < self._differ_at_ns:
+            # It may be a stranger's, who was there before the router had begun to answer.
+            self._differ_at_ns = min(self._differ_at_ns, now_ns + _DIFFERS_NS)
+            self._ask_at_ns = now_ns + _ASK_AGAIN_NS
+            return
         try:
             difference = first_difference(self._text, theirs.decode())
         except (ValueError, RecursionError) as error:  # the text is only compared: user code in it is never imported
-            raise RunError(f"{router} sent a scenario that cannot be read: {error}") from error
+            reason = printable(str(error))
+            raise RunError(f"{router} sent a scenario that cannot be read: {reason}") from error
         if difference is not None:
             key, here, there = difference
             raise UsageError(
-                f"{self.name}: refused: this scenario differs from the router's in {key}: "
-                f"here {here!r}, there {there!r}"
+                f"{self.name}: refused: this scenario differs from the router's in {printable(key)}: "
+                f"here {printable(repr(here))}, there {printable(repr(there))}"
             )
         yield Count(f"{ALIVE}{self.name}/*")
 
@@ -192,6 +212,8 @@ class Membership:
             if not ready:
                 self._rivals.discard(boot)
             return
+        if ready and boot not in self._rivals:
+            return  # a stranger: who is ready is alive
         if ready or boot < self.boot:
             raise self._taken(boot)
         self._rivals.add(boot)
@@ -242,7 +264,7 @@ class Membership:
                 self._suspect = node, now_ns + (LAST_WORD_NS if node == RECORDER else SURE_NS)
 
     def _may_go(self, node: str) -> bool:
-        return self.recorded is not None if node == RECORDER else self.leaving
+        return self.recorded is not None if node == RECORDER else self.leaving or node in self.over
 
     def _judge(self, now_ns: int) -> None:
         """Raise BrokenOffError for a peer whose token is gone, once it is clear that the router is not."""
@@ -250,38 +272,50 @@ class Membership:
             return
         node, _ = self._suspect
         self._suspect = None
+        if node == RECORDER and self._closed_early:
+            raise BrokenOffError(f"the recorder has closed the recording: {self._closed_early}")
         if not self._may_go(node):
             raise BrokenOffError(
                 f"{node} is gone (killed, crashed, stopped or cut off) after tick {self.ticks}; the run cannot go on"
             )
 
     def _hear(self, arrived: Arrived, now_ns: int) -> Iterator[Effect]:
+        key = arrived.key
         try:
-            if arrived.key.startswith(BEAT):
-                beat = decode_control(arrived.payload, Beat)
-                if (self.boots | self._others.boots).get(beat.node) == beat.boot:  # not from a stranger
+            if key.startswith(BEAT):
+                beat = check_named(arrived, BEAT, Beat)
+                known = self.boots | self._others.boots
+                if beat.node in known:  # its first beat may come before its token
+                    check_boot(beat.node, beat.boot, known)
                     self._heartbeats.take(beat, now_ns)
-            elif arrived.key == RECORDED:
+            elif key == RECORDED:
                 self._take_recorded(decode_control(arrived.payload, Recorded))
-            elif arrived.key.startswith(STOP):
-                self._take_stop(arrived.key[len(STOP) :], decode_control(arrived.payload, Stop))
+            elif key.startswith(STOP):
+                self._take_stop(check_named(arrived, STOP, Stop))
         except ProtocolError as error:
-            yield Tell(f"{arrived.key}: message refused: {error}")
+            text = self.refusals.note(key, error, now_ns)
+            if text is not None:
+                yield Tell(text)
 
     def _take_recorded(self, recorded: Recorded) -> None:
-        if recorded.boot == self.boot:
-            return  # its own message
-        if self.boots.get(RECORDER) != recorded.boot:
-            raise ProtocolError(f"unknown sender {RECORDER!r} with boot {recorded.boot!r}")
-        self.recorded = recorded
-        if not recorded.complete and not self.leaving:
-            raise BrokenOffError(f"the recorder has closed the recording: {recorded.reason}")
+        """Believe the recorder's word if it fits: complete only at the end; broken off, if the recorder then goes."""
+        if self.name == RECORDER:
+            if not self.leaving:
+                raise UnknownSenderError("it comes in this process's own name, and this process has not sent it")
+            return
+        check_boot(RECORDER, recorded.boot, self.boots)
+        if self.leaving:
+            self.recorded = recorded
+        elif recorded.complete:
+            raise OrderError("the run is not over: its last tick is still to come")
+        else:
+            self._closed_early = printable(recorded.reason) or "no reason was given"
 
-    def _take_stop(self, sender: str, stop: Stop) -> None:
-        known = {**self.boots, **self._others.boots, self.name: self.boot}
-        if stop.node != sender or known.get(sender) != stop.boot:
-            raise ProtocolError(f"unknown sender {stop.node!r} with boot {stop.boot!r}")
-        self.stop_reason = stop.reason
+    def _take_stop(self, stop: Stop) -> None:
+        check_boot(stop.node, stop.boot, {**self.boots, **self._others.boots, self.name: self.boot})
+        if stop.node == self.name and not self._stop_sent:
+            raise UnknownSenderError("it comes in this process's own name, and this process has not sent it")
+        self.stop_reason = printable(stop.reason, 200)
 
     def _stop(self, event: StopAsked) -> Iterator[Effect]:
         if event.at_once or not self.running:

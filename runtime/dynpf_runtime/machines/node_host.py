@@ -6,9 +6,9 @@ from typing import Protocol
 
 from dynpf_protocol.control import Outcome, TickDone, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
-from dynpf_protocol.errors import DynpfError, RunError
+from dynpf_protocol.errors import DynpfError, OrderError, RunError
 from dynpf_protocol.journal import encode_entry, genesis
-from dynpf_protocol.keys import DATA, JOURNAL, RECORDER, TICK, data_key, data_keys
+from dynpf_protocol.keys import JOURNAL, RECORDER, RUN, TICK, data_key, data_keys
 from dynpf_protocol.messages import Diagnostics, Log, LogLevel, timestamp
 
 from dynpf_runtime.executor import Executor, Sent
@@ -19,14 +19,13 @@ from dynpf_runtime.machines.effects import NEVER_NS, Effect, Ended, Put, Subscri
 from dynpf_runtime.machines.events import Arrived, Event, Now, Woke
 from dynpf_runtime.machines.intake import Intake, Refusal
 from dynpf_runtime.machines.membership import Membership
+from dynpf_runtime.machines.roles import Roles
 from dynpf_runtime.machines.turns import FollowLockstep, FollowRealtime, LeadLockstep, LeadRealtime, Turn, Turns
 from dynpf_runtime.node import Node
 from dynpf_runtime.plan import Plan
 from dynpf_runtime.source import Feed, LogRecord, feed_log, feed_ticks
 
 __all__ = ["AHEAD", "Gauges", "NodeHost"]
-
-_RUN = (DATA, TICK)
 
 AHEAD = 1000
 """How many ticks the source may run ahead of the recorder."""
@@ -81,12 +80,11 @@ class NodeHost:
         self._member = Membership(name, plan, boot, endpoint, prepare, leads=self._leads)
         chain = genesis(name, plan.text)
         self._executor = Executor(node, self._spec, graph.topics, boot, plan.state_digest_ticks, chain=chain)
-        self._intake = Intake(self._member.boots, graph)
         self._gaps = GapWatch()
         link = FaultyLink(plan.faults, name, plan.seed)
         self._inbox = (LockstepInbox if plan.clock == "lockstep" else RealtimeInbox)(graph, name, link)
+        self._intake = Intake(Roles(plan, self._member.boots), self._inbox)
         self._turns: Turns | None = None  # None until the run begins
-        self._early: list[Arrived] = []  # arrivals before the run begins, which come from strangers
         self._running = False
         self._recorded_by_ns = NEVER_NS
         self._step_time_s = 0.0
@@ -107,10 +105,10 @@ class NodeHost:
         if (
             self._running
             and type(event) is Arrived
-            and event.key.startswith(_RUN)
+            and event.key.startswith(RUN)
             and now.monotonic_ns < self._member.wake_ns
         ):  # the most frequent case takes the shortest path
-            refusal = self._receive(event, now)
+            refusal = self._intake.take(event, now.monotonic_ns)
             if refusal is None:
                 turn = self._turn(now, idle=False)
                 return () if turn is None else self._caught(self._advance(now, turn))
@@ -126,30 +124,19 @@ class NodeHost:
 
     def _handle(self, event: Event, now: Now) -> Iterator[Effect]:
         yield from self._member.handle(event, now.monotonic_ns)
-        if type(event) is Arrived and event.key.startswith(_RUN):
-            if self._turns is None:
-                self._early.append(event)
-            elif self._running and (refusal := self._receive(event, now)) is not None:
+        if type(event) is Arrived and event.key.startswith(RUN):
+            if self._turns is None:  # it comes from a stranger: others send nothing before this process is ready
+                yield from self._refuse(Refusal(event.key, OrderError("the run has not begun")), now)
+            elif self._running and (refusal := self._intake.take(event, now.monotonic_ns)) is not None:
                 yield from self._refuse(refusal, now)
         if self._turns is None and self._member.running:
-            yield from self._begin(now)
+            self._turns, self._running, self._stepped_ns = self._turns_of(now), True, now.monotonic_ns
         if self._running:
             yield from self._advance(now, self._turn(now, idle=type(event) is Woke))
             if type(event) is Woke:
                 yield from self._notice_deafness(now)
         elif self._turns is not None:
             yield from self._await_recorded(now)
-
-    def _begin(self, now: Now) -> Iterator[Effect]:
-        self._turns = self._turns_of(now)
-        self._running, self._stepped_ns = True, now.monotonic_ns
-        for early in self._early:
-            refusal = self._receive(early, now)
-            if refusal is not None:
-                yield from self._refuse(refusal, now)
-            if self._running:
-                yield from self._advance(now, self._turn(now, idle=False))
-        self._early.clear()
 
     def _turns_of(self, now: Now) -> Turns:
         plan, inbox = self._plan, self._inbox
@@ -239,34 +226,19 @@ class NodeHost:
             return Outcome.DONE
         return Outcome.STOPPED if self._member.stop_reason else Outcome.BUDGET
 
-    def _receive(self, arrived: Arrived, now: Now) -> Refusal | None:
-        """Put an arrival into the inbox, or return why it was refused."""
-        if arrived.key.startswith(TICK):
-            done = self._intake.accept_tick(arrived)
-            if isinstance(done, Refusal):
-                return done
-            self._inbox.done(done)
-            return None
-        accepted = self._intake.accept(arrived)
-        if isinstance(accepted, Refusal):
-            if accepted.envelope is not None:
-                self._inbox.deliver_refused(accepted.envelope.node, accepted.envelope.tick)
-            return accepted
-        received, envelope = accepted
-        self._inbox.deliver(received, envelope.tick, now.monotonic_ns)
-        return None
-
     def _refused(self, refusal: Refusal, now: Now) -> Iterator[Effect]:
         yield from self._refuse(refusal, now)
         yield from self._advance(now, self._turn(now, idle=False))  # the inbox no longer waits for it
 
     def _refuse(self, refusal: Refusal, now: Now) -> Iterator[Effect]:
-        if not refusal.first_of_its_kind:
+        text = self._member.refusals.note(*refusal, now.monotonic_ns)
+        if text is None:
             return
-        text = f"{refusal.topic}: message refused: {refusal.reason}"
         yield Tell(text)
-        message = Log(timestamp=timestamp(self._stamp_ns), level=LogLevel.WARNING, message=text, name=self._spec.name)
-        yield self._stamped("log", message, now)
+        if self._running:
+            stamp = timestamp(self._stamp_ns)
+            message = Log(timestamp=stamp, level=LogLevel.WARNING, message=text, name=self._spec.name)
+            yield self._stamped("log", message, now)
 
     def _report(self, now: Now) -> Put:
         self._report_at_ns = now.monotonic_ns + REPORT_NS
@@ -274,7 +246,7 @@ class NodeHost:
             node=self._spec.name,
             steps=self._executor.steps,
             step_time_s=self._step_time_s,
-            refused=dict(self._intake.refused),
+            refused=dict(self._member.refusals.counts),
             queue=self._gauges.waiting(),
         )
         return self._stamped("diagnostics", message, now)

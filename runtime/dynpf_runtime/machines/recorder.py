@@ -1,18 +1,16 @@
 """The recorder: a member of the run that receives everything and has it written, outside the lockstep loop."""
 
-from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from enum import Enum
 
-import msgspec
 from dynpf_formats.recording.header import RunEnd
 from dynpf_protocol.codec import encode
-from dynpf_protocol.control import Recorded, TickDone, decode_control, encode_control
-from dynpf_protocol.envelope import Envelope, decode_envelope
-from dynpf_protocol.errors import BadMessageError, DynpfError, ProtocolError, RunError
-from dynpf_protocol.journal import JOURNAL_PREFIX, decode_entry
-from dynpf_protocol.keys import DATA, JOURNAL, RECORDED, RECORDER, TICK
+from dynpf_protocol.control import Recorded, encode_control
+from dynpf_protocol.envelope import Envelope
+from dynpf_protocol.errors import DynpfError, OrderError, ProtocolError, RunError
+from dynpf_protocol.keys import DATA, JOURNAL, RECORDED, RECORDER, RUN
 from dynpf_protocol.messages import Log, LogLevel, timestamp
+from dynpf_protocol.printable import printable
 
 from dynpf_runtime.machines.effects import (
     NEVER_NS,
@@ -28,8 +26,9 @@ from dynpf_runtime.machines.effects import (
     Tell,
 )
 from dynpf_runtime.machines.events import Arrived, Closed, Event, Now, StopAsked, Woke
-from dynpf_runtime.machines.intake import check_sender
+from dynpf_runtime.machines.ledger import Ledger
 from dynpf_runtime.machines.membership import Membership
+from dynpf_runtime.machines.roles import Roles
 from dynpf_runtime.plan import Plan
 
 __all__ = ["SETTLE_NS", "RecorderMachine"]
@@ -38,10 +37,11 @@ FLUSH_NS = 50_000_000
 SETTLE_NS = 3_000_000_000
 """How long the recorder waits, after the last step of every node, for messages that are still missing."""
 
+STILL_NS = 5_000_000_000
+"""How long a run in which two have spoken under one name may stand still."""
+
 SEE_OFF_NS = 2_000_000_000
 """How long the others may take to leave after the recorder has confirmed the run."""
-
-_RUN = (DATA, JOURNAL, TICK)
 
 
 class _Stage(Enum):
@@ -59,24 +59,17 @@ class RecorderMachine:
     """
 
     def __init__(self, plan: Plan, boot: str, endpoint: str, path: str) -> None:
-        prepare: list[Effect] = [*(Subscribe(f"{prefix}**") for prefix in _RUN), Open()]
+        prepare: list[Effect] = [Subscribe(f"{RUN}**"), Open()]
         self._member = Membership(RECORDER, plan, boot, endpoint, prepare, leads=False)
         self._boot = boot
         self._path = path
-        self._graph = plan.graph
-        self._nodes = plan.graph.nodes
         self._stage = _Stage.ASSEMBLING
         self._error: BaseException | None = None
-        self._promised: Counter[str] = Counter()
-        self._received: Counter[str] = Counter()
-        self._steps: dict[str, int] = {}
-        self._entries: Counter[str] = Counter()
-        self._ticks: dict[str, int] = {}
-        self._last: set[str] = set()
-        self._outcome = ""
-        self._refused: Counter[str] = Counter()
-        self._early: list[Arrived] = []  # arrivals before the run begins, which come from strangers
-        self._stamp_ns = 0
+        self._roles = Roles(plan, self._member.boots)
+        self._ledger = Ledger(plan, self._roles)
+        self._warnings = 0
+        self._doubted = False
+        self._written, self._written_ns = 0, 0  # steps, and when the last one was
         self._due_ns = NEVER_NS  # deadline of the stage: for missing messages, or for the others to leave
         self._flush_at_ns = 0
 
@@ -92,7 +85,7 @@ class RecorderMachine:
         """Return the effects of an event."""
         if (
             self._stage is _Stage.RECORDING
-            and len(self._last) < len(self._nodes)
+            and not self._ledger.ending
             and type(event) is Arrived
             and event.key.startswith((DATA, JOURNAL))
             and now.monotonic_ns < self.wake_ns
@@ -113,9 +106,9 @@ class RecorderMachine:
 
     def _handle(self, event: Event, now: Now) -> Iterator[Effect]:
         stage, member = self._stage, self._member
-        if type(event) is Arrived and event.key.startswith(_RUN):
-            if stage is _Stage.ASSEMBLING:
-                self._early.append(event)
+        if type(event) is Arrived and event.key.startswith(RUN):
+            if stage is _Stage.ASSEMBLING:  # it comes from a stranger: others send nothing before all are ready
+                yield from self._refuse(event.key, OrderError("the run has not begun"), now)
             elif stage in (_Stage.RECORDING, _Stage.BROKEN):
                 yield from self._take(event, now)
             if now.monotonic_ns >= member.wake_ns and stage is not _Stage.BROKEN:
@@ -125,45 +118,53 @@ class RecorderMachine:
         elif stage is _Stage.BROKEN:
             if type(event) is Woke:
                 self._stage = _Stage.CLOSING
-                stopped = "stopped by the user" if self._steps else "stopped before the run began"
+                began = self._ledger.ticks or self._ledger.messages
+                stopped = "stopped by the user" if began else "stopped before the run began"
+                yield from self._ledger.rest()
                 yield Close(False, str(self._error) or stopped)
         elif stage is not _Stage.SEEING_OFF or type(event) is not StopAsked:
             yield from member.handle(event, now.monotonic_ns)
         if self._stage is _Stage.ASSEMBLING and member.running:
-            yield from self._begin(now)
+            self._stage = _Stage.RECORDING
         if self._stage is _Stage.RECORDING:
             yield from self._record(now)
         elif self._stage is _Stage.SEEING_OFF and (not member.present or now.monotonic_ns >= self._due_ns):
             yield Ended(self._error)
-
-    def _begin(self, now: Now) -> Iterator[Effect]:
-        self._stage = _Stage.RECORDING
-        for early in self._early:
-            yield from self._take(early, now)
-        self._early.clear()
 
     def _record(self, now: Now) -> Iterator[Effect]:
         """Close the recording when the run is complete, or when missing messages have not come in time."""
         if now.monotonic_ns >= self._flush_at_ns:
             self._flush_at_ns = now.monotonic_ns + FLUSH_NS
             yield Flush(now.monotonic_ns)
-            yield Show(self._member.ticks, self._received.total())
-        if len(self._last) < len(self._nodes):
+            yield Show(self._member.ticks, self._ledger.messages)
+            self._watch_doubtful(now)
+        self._member.ticks = self._ledger.ticks
+        self._member.over = self._ledger.over
+        if not self._ledger.ending:
             return
         self._member.leaving = True
-        if not self._missing():
+        if self._ledger.ended and not self._ledger.missing():
             self._stage = _Stage.CLOSING
-            yield Close(True, self._member.stop_reason or "finished", self._outcome)
+            yield from self._sum_up(now)
+            doubt = self._ledger.doubt
+            yield Close(not doubt, doubt or self._member.stop_reason or "finished", self._ledger.outcome)
         elif self._due_ns == NEVER_NS:
             self._due_ns = now.monotonic_ns + SETTLE_NS
         elif now.monotonic_ns >= self._due_ns:
             self._stage = _Stage.CLOSING
+            yield from self._ledger.rest()
+            yield from self._sum_up(now)
             yield Close(False, self._lacking())
+
+    def _sum_up(self, now: Now) -> Iterator[Effect]:
+        """Tell of refusals that have not been told yet."""
+        for text in self._member.refusals.rest():
+            yield from self._warn(text, now)
 
     def _confirm(self, end: RunEnd, now: Now) -> Iterator[Effect]:
         """Announce that the file is closed; after a complete run, wait until the others have left."""
         self._member.leaving = True
-        recorded = Recorded(self._boot, end.complete, end.reason, self._path)
+        recorded = Recorded(self._boot, end.complete, printable(end.reason), self._path)
         yield Put(RECORDED, encode_control(recorded))
         if self._error is not None:
             yield Ended(self._error)
@@ -173,57 +174,64 @@ class RecorderMachine:
             self._error = RunError(f"{self._path} is incomplete: {end.reason}")
 
     def _take(self, arrived: Arrived, now: Now) -> Iterable[Effect]:
+        key, roles, ledger = arrived.key, self._roles, self._ledger
         try:
-            if arrived.key.startswith(DATA):
-                name, envelope = check_sender(arrived, self._member.boots, self._graph)
-                self._received[name] += 1
-                return (Record(name, envelope, arrived.payload),)
-            if arrived.key.startswith(JOURNAL):
-                return (self._journalled(arrived),)
-            self._tick(decode_control(arrived.payload, TickDone))
+            if key.startswith(DATA):
+                name, sender, envelope = roles.message(arrived)
+                records: Sequence[Record] = ledger.message(name, sender, envelope, arrived.payload)
+            elif key.startswith(JOURNAL):
+                records = list(ledger.entry(*roles.entry(arrived), arrived.payload))
+            else:
+                records = list(ledger.end(roles.tick(arrived)))
         except ProtocolError as error:
-            return self._refuse(arrived.key, str(error), now)
-        return ()
+            return [*self._refuse(key, error, now), *self._doubt(now)]
+        if ledger.dropped or ledger.doubt:
+            return [*records, *self._drop(now), *self._doubt(now)]
+        return records
 
-    def _journalled(self, arrived: Arrived) -> Record:
-        envelope = decode_envelope(arrived.attachment)
-        if self._member.boots.get(envelope.node) != envelope.boot:
-            raise ProtocolError(f"unknown sender {envelope.node!r} with boot {envelope.boot!r}")
-        topic = JOURNAL_PREFIX + envelope.node
-        try:
-            entry = decode_entry(arrived.payload)
-        except msgspec.DecodeError as error:
-            raise BadMessageError(f"{topic}: {error}") from error
-        self._entries[envelope.node] += 1
-        return Record(topic, envelope, arrived.payload, entry)
+    def _drop(self, now: Now) -> Iterator[Effect]:
+        for topic, error in self._ledger.dropped:
+            yield from self._refuse(DATA + topic, error, now)
+        self._ledger.dropped.clear()
 
-    def _refuse(self, key: str, reason: str, now: Now) -> Iterator[Effect]:
-        self._refused[key] += 1
-        if self._refused[key] > 1:
-            return
-        text = f"{key}: message refused: {reason}"
+    def _doubt(self, now: Now) -> Iterator[Effect]:
+        """Tell once that the run is doubtful, and break it off if it cannot end by itself."""
+        doubt = self._ledger.doubt
+        if doubt and not self._doubted:
+            self._doubted = True
+            yield from self._warn(f"{doubt}: somebody speaks in its name; the recording is marked incomplete", now)
+        if self._ledger.split:
+            self._break_off()
+
+    def _break_off(self) -> None:
+        """End a doubtful run that cannot end by itself."""
+        if self._stage is _Stage.RECORDING:
+            self._stage, self._error = _Stage.BROKEN, RunError(f"the run cannot go on: {self._ledger.doubt}")
+
+    def _watch_doubtful(self, now: Now) -> None:
+        """Break a doubtful run off that makes no step any more: a stranger may have driven nodes out of step."""
+        if self._ledger.written != self._written:
+            self._written, self._written_ns = self._ledger.written, now.monotonic_ns
+        elif self._ledger.doubt and now.monotonic_ns > self._written_ns + STILL_NS:
+            self._break_off()
+
+    def _refuse(self, key: str, error: ProtocolError, now: Now) -> Iterator[Effect]:
+        text = self._member.refusals.note(key, error, now.monotonic_ns)
+        if text is not None:
+            yield from self._warn(text, now)
+
+    def _warn(self, text: str, now: Now) -> Iterator[Effect]:
+        """Tell a text, and have it written if the recording has begun."""
         yield Tell(text)
-        number, ticks = len(self._refused) - 1, self._member.ticks
-        envelope = Envelope(RECORDER, self._boot, number, ticks, self._stamp_ns, now.wall_ns)
-        message = Log(timestamp=timestamp(self._stamp_ns), level=LogLevel.WARNING, message=text, name=RECORDER)
+        if self._stage is _Stage.ASSEMBLING:
+            return
+        stamp_ns = self._ledger.stamp_ns
+        envelope = Envelope(RECORDER, self._boot, self._warnings, self._ledger.ticks, stamp_ns, now.wall_ns)
+        self._warnings += 1
+        message = Log(timestamp=timestamp(stamp_ns), level=LogLevel.WARNING, message=text, name=RECORDER)
         yield Record("log", envelope, encode("log", message))
 
-    def _tick(self, done: TickDone) -> None:
-        if self._member.boots.get(done.node) != done.boot:
-            raise ProtocolError(f"unknown sender {done.node!r} with boot {done.boot!r}")
-        self._promised.update(done.counts)
-        self._steps[done.node] = done.step + 1
-        self._ticks[done.node] = done.tick + 1
-        self._stamp_ns = max(self._stamp_ns, done.stamp_ns)
-        if done.last:
-            self._last.add(done.node)
-            self._outcome = done.outcome or self._outcome
-        self._member.ticks = min(self._ticks.get(node, 0) for node in self._nodes)
-
-    def _missing(self) -> dict[str, int]:
-        missing = {topic: count - self._received[topic] for topic, count in self._promised.items()}
-        missing |= {f"journal/{node}": steps - self._entries[node] for node, steps in self._steps.items()}
-        return {topic: count for topic, count in missing.items() if count > 0}
-
     def _lacking(self) -> str:
-        return "never arrived: " + ", ".join(f"{count} on {topic}" for topic, count in sorted(self._missing().items()))
+        missing = self._ledger.missing()
+        lacking = "never arrived: " + ", ".join(f"{count} on {topic}" for topic, count in sorted(missing.items()))
+        return f"{self._ledger.doubt}; {lacking}" if self._ledger.doubt else lacking

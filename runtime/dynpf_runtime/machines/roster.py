@@ -1,5 +1,6 @@
 """Roster: which processes are present, by their liveliness tokens, and which start of each counts."""
 
+from collections import Counter
 from collections.abc import Iterable
 from enum import Enum
 
@@ -8,6 +9,13 @@ from dynpf_protocol.keys import ALIVE, READY
 from dynpf_runtime.machines.events import Token
 
 __all__ = ["Change", "Roster", "holder"]
+
+
+_STARTS = 8
+"""How many starts of a process are kept at most."""
+
+_TOLD = 2
+"""How many second starts of a process are told of at most."""
 
 
 class Change(Enum):
@@ -37,6 +45,7 @@ class Roster:
         self.boots: dict[str, str] = {}
         self._alive: dict[str, list[str]] = {name: [] for name in self.names}
         self._ready: set[tuple[str, str]] = set()
+        self._seconds: Counter[str] = Counter()
 
     @property
     def ready(self) -> set[str]:
@@ -45,22 +54,27 @@ class Roster:
 
     @property
     def present(self) -> set[str]:
-        """The processes of which any start is alive."""
-        return {name for name, boots in self._alive.items() if boots}
+        """The processes whose counting start is alive."""
+        return {name for name, boots in self._alive.items() if self.boots.get(name) in boots}
 
     def take(self, token: Token) -> Change:
         """Note the token of one of ``names``, and return what it changes."""
         name, boot, ready = holder(token)
         if ready:
-            if token.present:  # the end of readiness needs no handling: the token of life disappears with it
+            if (
+                token.present and boot in self._alive[name]
+            ):  # the end of readiness needs no handling: the token of life disappears with it
                 self._ready.add((name, boot))
             return Change.NONE
         alive = self._alive[name]
         if token.present:
-            if boot not in alive:
-                alive.append(boot)
             counting = self.boots.setdefault(name, boot)
-            return Change.SECOND if counting != boot and (name, counting) in self._ready else Change.NONE
+            if boot not in alive and (boot == counting or len(alive) < _STARTS):
+                alive.append(boot)
+            if counting == boot or (name, counting) not in self._ready:
+                return Change.NONE
+            self._seconds[name] += 1
+            return Change.SECOND if self._seconds[name] <= _TOLD else Change.NONE
         if boot in alive:
             alive.remove(boot)
         if self.boots.get(name) != boot:

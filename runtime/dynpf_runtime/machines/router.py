@@ -5,11 +5,14 @@ from collections.abc import Iterator
 from dynpf_protocol.control import Beat, Recorded, Stop, decode_control, encode_control
 from dynpf_protocol.errors import BrokenOffError, ProtocolError
 from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, READY, RECORDED, RECORDER, ROUTER, SCENARIO, STOP
+from dynpf_protocol.printable import printable
 
 from dynpf_runtime.machines.effects import NEVER_NS, Answer, Declare, Effect, Ended, Put, Subscribe, Tell, Watch
 from dynpf_runtime.machines.events import Arrived, Event, Now, Started, StopAsked, Token
 from dynpf_runtime.machines.heartbeats import BEAT_NS
 from dynpf_runtime.machines.membership import LAST_WORD_NS
+from dynpf_runtime.machines.refusals import Refusals, known_names
+from dynpf_runtime.machines.roles import check_boot
 from dynpf_runtime.machines.roster import Roster, holder
 from dynpf_runtime.plan import Plan
 
@@ -25,10 +28,9 @@ class RouterMachine:
     def __init__(self, plan: Plan, boot: str) -> None:
         self.wake_ns = 0
         self._scenario = plan.text
-        self._names = {*plan.graph.nodes, RECORDER}
         self._boot = boot
-        self._present: set[str] = set()
-        self._recorder = Roster({RECORDER})
+        self._roster = Roster({*plan.graph.nodes, RECORDER})
+        self._refusals = Refusals(known_names(plan))
         self._recorded: Recorded | None = None
         self._began = False
         self._left_ns = NEVER_NS  # when the last process left without a word of the recorder
@@ -47,7 +49,7 @@ class RouterMachine:
             case Token():
                 self._token(event)
             case Arrived(key) if key == RECORDED:
-                yield from self._hear(event)
+                yield from self._hear(event, now)
             case StopAsked():
                 if event.at_once or not self._began:
                     yield Ended(KeyboardInterrupt())
@@ -64,7 +66,7 @@ class RouterMachine:
 
     def _over(self, now: Now) -> bool:
         """Return whether everybody has left, the recorder with its last word or without one."""
-        if not self._began or self._present:
+        if not self._began or self._roster.present:
             self._left_ns = NEVER_NS
             return False
         if self._recorded is None and self._left_ns == NEVER_NS:
@@ -78,33 +80,30 @@ class RouterMachine:
             return
         waited_ns = now_ns - self._began_ns
         self._notice_at_ns = now_ns + waited_ns
-        missing = sorted(self._names - {holder(Token(key, present=True))[0] for key in self._present})
+        missing = sorted(self._roster.names - self._roster.present)
         if missing:
             yield Tell(f"the run has waited for {', '.join(missing)} for {waited_ns // 10**9} s; Ctrl-C ends it")
 
     def _token(self, token: Token) -> None:
-        name, _, ready = holder(token)
-        if name not in self._names:
-            return  # its own, or a stranger's
-        if name == RECORDER:
-            self._recorder.take(token)
-        if ready:
-            self._began = True
-        else:
-            (self._present.add if token.present else self._present.discard)(token.key)
+        """Note who is there. Nobody is ready before all are alive, whatever a stranger's token says."""
+        roster = self._roster
+        if holder(token)[0] in roster.names:
+            roster.take(token)
+            self._began = self._began or (roster.boots.keys() == roster.names and bool(roster.ready))
 
-    def _hear(self, arrived: Arrived) -> Iterator[Effect]:
+    def _hear(self, arrived: Arrived, now: Now) -> Iterator[Effect]:
         try:
             recorded = decode_control(arrived.payload, Recorded)
-            if self._recorder.boots.get(RECORDER) != recorded.boot:
-                raise ProtocolError(f"unknown sender {RECORDER!r} with boot {recorded.boot!r}")
+            check_boot(RECORDER, recorded.boot, self._roster.boots)
             self._recorded = recorded
         except ProtocolError as error:
-            yield Tell(f"{arrived.key}: message refused: {error}")
+            text = self._refusals.note(arrived.key, error, now.monotonic_ns)
+            if text is not None:
+                yield Tell(text)
 
     def _outcome(self) -> BrokenOffError | None:
         if self._recorded is None:
             return BrokenOffError("all processes left before the run was recorded")
         if not self._recorded.complete:
-            return BrokenOffError(f"the run ended incomplete: {self._recorded.reason}")
+            return BrokenOffError(f"the run ended incomplete: {printable(self._recorded.reason)}")
         return None

@@ -63,11 +63,11 @@ def control(what: str, message: Beat | Recorded | Stop) -> Arrived:
 
 
 def test_it_asks_for_the_scenario_and_its_name_before_it_does_anything_else() -> None:
-    one = Scripted()
-    assert one.give(Started()) == [Ask(SCENARIO)]
+    one, ask = Scripted(), Ask(SCENARIO, TEXT.encode())
+    assert one.give(Started()) == [ask]
     assert one.give(Answered(None)) == []
     one.now_ns = one.machine.wake_ns
-    assert one.give(Woke()) == [Ask(SCENARIO)]
+    assert one.give(Woke()) == [ask]
     assert one.give(Answered(TEXT.encode())) == [Count(f"{ALIVE}simulator/*")]
     assert one.give(Counted(()))[0] == PREPARED
 
@@ -197,40 +197,58 @@ def test_when_the_run_is_over_everybody_may_go() -> None:
     assert one.machine.recorded.reason == "finished"
 
 
-def test_a_recording_that_is_closed_too_early_breaks_the_run_off() -> None:
-    closed = control(RECORDED, Recorded("boot", False, "no room left", "run.mcap"))
-    with pytest.raises(BrokenOffError, match="no room left"):
-        Scripted().assembled().give(closed)
+def test_a_recording_that_is_closed_too_early_breaks_the_run_off_once_the_recorder_has_gone() -> None:
+    one = Scripted().assembled()
+    one.give(control(RECORDED, Recorded("boot", False, "no room\x1b left", "run.mcap")))
+    one.now_ns += 10 * SURE_NS
+    one.give(Woke())  # who says so and stays is a stranger
+    one.give(token(ALIVE, "recorder", present=False))
+    one.now_ns += SURE_NS
+    with pytest.raises(BrokenOffError, match=r"the recorder has closed the recording: no room\\x1b left"):
+        one.give(Woke())
 
 
-@pytest.mark.parametrize(
-    ("node", "boot"), [("sensors", "boot"), ("router", "hub"), ("operator", "hub"), ("simulator", "mine")]
-)
+@pytest.mark.parametrize(("node", "boot"), [("sensors", "boot"), ("router", "hub"), ("operator", "hub")])
 def test_a_member_the_router_and_the_operator_may_ask_to_stop(node: str, boot: str) -> None:
     one = Scripted().assembled()
     one.give(token(ALIVE, "router", boot="hub"), token(ALIVE, "operator", boot="hub"))
-    one.give(control(f"{STOP}{node}", Stop(node, boot, "enough")))
-    assert (one.machine.stop_reason, one.told) == ("enough", [])
+    one.give(control(f"{STOP}{node}", Stop(node, boot, "\x1b[2Jenough")))
+    assert (one.machine.stop_reason, one.told) == ("\\x1b[2Jenough", [])
 
 
 @pytest.mark.parametrize(
     "stranger",
     [
         Arrived(f"{STOP}sensors", b"\xff\xff", b""),
+        Arrived(f"{STOP}sensors", bytes(10**6), b""),
         control(f"{STOP}sensors", Stop("sensors", "another", "enough")),
         control(f"{STOP}router", Stop("router", "boot", "enough")),
         control(f"{STOP}router", Stop("sensors", "boot", "enough")),
         control(f"{STOP}nobody", Stop("nobody", "boot", "enough")),
+        control(f"{STOP}simulator", Stop("simulator", "mine", "it has not sent this itself")),
         control(RECORDED, Recorded("another", False, "no room left", "run.mcap")),
         control(RECORDED, Recorded("another", True, "finished", "run.mcap")),
+        control(RECORDED, Recorded("boot", True, "finished before its end", "run.mcap")),
+        control(f"{BEAT}recorder", Beat("recorder", "another", 10**6)),
+        control(f"{BEAT}recorder", Beat("sensors", "boot", 10**6)),
     ],
 )
 def test_a_strangers_word_is_refused_told_and_changes_nothing(stranger: Arrived) -> None:
     one = Scripted().assembled()
-    one.give(stranger)
-    assert (one.machine.stop_reason, one.machine.recorded) == ("", None)
+    for _ in range(1000):
+        one.give(stranger)
+    assert (one.machine.stop_reason, one.machine.recorded, one.machine.behind("recorder")) == ("", None, 0)
+    assert one.machine.refusals.counts.total() == 1000
     assert len(one.told) == 1
-    assert one.told[0].startswith(f"{stranger.key}: message refused: ")
+    assert one.told[0].startswith(f"{stranger.key.removeprefix('dynpf/')}: message refused: ")
+
+
+def test_a_flood_of_second_starts_is_told_of_twice() -> None:
+    one = Scripted().assembled()
+    for number in range(5000):
+        one.give(*(token(ALIVE, "estimator", boot=f"x{number}", present=present) for present in (True, False)))
+    assert len(one.told) == 2
+    assert one.machine.boots["estimator"] == "boot"
 
 
 def test_a_beat_counts_only_with_its_peers_boot() -> None:
@@ -267,9 +285,15 @@ def test_a_strangers_scenario_is_refused_and_nothing_that_it_names_is_touched(
     (tmp_path / "mark_of_a_stranger.py").write_text(f"open({str(mark)!r}, 'x').close()")
     monkeypatch.syspath_prepend(str(tmp_path))
     one = Scripted()
-    one.give(Started())
+    one.give(Started(), Answered(answer))
+    for _ in range(3):  # it may be a stranger's, who was faster than the router
+        one.now_ns = one.machine.wake_ns
+        assert one.give(Woke(), Answered(answer)) == [Ask(SCENARIO, TEXT.encode())]
+    one.now_ns += 3 * 10**9
     with pytest.raises(DynpfError, match=r"differs from the router's in|sent a scenario that cannot be read"):
         one.give(Answered(answer))
     assert not mark.exists()
     assert not one.machine.joined
-    assert Scripted().joined().machine.joined  # the control: the same one is taken
+    other = Scripted()  # the control: the router's own is taken, also after a stranger's
+    other.give(Started(), Answered(answer), Answered(TEXT.encode()), Counted(()))
+    assert other.machine.joined

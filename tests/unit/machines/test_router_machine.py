@@ -18,9 +18,10 @@ def left_by_all() -> RouterMachine:
     """Return a router whose run has begun, and whose processes have left at 0 ns."""
     router = RouterMachine(PLAN, "router-1")
     assert ended(router, Started(), 0) is None
-    for key in (f"{ALIVE}recorder/r1", f"{ALIVE}estimator/e1", f"{READY}recorder/r1", f"{READY}estimator/e1"):
+    names = (*PLAN.graph.nodes, "recorder")
+    for key in (f"{prefix}{name}/{name[0]}1" for prefix in (ALIVE, READY) for name in names):
         assert ended(router, Token(key, True), 0) is None
-    for key in (f"{READY}estimator/e1", f"{ALIVE}estimator/e1", f"{READY}recorder/r1", f"{ALIVE}recorder/r1"):
+    for key in (f"{prefix}{name}/{name[0]}1" for name in names for prefix in (READY, ALIVE)):
         assert ended(router, Token(key, False), 0) is None
     return router
 
@@ -51,13 +52,19 @@ def test_a_process_that_comes_back_meanwhile_is_waited_for() -> None:
     assert ended(router, Woke(), 2 * LAST_WORD_NS) is None
 
 
-def test_a_strangers_tokens_neither_end_the_run_nor_keep_it() -> None:
+def test_a_strangers_tokens_neither_begin_nor_end_the_run_nor_keep_it() -> None:
     router = RouterMachine(PLAN, "router-1")
     assert ended(router, Started(), 0) is None
-    assert ended(router, Token(f"{READY}nobody/x", True), 0) is None  # nobody of the run has come yet
+    for prefix in (ALIVE, READY):
+        for name in ("nobody", "estimator", "recorder"):  # not all of the run have come yet
+            assert ended(router, Token(f"{prefix}{name}/x", True), 0) is None
+    for name in ("nobody", "estimator", "recorder"):
+        assert ended(router, Token(f"{ALIVE}{name}/x", False), 0) is None
     assert ended(router, Woke(), 10 * LAST_WORD_NS) is None
     router = left_by_all()
-    assert ended(router, Token(f"{ALIVE}nobody/x", True), 1) is None
+    for name in ("nobody", "estimator", "recorder"):
+        for number in range(100):
+            assert ended(router, Token(f"{ALIVE}{name}/x{number}", True), 1) is None
     assert ended(router, LAST_WORD, 2) == Ended(None)
 
 

@@ -5,6 +5,8 @@ from collections.abc import Iterable, Sequence
 
 import pytest
 from dynpf_protocol.control import TickDone
+from dynpf_protocol.envelope import Envelope
+from dynpf_protocol.errors import OrderError
 from dynpf_runtime.faults import Fault, FaultyLink
 from dynpf_runtime.inbox import LockstepInbox, Ready, RealtimeInbox
 from dynpf_runtime.node import Received
@@ -114,23 +116,86 @@ def test_it_never_steps_before_all_is_there(counts: list[dict[str, int]], data: 
 
 
 @pytest.mark.parametrize("early", [True, False])
-def test_a_refused_message_stalls_nobody(early: bool) -> None:
+def test_a_message_of_refused_content_stalls_nobody(early: bool) -> None:
+    refused = "sensors/odometry", "sensors", Envelope("sensors", "b", 0, 0, 0, 0)
     (_, other, done), vision, controller = (
         traffic([{"sensors/odometry": 1, "sensors/landmarks": 1}])[node] for node in ("sensors", "vision", "controller")
     )
     box = inbox()
     assert run(box, [*vision, *controller]) == []
     if early:
-        box.deliver_refused("sensors", 0)
+        box.deliver_refused(*refused)
     assert run(box, [other]) == []
     steps = run(box, [done])
     if not early:
         assert steps == []
-        box.deliver_refused("sensors", 0)
+        box.deliver_refused(*refused)
         steps = run(box, [])
         ready = box.take()
         steps = [ready] if ready else []
     assert [[one.topic for one in ready.inputs] for ready in steps] == [["sensors/landmarks"]]
+
+
+def admitted(box: LockstepInbox | RealtimeInbox, name: str, sequence: int, tick: int) -> bool:
+    try:
+        box.admit(name, name.partition("/")[0], Envelope("x", "b", sequence, tick, 0, 0))
+    except OrderError:
+        return False
+    return True
+
+
+def test_in_lockstep_only_what_a_node_sends_in_its_tick_is_admitted() -> None:
+    box = inbox()
+    sent = traffic([{"sensors/odometry": 2, "controller/command": 1}] * 2)
+    assert [admitted(box, "sensors/odometry", 0, tick) for tick in (0, 1, 10**6)] == [True, False, False]
+    assert [admitted(box, "sensors/odometry", sequence, 0) for sequence in (1, 10**6, 2**32 - 1)] == [
+        True,
+        False,
+        False,
+    ]
+    run(box, [sent["sensors"][0]])
+    assert not admitted(box, "sensors/odometry", 0, 0)  # it has come
+    run(box, sent["sensors"][1:3])
+    assert [admitted(box, "sensors/odometry", 2, tick) for tick in (0, 1)] == [True, False]
+    with pytest.raises(OrderError, match="the end of tick 0 again"):
+        box.admit_end(sent["sensors"][2])  # type: ignore[arg-type]
+    steps = run(box, [*sent["vision"][:1], *sent["controller"][:1]])
+    assert len(steps) == 1
+    assert [admitted(box, "sensors/odometry", *place) for place in ((0, 0), (2, 0), (0, 1), (2, 1))] == [
+        False,
+        False,
+        False,
+        True,
+    ]
+
+
+@pytest.mark.parametrize("sequence", [1, 2, 7])
+def test_what_the_end_of_the_tick_does_not_promise_is_dropped_and_the_true_one_taken(sequence: int) -> None:
+    counts = [{"sensors/odometry": 1}] * 3
+    forged = received("sensors/odometry", "sensors", sequence, 10**9)
+    arrivals = [one for sent in traffic(counts).values() for one in sent]
+    assert run(inbox(), [(forged, 0), *arrivals]) == expected(counts)
+
+
+def test_an_end_that_promises_what_never_comes_stalls_nobody() -> None:
+    counts = [{"sensors/odometry": 1}] * 2
+    forged = [TickDone("sensors", "b", 0, 0, 0, {"sensors/odometry": number + 2}, True) for number in range(100)]
+    assert run(inbox(), [*forged, *(one for sent in traffic(counts).values() for one in sent)]) == expected(counts)
+
+
+def test_in_realtime_a_number_far_ahead_is_refused_and_one_ahead_does_not_close_those_before_it() -> None:
+    box = realtime()
+    assert [admitted(box, "sensors/odometry", sequence, 0) for sequence in (0, 10**6, 500, 1, 2, 2, 0, 500, 501)] == [
+        True,
+        False,
+        True,
+        True,
+        True,
+        False,
+        False,
+        False,
+        True,
+    ]
 
 
 def test_the_source_sets_the_time_and_waits_for_the_end_of_the_round() -> None:

@@ -1,0 +1,29 @@
+"""A few of the attacks of `python -m checks.attacks`, on real runs: on a plain bus, and with another's certificate."""
+
+import pytest
+from dynpf_protocol.keys import OBSERVER
+
+from checks.attacks.kinds import KINDS
+from checks.attacks.outcome import PLAIN, Fate, attacked, undisturbed
+
+
+@pytest.fixture(name="expected", scope="module")
+def content_of_an_undisturbed_run() -> str:
+    return undisturbed()
+
+
+@pytest.mark.parametrize(
+    ("name", "role"),
+    [("everything again", PLAIN), ("last ends of future ticks", PLAIN), ("stop in a node's name", OBSERVER)],
+)
+def test_a_stranger_changes_nothing(name: str, role: str, expected: str) -> None:
+    outcome = attacked(KINDS[name], role, expected)
+    assert outcome.acts
+    assert outcome.fate is Fate.UNTOUCHED, outcome.text
+
+
+def test_a_forged_message_is_not_overlooked(expected: str) -> None:
+    """The control: nothing but a certificate prevents this."""
+    outcome = attacked(KINDS["the next data, forged"], PLAIN, expected)
+    assert outcome.fate is Fate.TOLD
+    assert "two messages that differ claim to be the message" in outcome.text
