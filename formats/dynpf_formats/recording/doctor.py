@@ -13,7 +13,7 @@ from dynpf_protocol.journal import JOURNAL_PREFIX
 from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES
 from dynpf_protocol.topics import topic as row_of
 
-from dynpf_formats.recording.attachments import LANDMARKS, files_of
+from dynpf_formats.recording.attachments import files_of
 from dynpf_formats.recording.code import recorded_code
 from dynpf_formats.recording.errors import RecordingError
 from dynpf_formats.recording.findings import Finding, Severity, error, warning
@@ -30,15 +30,10 @@ class _File(msgspec.Struct):
     sha256: str
 
 
-class _Log(msgspec.Struct):
-    landmarks: list[dict[str, float]] = []
-
-
 class _Files(msgspec.Struct):
     """What a scenario says of its files."""
 
     files: dict[str, _File] = {}
-    log: _Log | None = None
 
 
 class Diagnosis(NamedTuple):
@@ -146,7 +141,7 @@ def _repetitions(recording: Recording) -> Iterator[Finding]:
 
 
 def _files(recording: Recording) -> Iterator[Finding]:
-    """Yield the files and landmarks that the scenario names and that are not attached as it says."""
+    """Yield the files that the scenario names and that are not attached as it says."""
     for name, count in Counter(item.name for item in recording.attachments).items():
         if count > 1:
             yield error(f"{name!r} is attached {count} times", "attachments")
@@ -160,14 +155,6 @@ def _files(recording: Recording) -> Iterator[Finding]:
             yield error(f"the file {name!r} of the scenario is not attached", "attachments")
         elif hashlib.sha256(attached[name]).hexdigest() != file.sha256:
             yield error(f"the file {name!r} is not that of the scenario, whose SHA-256 is {file.sha256}", "attachments")
-
-    landmarks = next((item.data for item in recording.attachments if item.name == LANDMARKS), b"[]")
-    try:
-        held = msgspec.json.decode(landmarks, type=list[dict[str, float]])
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        held = None
-    if scenario.log is not None and held != scenario.log.landmarks:
-        yield error(f"{LANDMARKS} does not hold the landmarks of the scenario", "attachments")
 
 
 def _payloads(recording: Recording) -> Iterator[Finding]:
