@@ -13,6 +13,7 @@ from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
 from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES
 from dynpf_protocol.topics import topic as row_of
 
+from dynpf_formats.recording.attachments import changed_files
 from dynpf_formats.recording.code import recorded_code
 from dynpf_formats.recording.errors import RecordingError
 from dynpf_formats.recording.reader import Recording, Source, load
@@ -62,6 +63,9 @@ def diagnose(path: Path | str) -> Diagnosis:
     findings = [
         Finding(severity=Severity.ERROR, what=f"{found.kind}: {found.text}", where=f"byte {found.offset}")
         for found in damage
+    ]
+    findings += [
+        _error(text, "attachments") for text in changed_files(recording.header.scenario, recording.attachments)
     ]
     for check in (_end, _senders, _gaps, _repetitions, _payloads, _journals):
         findings.extend(check(recording))

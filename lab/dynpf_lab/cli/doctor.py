@@ -1,6 +1,7 @@
 """``dynpf doctor``: faults of a recording, and the code that it names."""
 
 import argparse
+import json
 
 from dynpf_lab.cli.arguments import add_json, add_recording
 
@@ -23,7 +24,7 @@ def run(options: argparse.Namespace) -> int:
     findings, named = diagnose(options.recording)
     code = described_code(named)
     if options.json:
-        print(msgspec.json.encode({"healthy": not findings, "findings": findings, "code": code}).decode())
+        print(json.dumps(msgspec.to_builtins({"healthy": not findings, "findings": findings, "code": code})))
     else:
         if not findings:
             print(f"{options.recording}: whole and complete")

@@ -2,6 +2,7 @@
 
 import argparse
 import difflib
+import io
 import os
 import sys
 import traceback
@@ -46,6 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.environ.setdefault(variable, "1")  # for small matrices and images threads cost more than they gain
     if "_ARGCOMPLETE" in os.environ:
         _complete()
+    _print_any_name()
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words == ["--version"]:
         from dynpf_lab.cli.version import versions
@@ -61,7 +63,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         hint = f"did you mean {close[0]!r}?" if close else "dynpf --help shows the commands"
         print(f"dynpf: unknown command {command!r}; {hint}", file=sys.stderr)
         return 2
-    label = command
+    try:
+        return _executed(words)
+    except SystemExit as stop:  # argparse has printed the error
+        return stop.code if isinstance(stop.code, int) else 2
+
+
+def _print_any_name() -> None:
+    """Let names of files be printed that are no text which can be encoded."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _executed(words: list[str]) -> int:
+    """Execute a command; what a person can do something about is printed in a sentence."""
+    command = label = words[0]
     try:
         with loading():
             parser, commands = _parser()
@@ -78,12 +95,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return error.exit_code
     except KeyboardInterrupt:
         print(f"dynpf {label}: stopped", file=sys.stderr)
-        return 1
+    except MemoryError:
+        print(f"dynpf {label}: not enough memory", file=sys.stderr)
     except BrokenPipeError:
         sys.stderr.close()
-        return 1
-    except SystemExit as stop:  # argparse has printed the error
-        return stop.code if isinstance(stop.code, int) else 2
+    except OSError as error:  # a full disk, a file that vanishes
+        print(f"dynpf {label}: {error}", file=sys.stderr)
+    return 1
 
 
 def _parser() -> "tuple[argparse.ArgumentParser, argparse._SubParsersAction[Any]]":

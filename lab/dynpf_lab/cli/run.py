@@ -8,6 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dynpf_formats.regular_files import exists
 from dynpf_protocol.errors import DynpfError, UsageError
 from dynpf_services.scenario.schema import Scenario
 
@@ -75,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
         else:
             _run_on_bus(scenario, plan, path, log, options)
     except DynpfError:
-        if path.exists():
+        if exists(path):
             print(
                 f"dynpf run: the messages recorded so far are in {path} (dynpf doctor tells what is missing)",
                 file=sys.stderr,
@@ -86,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _check_output(path: Path) -> None:
     """Raise UsageError for an unusable output, before any process is started."""
-    if path.exists():
+    if exists(path):
         raise UsageError(f"{path}: the file exists; choose another name")
     if not path.parent.is_dir():
         raise UsageError(f"{path}: the folder {path.parent} does not exist")

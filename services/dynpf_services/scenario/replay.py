@@ -8,6 +8,7 @@ from typing import NamedTuple
 import msgspec
 from dynpf_formats.recording.reader import Recording
 from dynpf_formats.recording.writer import RecordingWriter
+from dynpf_formats.regular_files import readable
 from dynpf_protocol.errors import UsageError
 from dynpf_runtime.plan import run_header
 from dynpf_runtime.replay import Replayed, replay_node, write_replayed
@@ -95,7 +96,7 @@ def write_nodes(recording: Recording, scenario: Scenario, outcomes: Sequence[Rep
     with RecordingWriter(path, run_header(plan), attachments, topics=topics, schemas=schemas) as writer:
         write_replayed(recording, outcomes, writer)
         whole = recording.end is not None and recording.end.complete
-        writer.close(complete=whole, reason=f"replayed from {recording.path.name}")
+        writer.close(complete=whole, reason=f"replayed from {readable(recording.path.name)}")
 
 
 def rerun(recording: Recording, scenario: Scenario, path: Path) -> None:
@@ -108,4 +109,4 @@ def rerun(recording: Recording, scenario: Scenario, path: Path) -> None:
             "a realtime run cannot be run again from its source; choose --node to change one node's settings"
         )
     log = LogContent(log_records(recording), recording.attachments)
-    record_inline(scenario, path, log, reason=f"run anew from {recording.path.name}")
+    record_inline(scenario, path, log, reason=f"run anew from {readable(recording.path.name)}")
