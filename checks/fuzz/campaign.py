@@ -13,12 +13,14 @@ import sys
 import traceback
 from collections import Counter, defaultdict
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 from checks.fuzz.cases import Trial, Workshop, files_case
 from checks.fuzz.payloads import payload_case
 from checks.fuzz.sources import Sources
+from checks.fuzz.subjects import command
 from checks.fuzz.trial import Outcome, Verdict, tried
 
 __all__ = ["Campaign", "Plan", "one_case"]
@@ -52,6 +54,9 @@ class Campaign:
     def run(self) -> None:
         """Run all blocks; each tells on standard error how far it is."""
         self._corpus.mkdir(exist_ok=True, parents=True)
+        for path in self._sources.recordings.values():
+            for name in ("doctor", "info", "metrics"):
+                tried(partial(command, name, path))  # so that the processes of the blocks have loaded what they need
         for kind, total, size in (
             ("file", self.plan.files, _FILES_A_BLOCK),
             ("payload", self.plan.payloads, _PAYLOADS_A_BLOCK),

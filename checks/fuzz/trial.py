@@ -10,7 +10,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
 
-from dynpf_protocol.errors import DynpfError, ProtocolError, StepError
+from dynpf_protocol.errors import DynpfError, ProtocolError
 
 __all__ = ["LIMITS", "Limits", "Outcome", "Verdict", "WrongAnswerError", "tried"]
 
@@ -62,9 +62,6 @@ def tried(action: Callable[[], object], limits: Limits = LIMITS) -> Outcome:
     try:
         with _broken_off(limits.hang_seconds):
             action()
-    except StepError as error:
-        # A step of a user's own node may raise; here all nodes are dynpf's.
-        verdict, text = Verdict.FAULT, f"StepError: {error}"
     except (DynpfError, ProtocolError) as error:
         verdict, text = Verdict.REFUSED, str(error)
     except _HangError:

@@ -72,7 +72,7 @@ class Values:
                 holder[key] = self.value()
             case "nudge":
                 inner = holder[key]
-                if isinstance(inner, int | float) and not isinstance(inner, bool):
+                if isinstance(inner, int | float) and not isinstance(inner, bool) and abs(inner) < 1e300:
                     holder[key] = inner * self.random.choice((-1, 2, 1e3, 1e-3, 1e9)) + self.random.choice((0, 1, -1))
                 elif isinstance(inner, str):
                     holder[key] = self.text() + inner[: self.random.randrange(len(inner) + 1)]

@@ -89,7 +89,7 @@ def _executed(words: list[str]) -> int:
         label = options.name if command == "service" else command
         return int(options.run(options))
     except DynpfError as error:
-        if isinstance(error, StepError):
+        if isinstance(error, StepError) and error.__cause__ is not None and _in_users_code(error.__cause__):
             traceback.print_exception(error.__cause__)
         print(f"dynpf {label}: {error}", file=sys.stderr)
         return error.exit_code
@@ -102,6 +102,16 @@ def _executed(words: list[str]) -> int:
     except OSError as error:  # a full disk, a file that vanishes
         print(f"dynpf {label}: {error}", file=sys.stderr)
     return 1
+
+
+def _in_users_code(error: BaseException) -> bool:
+    """Return whether an exception passed through code of the user's own, who then wants to see where."""
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        package = str(frame.f_globals.get("__name__", "")).partition(".")[0]
+        shipped = package.startswith("dynpf") or package in sys.stdlib_module_names
+        if not shipped and "site-packages" not in frame.f_code.co_filename:
+            return True
+    return False
 
 
 def _parser() -> "tuple[argparse.ArgumentParser, argparse._SubParsersAction[Any]]":
