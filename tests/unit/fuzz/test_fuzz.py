@@ -25,6 +25,7 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Sources:
     return sources(tmp_path_factory.mktemp("sound"))
 
 
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of numbers that overflow: no traceback
 def test_hostile_files_are_refused_or_read(sound: Sources, tmp_path: Path) -> None:
     workshop, verdicts = Workshop(sound, tmp_path), set()
     for number in range(40):
