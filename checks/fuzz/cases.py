@@ -298,7 +298,7 @@ def _imported(workshop: Workshop, form: str, source: Path, *words: str) -> None:
 
 def _written(name: str, output: Path, *words: str | Path) -> None:
     try:
-        command("import_" if name == "import" else name, *words, "-o", output)
+        command(name, *words, "-o", output)
     finally:
         output.unlink(missing_ok=True)
 

@@ -5,7 +5,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from importlib import import_module
 from io import BytesIO, TextIOWrapper
 from pathlib import Path
 from types import ModuleType
@@ -13,6 +12,7 @@ from types import ModuleType
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.errors import RecordingError
 from dynpf_formats.recording.reader import read_recording
+from dynpf_lab.cli import diff, doctor, export, fit, import_, info, metrics, recover, replay
 
 from checks.fuzz.trial import WrongAnswerError
 
@@ -20,10 +20,22 @@ __all__ = ["command", "difference", "quiet", "recovered"]
 
 SAME, DIFFERENT, WRONG_USAGE = 0, 1, 2
 
+_COMMANDS: dict[str, ModuleType] = {
+    "diff": diff,
+    "doctor": doctor,
+    "export": export,
+    "fit": fit,
+    "import": import_,
+    "info": info,
+    "metrics": metrics,
+    "recover": recover,
+    "replay": replay,
+}
+
 
 @cache
 def _parser(name: str) -> tuple[ModuleType, argparse.ArgumentParser]:
-    module = import_module(f"dynpf_lab.cli.{name}")
+    module = _COMMANDS[name]
     parser = argparse.ArgumentParser(prog=f"dynpf {name}", allow_abbrev=False)
     module.add_arguments(parser)
     return module, parser

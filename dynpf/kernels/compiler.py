@@ -8,7 +8,6 @@ alone and would keep one that calls a changed function of another file; so the f
 import hashlib
 import logging
 import os
-import stat
 import tempfile
 from collections.abc import Callable
 from functools import cache
@@ -84,7 +83,7 @@ def _private(folder: Path) -> bool:
     folder.mkdir(mode=0o700, exist_ok=True)
     about = folder.lstat()  # a link would be somebody else's to turn
     owned = not hasattr(os, "getuid") or about.st_uid == os.getuid()
-    return stat.S_ISDIR(about.st_mode) and owned and not about.st_mode & 0o022
+    return folder.is_dir() and not folder.is_symlink() and owned and not about.st_mode & 0o022
 
 
 def _sources_digest() -> str:
