@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 SCENARIO ?= parts-3-easy
 
 .DELETE_ON_ERROR:
-.PHONY: run test test-container test-wheels test-machines test-arm64 test-old-x86 check format docs peers lock hooks clean
+.PHONY: run test fuzz test-container test-wheels test-machines test-arm64 test-old-x86 check format docs peers lock hooks clean
 
 run: .venv/.project
 	$(BIN)/dynpf run $(SCENARIO)
@@ -19,6 +19,10 @@ run: .venv/.project
 test: .venv/.dev
 	$(BIN)/pytest --numprocesses 2 --ignore tests/integration
 	$(BIN)/pytest tests/integration
+
+# Hostile files and payloads, for an hour or so; FILES, PAYLOADS and SEED say how many, and which.
+fuzz: .venv/.dev
+	$(BIN)/python -m checks.fuzz --files $(or $(FILES),100000) --payloads $(or $(PAYLOADS),1000000) --seed $(or $(SEED),0)
 
 test-container: .venv/.dev
 	$(BIN)/pytest -m container

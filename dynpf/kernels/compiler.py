@@ -55,6 +55,8 @@ def cache_folder() -> Path | None:
     for root in roots:
         folder = root / name
         try:
+            if root == own and not _private(own):
+                continue  # what lies there is executed, and somebody else may have put it there
             new = _made(folder)
             with tempfile.TemporaryFile(dir=folder):
                 pass
@@ -74,6 +76,14 @@ def _made(folder: Path) -> bool:
     except FileExistsError:
         return False
     return True
+
+
+def _private(folder: Path) -> bool:
+    """Make a folder in a place that all may write to; return whether it is this user's, and nobody else's to change."""
+    folder.mkdir(mode=0o700, exist_ok=True)
+    about = folder.lstat()  # a link would be somebody else's to turn
+    owned = not hasattr(os, "getuid") or about.st_uid == os.getuid()
+    return folder.is_dir() and not folder.is_symlink() and owned and not about.st_mode & 0o022
 
 
 def _sources_digest() -> str:

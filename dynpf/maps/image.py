@@ -1,18 +1,22 @@
 """Encoded images as brightness."""
 
 import re
+import struct
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynpf.maps.occupancy import MOST_CELLS, check_size
 from dynpf.types import FloatArray
 
 __all__ = ["Shades", "decode_image"]
 
 _LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 _GAP = rb"(?:\s|#[^\n]*\n)+"
-_PIXMAP = re.compile(rb"P([2356])" + _GAP + rb"\d+" + _GAP + rb"\d+" + _GAP + rb"(\d+)")
+_PIXMAP = re.compile(rb"P([2356])" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})")
+_BITMAP = re.compile(rb"P([14])" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})\s")
+_PNG = b"\x89PNG\r\n\x1a\n"
 
 
 class Shades(NamedTuple):
@@ -26,20 +30,37 @@ class Shades(NamedTuple):
     alpha: FloatArray | None
 
 
-def decode_image(data: bytes) -> Shades:
-    """Decode a PGM, PNG, BMP or whatever else OpenCV reads, of 8 or 16 bits a channel.
+def decode_image(data: bytes, most_pixels: int = MOST_CELLS) -> Shades:
+    """Decode a PGM, PNG or BMP of 8 or 16 bits a channel.
 
-    Raises ValueError, saying why, where the bytes are no such image.
+    Raises ValueError, saying why, where the bytes are no such image, or one of more than ``most_pixels``.
     """
     if data.startswith(_LFS_POINTER):
         raise ValueError("a Git LFS pointer, not the image itself; fetch it with `git lfs pull`")
-    pixels = _pixels(data)
+    size = _size(data)
+    if size is not None:
+        check_size(*size, most_pixels)
+    pixels = None if size is None else _pixels(data)
     if pixels is None or pixels.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{len(data)} bytes that do not decode; expected a PGM, PNG or BMP of 8 or 16 bits a channel")
     shades = pixels / _white(data, pixels)
     if shades.ndim == 2:
         return Shades(shades, None)
     return Shades(shades[..., :3].mean(axis=2), shades[..., 3] if shades.shape[2] == 4 else None)
+
+
+def _size(data: bytes) -> tuple[int, int] | None:
+    """Return width and height as the header of an image tells them; None where it is none that is read."""
+    if header := _PIXMAP.match(data) or _BITMAP.match(data):
+        return int(header[2]), int(header[3])
+    if data.startswith(_PNG) and len(data) >= 24:
+        width, height = struct.unpack_from(">II", data, 16)
+    elif data.startswith(b"BM") and len(data) >= 26:
+        wide = struct.unpack_from("<I", data, 14)[0] >= 40  # else the header of OS/2
+        width, height = struct.unpack_from("<ii" if wide else "<HH", data, 18)
+    else:
+        return None
+    return abs(width), abs(height)
 
 
 def _pixels(data: bytes) -> NDArray[np.uint8] | NDArray[np.uint16] | None:
@@ -59,4 +80,4 @@ def _white(data: bytes, pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> int:
     header = _PIXMAP.match(data)
     if not header or (header[1] in b"23" and pixels.dtype == np.uint8):
         return full
-    return int(header[2])
+    return int(header[4])

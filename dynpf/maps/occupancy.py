@@ -10,9 +10,12 @@ from dynpf.maps.distance import squared_distances
 from dynpf.portable import sincos, whole
 from dynpf.rng import Stream
 
-__all__ = ["FREE", "OCCUPIED", "UNKNOWN", "OccupancyGrid", "thickened"]
+__all__ = ["FREE", "MOST_CELLS", "OCCUPIED", "UNKNOWN", "OccupancyGrid", "check_size", "thickened"]
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, 2
+
+MOST_CELLS = 200_000_000
+"""The cells of the largest map that is made of a drawing or of segments: at 5 cm a cell, 700 m by 700 m."""
 
 Bools = NDArray[np.bool_]
 
@@ -114,6 +117,12 @@ class OccupancyGrid:
         row, column = np.divmod(index, self.cells.shape[1])
         x, y = self.to_map(column + along, row + across)
         return np.stack((x, y, (2.0 * turn - 1.0) * np.pi)).astype(np.float32)
+
+
+def check_size(width: float, height: float, most: int = MOST_CELLS) -> None:
+    """Raise ValueError for a map of more than ``most`` cells, before it takes any memory."""
+    if not width * height <= most:
+        raise ValueError(f"a map of {width:.0f} x {height:.0f} cells; expected at most {most}")
 
 
 def thickened(occupied: Bools) -> Bools:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dynpf.maps.occupancy import OccupancyGrid
+from dynpf.maps.occupancy import MOST_CELLS, OccupancyGrid, check_size
 from dynpf.portable import atan2, hypot, sincos, whole
 from dynpf.se2 import wrap_angle
 from dynpf.types import FloatArray
@@ -45,12 +45,13 @@ class SegmentMap:
         """Return rho (m) and alpha (rad) of every line in the frame of every pose (3, N), each of shape (S, N)."""
         return polar_in_frame(self.rho[:, None], self.alpha[:, None], poses)
 
-    def rasterize(self, resolution: float, margin: float = 0.0) -> OccupancyGrid:
+    def rasterize(self, resolution: float, margin: float = 0.0, most_cells: int = MOST_CELLS) -> OccupancyGrid:
         """Return a grid whose occupied cells are those that a segment runs through, all others free.
 
         ``resolution``: metres a cell; ``margin``: metres of free space about the outermost ends, at least. A segment
         along the border of two cells makes a wall of one of them. Raises ValueError where the resolution is not
-        above 0 and finite, or the margin is negative or not finite.
+        above 0 and finite, the margin is negative or not finite, or the grid, or the walls, would have more than
+        ``most_cells``: a grid takes a byte a cell.
         """
         if not (np.isfinite(resolution) and resolution > 0.0):
             raise ValueError(f"resolution = {resolution!r}; expected metres a cell, finite and above 0")
@@ -58,6 +59,10 @@ class SegmentMap:
             raise ValueError(f"margin = {margin!r}; expected metres, finite and not negative")
         ends = self.segments.reshape(-1, 2)
         corner = ends.min(axis=0) - margin
+        columns, rows = ((ends.max(axis=0) + margin - corner) / resolution + 1.0).tolist()
+        check_size(columns, rows, most_cells)
+        if (on_walls := float(np.sum(self.lengths)) / resolution) > most_cells:
+            raise ValueError(f"walls over {on_walls:.0f} cells; expected at most {most_cells}")
         width, height = whole((ends.max(axis=0) + margin - corner) / resolution, 0, 2**31) + 1
         occupied = np.zeros((height, width), dtype=bool)
         for start, end in (self.segments.reshape(-1, 2, 2) - corner) / resolution:

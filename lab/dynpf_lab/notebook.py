@@ -21,6 +21,7 @@ from dynpf_formats.exporters.table import header, message_of, rows
 from dynpf_formats.recording.diff import FirstDifference, diff
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import Recording, read_recording
+from dynpf_formats.regular_files import exists
 from dynpf_protocol.errors import UsageError
 from dynpf_protocol.journal import JOURNAL_PREFIX
 from dynpf_protocol.messages import PosesInFrame
@@ -259,7 +260,7 @@ def read(path: str | Path) -> Run:
 def _made(path: str | Path | None, make: Callable[[Path], object]) -> Run:
     """Return the run whose recording ``make`` writes: to ``path``, or to a temporary file removed with the Run."""
     if path is not None:
-        if Path(path).exists():
+        if exists(Path(path)):
             raise UsageError(f"{path}: the file exists; choose another name")
         make(Path(path))
         return Run(path)

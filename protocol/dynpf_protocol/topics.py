@@ -4,6 +4,7 @@ These are the topics that any robot may have. Each system has its own table, and
 the table of a run has the topics that its nodes write.
 """
 
+import re
 from collections.abc import Mapping
 from enum import StrEnum
 
@@ -20,6 +21,7 @@ __all__ = [
     "MOST_BYTES",
     "NODES",
     "TOPICS",
+    "TOPIC_NAME",
     "Delivery",
     "Topic",
     "is_compared",
@@ -270,6 +272,9 @@ def is_compared(name: str) -> bool:
     """Return whether a topic is part of "the same run"; topics of hosts and the recorder are not."""
     return name not in _UNCOMPARED and not name.startswith(EVENT_PREFIX)
 
+
+TOPIC_NAME = re.compile(r"[a-z][a-z0-9_]*(/[a-z0-9_]+)*")
+"""What the name of a topic looks like."""
 
 EVENT_PREFIX = "event/"
 """The host of node NODE reports missing inputs to it on event/NODE."""

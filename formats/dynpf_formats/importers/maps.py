@@ -14,6 +14,7 @@ from dynpf_formats.importers.text import refuse_pointer
 from dynpf_formats.importers.transforms import matrix, planar
 from dynpf_formats.recording.attachments import attached
 from dynpf_formats.recording.header import Attachment
+from dynpf_formats.regular_files import read_regular
 
 __all__ = ["import_map", "map_attachments", "map_of_message"]
 
@@ -63,11 +64,11 @@ def _read(path: Path) -> tuple[tuple[Attachment, ...], OccupancyGrid]:
     images: dict[str, bytes] = {}
 
     def read(name: str) -> bytes:
-        images[PurePath(name).name] = data = (path.parent / name).read_bytes()
+        images[PurePath(name).name] = data = read_regular(path.parent / name)
         return data
 
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_regular(path).decode()
         grid = decode(text, read, path.name)
     except (OSError, UnicodeDecodeError) as error:
         raise ImportFailedError(f"{path}: cannot be read: {error}") from error

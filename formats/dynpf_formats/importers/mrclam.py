@@ -7,7 +7,6 @@ be compressed, as ``.dat.xz``. A measurement names a barcode, which the table of
 """
 
 import heapq
-import lzma
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby, pairwise
@@ -22,8 +21,9 @@ from dynpf_formats.importers.errors import ImportFailedError
 from dynpf_formats.importers.heading import GAP_S, heading_faults
 from dynpf_formats.importers.log import ImportedLog, Losses, Record
 from dynpf_formats.importers.mrclam_tables import MrclamTexts, Reading, Tables, TextFile, tables_of
-from dynpf_formats.importers.text import LFS_POINTER
+from dynpf_formats.importers.text import lines_of
 from dynpf_formats.recording.attachments import attached_landmarks
+from dynpf_formats.regular_files import exists
 
 __all__ = ["import_mrclam", "import_mrclam_team", "robots_in"]
 
@@ -132,17 +132,10 @@ def _choose(folder: Path, robot: int | None) -> tuple[str, int | None]:
 def _read(folder: Path, name: str) -> TextFile:
     """Read a table, plain or compressed."""
     plain, packed = folder / f"{name}.dat", folder / f"{name}.dat.xz"
-    path = plain if plain.exists() else packed
-    try:
-        data = path.read_bytes()
-        if data.startswith(LFS_POINTER):
-            raise ImportFailedError(f"{path}: a Git LFS pointer, not the file itself; fetch it with `git lfs pull`")
-        text = lzma.decompress(data) if path == packed else data
-    except FileNotFoundError:
-        raise ImportFailedError(f"{plain}: no such file, nor {packed.name}") from None
-    except (OSError, lzma.LZMAError) as error:
-        raise ImportFailedError(f"{path}: cannot be read: {error}") from error
-    return TextFile(path.name, text.decode("utf-8", errors="replace").splitlines())
+    path = plain if exists(plain) else packed
+    if not exists(path):
+        raise ImportFailedError(f"{plain}: no such file, nor {packed.name}")
+    return TextFile(path.name, [line.rstrip("\r\n") for _, line in lines_of(path)])
 
 
 def _log(texts: MrclamTexts, source: str, robot: int | None, moving: Mapping[int, TextFile]) -> ImportedLog:

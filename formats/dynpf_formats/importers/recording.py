@@ -15,6 +15,7 @@ from dynpf_formats.importers.log import ImportedLog, ImportSummary
 from dynpf_formats.recording.header import RunHeader
 from dynpf_formats.recording.provenance import collect
 from dynpf_formats.recording.writer import RecordingWriter
+from dynpf_formats.regular_files import readable
 
 __all__ = ["BOOT", "write_recording"]
 
@@ -27,7 +28,9 @@ def write_recording(log: ImportedLog, path: Path) -> ImportSummary:
     Raises RecordingError, leaving an existing file alone, and whatever reading the records raises; then the new file
     is removed.
     """
-    text = msgspec.json.encode({"import": {"source": log.source, "format": log.format, "settings": log.settings}})
+    text = msgspec.json.encode(
+        {"import": {"source": readable(log.source), "format": log.format, "settings": log.settings}}
+    )
     header = RunHeader(scenario=text.decode(), seed=0, provenance=collect())
     counts: Counter[str] = Counter()
     first, last = 2**63, 0
@@ -45,7 +48,7 @@ def write_recording(log: ImportedLog, path: Path) -> ImportSummary:
         writer.close(complete=True, reason="imported")
     start = min(first, last)
     return ImportSummary(
-        source=log.source,
+        source=readable(log.source),
         format=log.format,
         settings=log.settings,
         start_ns=start,

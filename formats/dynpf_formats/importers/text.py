@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import IO
 
 from dynpf_formats.importers.errors import ImportFailedError
+from dynpf_formats.regular_files import open_regular
 
 __all__ = ["LFS_POINTER", "finite_number", "lines_of", "refuse_pointer", "seconds_to_ns", "whole_number"]
 
 LFS_POINTER = b"version https://git-lfs.github.com/spec/"
+MOST_UNPACKED, MOST_RATIO = 2**20, 100  # bytes, and times the size of the packed file; logs have some ten times
 LONGEST_LINE = 2**22  # bytes; anything longer is no line of a log
 
 _PACKED: Mapping[bytes, Callable[[Path], IO[bytes] | gzip.GzipFile]] = {
@@ -27,7 +29,7 @@ _PACKED: Mapping[bytes, Callable[[Path], IO[bytes] | gzip.GzipFile]] = {
 def refuse_pointer(path: Path) -> None:
     """Raise ImportFailedError if a file is missing or empty, or only a Git LFS pointer."""
     try:
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             start = stream.read(len(LFS_POINTER))
     except OSError as error:
         raise ImportFailedError(f"{path}: cannot be read: {(error.strerror or str(error)).lower()}") from error
@@ -45,12 +47,16 @@ def lines_of(path: Path) -> Iterator[tuple[int, str]]:
     refuse_pointer(path)
     number = 0
     try:
-        with path.open("rb") as plain:
+        with open_regular(path) as plain:
             magic = plain.read(6)
         unpack = next((opener for start, opener in _PACKED.items() if magic.startswith(start)), None)
-        with path.open("rb") if unpack is None else unpack(path) as stream:
+        with open_regular(path) if unpack is None else unpack(path) as stream:
+            left = path.stat().st_size * MOST_RATIO + MOST_UNPACKED
             while line := stream.readline(LONGEST_LINE):
                 number += 1
+                left -= len(line)
+                if left < 0:
+                    raise ImportFailedError(f"{path}: unpacks to over {MOST_RATIO} times its size; not a packed log")
                 if len(line) == LONGEST_LINE:
                     raise ImportFailedError(f"{path}:{number}: a line of over {LONGEST_LINE} bytes; not a text log")
                 yield number, line.decode("utf-8", errors="replace")

@@ -23,7 +23,8 @@ def matrix(translation: Any, rotation: Any) -> FloatArray | None:
     """
     q = np.array([rotation.x, rotation.y, rotation.z, rotation.w], dtype=np.float64)
     t = np.array([translation.x, translation.y, translation.z], dtype=np.float64)
-    length = float(np.sqrt(np.sum(q * q)))
+    with np.errstate(over="ignore"):  # infinite then, which is no length
+        length = float(np.sqrt(np.sum(q * q)))
     if not (np.isfinite(t).all() and math.isfinite(length) and length > 1e-6):
         return None
     x, y, z, w = (q / length).tolist()

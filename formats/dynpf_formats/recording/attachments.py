@@ -1,5 +1,6 @@
 """The files that a scenario names, as attachments of a recording."""
 
+import hashlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -8,7 +9,16 @@ from dynpf_protocol.landmarks import Landmark
 
 from dynpf_formats.recording.header import Attachment
 
-__all__ = ["FOLDER", "LANDMARKS", "attached", "attached_landmarks", "files_of", "is_file", "landmarks_of"]
+__all__ = [
+    "FOLDER",
+    "LANDMARKS",
+    "attached",
+    "attached_landmarks",
+    "changed_files",
+    "files_of",
+    "is_file",
+    "landmarks_of",
+]
 
 FOLDER = "files/"
 """The folder of the attachments that a scenario names; those of a played log are beside it."""
@@ -30,6 +40,30 @@ def is_file(attachment: Attachment) -> bool:
 def files_of(attachments: Iterable[Attachment]) -> dict[str, bytes]:
     """Return the contents of the files among attachments, by the names that a scenario uses."""
     return {item.name.removeprefix(FOLDER): item.data for item in attachments if is_file(item)}
+
+
+def changed_files(scenario: str, attachments: Iterable[Attachment]) -> list[str]:
+    """Return a text for each file of a recorded scenario that is not attached, or is not the one of its SHA-256."""
+    try:
+        known = msgspec.json.decode(scenario, type=_Files).files
+    except (msgspec.DecodeError, UnicodeError, RecursionError):
+        return []  # an imported log has no scenario; whoever reads a scenario tells what is wrong with it
+    digests = {name: hashlib.sha256(data).hexdigest() for name, data in files_of(attachments).items()}
+    texts = [f"the file {name!r} of the scenario is not attached" for name in known if name not in digests]
+    return texts + [
+        f"the attached file {name!r} is not the one of the run: its SHA-256 is {digests[name][:12]}, and was "
+        f"{file.sha256[:12]}"
+        for name, file in known.items()
+        if name in digests and digests[name] != file.sha256
+    ]
+
+
+class _File(msgspec.Struct):
+    sha256: str
+
+
+class _Files(msgspec.Struct):
+    files: dict[str, _File] = {}
 
 
 def attached_landmarks(landmarks: Sequence[Landmark]) -> Attachment:

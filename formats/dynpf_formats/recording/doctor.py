@@ -1,6 +1,5 @@
 """Finds what is wrong with a recording: bytes, framing, gaps, payloads, senders, journals, and its end's promises."""
 
-import hashlib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +12,7 @@ from dynpf_protocol.journal import JOURNAL_PREFIX
 from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES
 from dynpf_protocol.topics import topic as row_of
 
-from dynpf_formats.recording.attachments import files_of
+from dynpf_formats.recording.attachments import changed_files
 from dynpf_formats.recording.code import recorded_code
 from dynpf_formats.recording.errors import RecordingError
 from dynpf_formats.recording.findings import Finding, Severity, error, warning
@@ -145,16 +144,8 @@ def _files(recording: Recording) -> Iterator[Finding]:
     for name, count in Counter(item.name for item in recording.attachments).items():
         if count > 1:
             yield error(f"{name!r} is attached {count} times", "attachments")
-    try:
-        scenario = msgspec.json.decode(recording.header.scenario, type=_Files)
-    except (msgspec.DecodeError, RecursionError):
-        return  # an imported log has no scenario
-    attached = files_of(recording.attachments)
-    for name, file in scenario.files.items():
-        if name not in attached:
-            yield error(f"the file {name!r} of the scenario is not attached", "attachments")
-        elif hashlib.sha256(attached[name]).hexdigest() != file.sha256:
-            yield error(f"the file {name!r} is not that of the scenario, whose SHA-256 is {file.sha256}", "attachments")
+    for text in changed_files(recording.header.scenario, recording.attachments):
+        yield error(text, "attachments")
 
 
 def _payloads(recording: Recording) -> Iterator[Finding]:

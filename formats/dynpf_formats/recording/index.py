@@ -15,10 +15,11 @@ import numpy as np
 from dynpf_formats.recording.errors import CorruptRecordingError
 from dynpf_formats.recording.mcap_records import Region, unpack
 from dynpf_formats.recording.stream import Source, StreamedMessage
+from dynpf_formats.regular_files import open_regular
 
 __all__ = ["MessageIndex", "Positions", "Recorded", "Records"]
 
-_CACHE_BYTES = 16 * 2**20
+_CACHE_BYTES = 64 * 2**20
 
 
 class _Payloads:
@@ -56,7 +57,7 @@ class _Payloads:
 
     def _fetch(self, chunk: int) -> bytes:
         try:
-            with self._path.open("rb") as stream:
+            with open_regular(self._path) as stream:
                 stream.seek(self._offsets[chunk])
                 return unpack(stream.read(self._lengths[chunk]))
         except (OSError, ValueError) as error:

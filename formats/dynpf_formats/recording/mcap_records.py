@@ -39,9 +39,14 @@ __all__ = [
 MAX_RECORD = 64 * 2**20
 """The largest record or chunk, compressed or not, in bytes."""
 
+MAX_UNPACKED, MAX_RATIO = 64 * 2**20, 200
+"""The chunks of a file hold at most so many bytes, and besides so many times the file's size. Recordings are ten times
+as large as their files."""
+
 _FRAME = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _INDEX = struct.Struct("<HI")
+_NOT_COMPUTED = 0  # a checksum, as MCAP has it: other writers may leave those over data and summary out
 _FOOTER_CRC = 4  # bytes at the end of the footer that its own checksum leaves out
 
 # A chunk's record has, before the text "zstd": opcode, length, three times or sizes, checksum.
@@ -124,6 +129,7 @@ def scan(stream: BinaryIO, size: int) -> Iterator[Item]:
     offset = len(MAGIC)
     data_crc: int | None = zlib.crc32(MAGIC)  # None: damaged, so the checksum over all data says nothing new
     summary_crc: int | None = None  # None: the summary has not begun
+    left = MAX_UNPACKED + MAX_RATIO * size  # bytes that chunks may still hold
     while True:
         try:
             opcode, body = _frame(stream, offset, size)
@@ -136,7 +142,8 @@ def scan(stream: BinaryIO, size: int) -> Iterator[Item]:
                 summary_crc = 0
                 _check_data_end(body, data_crc)
             elif summary_crc is None:
-                item = _data_record(opcode, body, offset)
+                item = _data_record(opcode, body, offset, left)
+                left -= len(item.data) if isinstance(item, Region) else 0
                 if data_crc is not None:
                     data_crc = zlib.crc32(body, zlib.crc32(header, data_crc))
                 if item is not None:
@@ -207,7 +214,7 @@ def _frame(stream: BinaryIO, offset: int, size: int) -> tuple[int, bytes]:
     return opcode, body
 
 
-def _data_record(opcode: int, body: bytes, offset: int) -> Item | None:
+def _data_record(opcode: int, body: bytes, offset: int, left: int) -> Item | None:
     item: Item | None = None
     match opcode:
         case Opcode.HEADER if offset == len(MAGIC):
@@ -217,7 +224,7 @@ def _data_record(opcode: int, body: bytes, offset: int) -> Item | None:
         case Opcode.ATTACHMENT:
             item = _attachment(body)
         case Opcode.CHUNK:
-            item = Region(offset + _FRAME.size, len(body), _uncompress(_parse(Chunk, body)))
+            item = Region(offset + _FRAME.size, len(body), _uncompress(_parse(Chunk, body), left))
         case Opcode.MESSAGE_INDEX:
             _check_message_index(body)
         case Opcode.SCHEMA:
@@ -248,10 +255,16 @@ def _attachment(body: bytes) -> Attachment:
     return attachment
 
 
-def _uncompress(chunk: Chunk) -> bytes:
+def _uncompress(chunk: Chunk, left: int = MAX_RECORD) -> bytes:
     size = chunk.uncompressed_size
     if size > MAX_RECORD:
         raise _BadError(DamageKind.OVERSIZE, f"a chunk claims {size} bytes uncompressed; at most {MAX_RECORD} are read")
+    if size > left:
+        raise _BadError(
+            DamageKind.OVERSIZE,
+            f"a chunk of {size} bytes uncompressed, more than a file of this size may unpack to: {MAX_RATIO} times "
+            f"its size, and {MAX_UNPACKED} bytes",
+        )
     match chunk.compression:
         case "":
             data = chunk.data
@@ -290,7 +303,8 @@ def _check_message_index(body: bytes) -> None:
 def _check_data_end(body: bytes, data_crc: int | None) -> None:
     if len(body) < 4:
         raise _BadError(DamageKind.MALFORMED, f"an end-of-data record of {len(body)} bytes")
-    if data_crc is not None and _parse(DataEnd, body).data_section_crc != data_crc:
+    stored = _parse(DataEnd, body).data_section_crc
+    if data_crc is not None and stored not in (_NOT_COMPUTED, data_crc):
         raise _BadError(DamageKind.CHECKSUM, "the checksum over all data before it does not match")
 
 
@@ -300,7 +314,8 @@ def _check_footer(stream: BinaryIO, offset: int, size: int, body: bytes, summary
     if summary_crc is None:
         raise _BadError(DamageKind.MALFORMED, "a footer before the end of the data")
     header = _FRAME.pack(Opcode.FOOTER, len(body))
-    if _parse(Footer, body).summary_crc != zlib.crc32(body[:-_FOOTER_CRC], zlib.crc32(header, summary_crc)):
+    stored = _parse(Footer, body).summary_crc
+    if stored != _NOT_COMPUTED and stored != zlib.crc32(body[:-_FOOTER_CRC], zlib.crc32(header, summary_crc)):
         raise _BadError(DamageKind.CHECKSUM, "the checksum of the summary does not match")
     tail = size - offset - _FRAME.size - len(body)
     magic = stream.read(len(MAGIC))

@@ -10,6 +10,7 @@ from dynpf_formats.recording.errors import RecordingExistsError
 from dynpf_formats.recording.mcap_records import Damage
 from dynpf_formats.recording.reader import Recording, load
 from dynpf_formats.recording.writer import RecordingWriter
+from dynpf_formats.regular_files import exists
 
 __all__ = ["Recovery", "recover"]
 
@@ -37,7 +38,7 @@ def recover(source: Path | str, target: Path | str) -> Recovery:
     Damaged chunks are left out, intact ones after them kept. The result is marked incomplete unless nothing was wrong.
     Raises RecordingExistsError if ``target`` exists, RecordingError if there is nothing to recover.
     """
-    if Path(target).exists():
+    if exists(Path(target)):
         raise RecordingExistsError(f"{target}: the file exists; choose another name")
     recording, damage = load(source)
     complete, reason = _verdict(recording, damage)

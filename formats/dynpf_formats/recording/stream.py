@@ -3,6 +3,7 @@
 Memory is bounded by one record, one chunk, and the number of senders and topics, whatever the number of messages.
 """
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -22,13 +23,17 @@ from dynpf_formats.recording.errors import (
 )
 from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, seal_is_broken, unseal
 from dynpf_formats.recording.mcap_records import MAGIC, Damage, DamageKind, End, Message, Region, Stray, contents, scan
+from dynpf_formats.regular_files import open_regular
 
 __all__ = ["Described", "Item", "RecordedSchema", "Source", "StreamedMessage", "stream"]
 
 _INDEX_ENTRY = 16  # bytes per message in a chunk's message index
 _UNINDEXED = 20_000  # messages of a last chunk whose index the recorder did not get to write
 _MOST_DAMAGE = 10_000
+_LARGEST_CHUNK = 8 * 2**20  # bytes, of more than one message; larger ones hold one alone
+_LARGEST_ATTACHED = 2**27  # bytes of all attachments
 _LISTED_TOPICS = 8
+_LONGEST_SHOWN = 80  # characters of a name in a text
 _FOREIGN_CHUNKS = 16  # chunks of a foreign file that are searched for topics
 
 
@@ -92,8 +97,8 @@ def stream(path: Path | str) -> Iterator[Item]:
     """
     path = Path(path)
     try:
-        with path.open("rb") as file:
-            size = path.stat().st_size
+        with open_regular(path) as file:
+            size = os.fstat(file.fileno()).st_size
             start = file.read(len(MAGIC))
             if size == 0:
                 raise NotMcapError(f"{path}: the file is empty; expected a recording")
@@ -104,8 +109,8 @@ def stream(path: Path | str) -> Iterator[Item]:
             yield from _Pass(path, size).items(scan(file, size))
     except FileNotFoundError:
         raise RecordingError(f"{path}: no such file") from None
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
+    except (OSError, ValueError) as error:  # a name with a null character is a ValueError
+        raise RecordingError(f"{path}: cannot be read: {getattr(error, 'strerror', error)}") from error
 
 
 class _Pass:
@@ -115,6 +120,8 @@ class _Pass:
         self._path = path
         self._most = size // _INDEX_ENTRY + _UNINDEXED
         self._messages = 0
+        self._descriptions = 0  # records of channels and schemas
+        self._attached: dict[str, int] = {}  # attachments by name, with their bytes
         self._profile: str | None = None
         self._headed = False
         self._sources: dict[int, Source] = {}
@@ -129,11 +136,11 @@ class _Pass:
         for record in records:
             if not self._headed and isinstance(record, Region | Stray | Channel | End):
                 raise self._headless() if self._profile == PROFILE else self._foreign(record, records)
-            if self._damaged >= _MOST_DAMAGE:
-                raise CorruptRecordingError(f"{self._path}: damaged in more than {_MOST_DAMAGE} places")
             for item in self._read(record):
                 if isinstance(item, Damage):
                     self._damaged += 1
+                    if self._damaged > _MOST_DAMAGE:
+                        raise CorruptRecordingError(f"{self._path}: damaged in more than {_MOST_DAMAGE} places")
                     self._first_damage = self._first_damage or item
                     self._last_damage = item
                 yield item
@@ -155,7 +162,7 @@ class _Pass:
             case Metadata(name=name, metadata=entries) if name == RUN_END:
                 yield _run_end(entries)
             case AttachmentRecord():
-                yield Attachment(name=record.name, media_type=record.media_type, data=record.data)
+                yield from self._attachment(record)
             case Region():
                 yield from self._region(record)
             case Schema():
@@ -169,9 +176,15 @@ class _Pass:
 
     def _region(self, region: Region) -> Iterator[Item]:
         yield region
+        messages = 0
         try:
             for record in contents(region.data):
                 if isinstance(record, Message):
+                    messages += 1
+                    if messages > 1 and len(region.data) > _LARGEST_CHUNK:
+                        text = f"a chunk of {len(region.data)} bytes; of several messages it has at most "
+                        yield Damage(DamageKind.OVERSIZE, region.offset, f"{text}{_LARGEST_CHUNK}")
+                        return
                     yield self._message(record, region)
                 elif isinstance(record, Channel):
                     yield from self._channel(record, region.offset)
@@ -190,14 +203,33 @@ class _Pass:
             self._nameless[channel] = self._nameless.get(channel, 0) + 1
         return StreamedMessage(source, channel, sequence, stamp_ns, publish_ns, region, start, stop)
 
+    def _attachment(self, record: AttachmentRecord) -> Iterator[Attachment | Damage]:
+        if record.name in self._attached:
+            yield Damage(
+                DamageKind.MALFORMED, 0, f"two attachments are called {_shown(record.name)}; the first is taken"
+            )
+            return
+        self._attached[record.name] = len(record.data)
+        if sum(self._attached.values()) > _LARGEST_ATTACHED:
+            raise CorruptRecordingError(f"{self._path}: has attachments of over {_LARGEST_ATTACHED} bytes")
+        yield Attachment(name=record.name, media_type=record.media_type, data=record.data)
+
+    def _described(self) -> None:
+        """Count a channel or a schema; there cannot be more than messages."""
+        self._descriptions += 1
+        if self._descriptions > self._most:
+            raise CorruptRecordingError(f"{self._path}: claims more channels and schemas than a file of its size holds")
+
     def _schema(self, schema: Schema) -> None:
+        self._described()
         self._schemas.setdefault(schema.id, RecordedSchema(schema.name, schema.data))
 
     def _channel(self, channel: Channel, offset: int) -> Iterator[Described | Damage]:
+        self._described()
         try:
             source = Source(channel.topic, channel.metadata["node"], channel.metadata["boot"])
         except KeyError as missing:
-            text = f"channel {channel.id} of topic {channel.topic!r} does not name its {missing.args[0]}"
+            text = f"channel {channel.id} of topic {_shown(channel.topic)} does not name its {missing.args[0]}"
             yield Damage(DamageKind.MALFORMED, offset, text)
             return
         known = self._sources.get(channel.id)
@@ -205,7 +237,8 @@ class _Pass:
             self._sources[channel.id] = source
             yield Described(channel.id, source, self._schemas.get(channel.schema_id))
         elif known != source:
-            text = f"channel {channel.id} is {known.topic!r} of {known.node!r} and {source.topic!r} of {source.node!r}"
+            both = (f"{_shown(topic)} of {_shown(node)}" for topic, node, _ in (known, source))
+            text = f"channel {channel.id} is {' and '.join(both)}"
             yield Damage(DamageKind.MALFORMED, offset, text)
 
     def _run_header(self, entries: dict[str, str]) -> RunHeader:
@@ -234,7 +267,7 @@ class _Pass:
                 topics.update(dict.fromkeys(_topics(record.data)))
             record = next(records, None)
         names = [*topics][:_LISTED_TOPICS]
-        listed = ", ".join(map(repr, names)) + (", ..." if len(topics) > len(names) else "")
+        listed = ", ".join(map(_shown, names)) + (", ..." if len(topics) > len(names) else "")
         return ForeignRecordingError(
             f"{self._path}: not a dynpf recording: no run metadata; profile {self._profile or ''!r}, "
             + (f"topics {listed}" if names else "no topics")
@@ -255,6 +288,11 @@ def _run_end(entries: dict[str, str]) -> RunEnd | Damage:
         return unseal(entries, RunEnd)
     except ValueError as error:
         return Damage(DamageKind.CHECKSUM, 0, f"the metadata of the run's end: {error}")
+
+
+def _shown(name: str) -> str:
+    """Return a name of the file as texts show it, however long it is."""
+    return repr(name if len(name) <= _LONGEST_SHOWN else f"{name[:_LONGEST_SHOWN]}...")
 
 
 def _topics(data: bytes) -> Iterator[str]:

@@ -1,6 +1,7 @@
 """``dynpf doctor``: faults of a recording, and the code that it names."""
 
 import argparse
+import json
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,11 +40,8 @@ def run(options: argparse.Namespace) -> int:
         findings.append(error("the file is not signed", "signature"))
     code = described_code(named)
     if options.json:
-        print(
-            msgspec.json.encode(
-                {"healthy": not findings, "findings": findings, "code": code, "signed": signed}
-            ).decode()
-        )
+        told = {"healthy": not findings, "findings": findings, "code": code, "signed": signed}
+        print(json.dumps(msgspec.to_builtins(told)))
     else:
         if not findings:
             print(f"{options.recording}: whole and complete")

@@ -1,6 +1,7 @@
 """``dynpf import``: make recordings from logs of other formats."""
 
 import argparse
+import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -190,7 +191,7 @@ def _write(log: "ImportedLog", options: argparse.Namespace) -> int:
     from dynpf_formats.importers.recording import write_recording
 
     summary = write_recording(log, options.output)
-    print(msgspec.json.encode(summary).decode() if options.json else _in_words(summary, options.output))
+    print(json.dumps(msgspec.to_builtins(summary)) if options.json else _in_words(summary, options.output))
     return 0
 
 

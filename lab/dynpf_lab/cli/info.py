@@ -1,6 +1,7 @@
 """``dynpf info``: the contents of a recording."""
 
 import argparse
+import json
 
 from dynpf_lab.cli.arguments import add_json, add_recording
 
@@ -16,10 +17,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Execute ``dynpf info`` and return its exit code."""
-    import msgspec
     from dynpf_formats.recording.info import describe, text
     from dynpf_formats.recording.reader import read_recording
 
     summary = describe(read_recording(options.recording, allow_truncated=True))
-    print(msgspec.json.encode(summary).decode() if options.json else text(summary))
+    print(json.dumps(summary) if options.json else text(summary))
     return 0

@@ -50,9 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.environ.setdefault(variable, "1")  # for small matrices and images threads cost more than they gain
     if "_ARGCOMPLETE" in os.environ:
         _complete()
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):  # a name that the terminal's encoding lacks is no reason to fail
-            stream.reconfigure(errors="backslashreplace")
+    _print_any_name()
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words == ["--version"]:
         from dynpf_lab.cli.version import versions
@@ -71,6 +69,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return _execute(command, words)
 
 
+def _print_any_name() -> None:
+    """Let names of files be printed that the terminal's encoding lacks."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
 def _execute(command: str, words: Sequence[str]) -> int:
     """Run a command, tell its errors, and return its exit code."""
     label = command
@@ -84,23 +89,33 @@ def _execute(command: str, words: Sequence[str]) -> int:
         label = options.name if command == "service" else command
         return int(options.run(options))
     except DynpfError as error:
-        if isinstance(error, StepError):
+        if isinstance(error, StepError) and error.__cause__ is not None and _in_users_code(error.__cause__):
             traceback.print_exception(error.__cause__)
         print(f"dynpf {label}: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         print(f"dynpf {label}: stopped", file=sys.stderr)
-        return 1
+    except MemoryError:
+        print(f"dynpf {label}: not enough memory", file=sys.stderr)
     except BrokenPipeError:
         sys.stderr.close()
-        return 1
     except SystemExit as stop:  # argparse has printed the error
         return stop.code if isinstance(stop.code, int) else 2
     except Exception as error:
         if os.environ.get("DYNPF_TRACEBACK"):
             traceback.print_exception(error)
         print(f"dynpf {label}: {sentence(error)}", file=sys.stderr)
-        return 1
+    return 1
+
+
+def _in_users_code(error: BaseException) -> bool:
+    """Return whether an exception passed through code of the user's own, who then wants to see where."""
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        package = str(frame.f_globals.get("__name__", "")).partition(".")[0]
+        shipped = package.startswith("dynpf") or package in sys.stdlib_module_names
+        if not shipped and "site-packages" not in frame.f_code.co_filename:
+            return True
+    return False
 
 
 def _parser() -> "tuple[argparse.ArgumentParser, argparse._SubParsersAction[Any]]":

@@ -1,6 +1,7 @@
 """``dynpf recover``: repair a recording into a new file."""
 
 import argparse
+import json
 from pathlib import Path
 
 from dynpf_lab.cli.arguments import add_json, add_recording
@@ -24,7 +25,7 @@ def run(options: argparse.Namespace) -> int:
     output = options.output or options.recording.with_suffix(".recovered.mcap")
     recovery = recover(options.recording, output)
     if options.json:
-        print(msgspec.json.encode({"file": str(output), **msgspec.to_builtins(recovery)}).decode())
+        print(json.dumps({"file": str(output), **msgspec.to_builtins(recovery)}))
         return 0
     state = "complete" if recovery.complete else f"incomplete, {recovery.reason}"
     print(f"{output}: {recovery.kept} messages kept, the last at {recovery.last_stamp_ns / 1e9:.3f} s; {state}")

@@ -43,12 +43,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Execute ``dynpf replay`` and return its exit code."""
     from dynpf_formats.recording.reader import read_recording
+    from dynpf_formats.regular_files import exists
     from dynpf_services.scenario.replay import check_run, replay_nodes, rerun, scenario_of_replay, write_nodes
     from dynpf_services.scenario.user_code import add_folders, code_folders
 
     add_folders(code_folders(options.code))
     recording = read_recording(options.recording)
-    if options.output is not None and options.output.exists():
+    if options.output is not None and exists(options.output):
         raise UsageError(f"{options.output}: the file exists; choose another name")
     scenario = scenario_of_replay(recording, options.node, options.overrides, options.allow_code)
     _tell_changed_code(recording, scenario)

@@ -1,6 +1,5 @@
 """Builds the plan of a run, and its nodes, from a scenario."""
 
-import re
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -8,7 +7,7 @@ from typing import Any
 import msgspec
 from dynpf_formats.shipped import known_topics, load
 from dynpf_protocol.errors import ScenarioError
-from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, Topic
+from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, TOPIC_NAME, Topic
 from dynpf_runtime.graph import Graph, NodeSpec
 from dynpf_runtime.node import Node
 from dynpf_runtime.plan import Plan
@@ -211,9 +210,6 @@ def _check_remap(graph: Graph, name: str, remap: Mapping[str, str]) -> None:
             raise ScenarioError(
                 f"{key}.{own}: {topic} carries {found.type.__name__}; the node expects {expected.type.__name__}"
             )
-
-
-TOPIC_NAME = re.compile(r"[a-z][a-z0-9_]*(/[a-z0-9_]+)*")
 
 
 def _check_read(context: Context, written: Sequence[Topic]) -> None:

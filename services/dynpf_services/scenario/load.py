@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import dynpf_scenarios
 import msgspec
+from dynpf_formats.regular_files import read_regular
 from dynpf_formats.user_classes import CLASS_NAME
 from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.topics import NODES
@@ -42,6 +43,9 @@ SCENARIOS = Path(dynpf_scenarios.__path__[0])
 NODE_NAME = re.compile(r"[a-z][a-z0-9_]*(/[a-z][a-z0-9_]*)*")
 RESERVED = frozenset({"router", "recorder", "log", "event", "journal", "diagnostics", "truth", "camera"})
 """Names that no node may have: first parts of topics that belong to no node, and other processes."""
+
+_LARGEST = 2**25
+"""Bytes of a scenario's file."""
 
 ROBOT = "robot"
 """The section whose tables describe the nodes of each robot in ``robots``."""
@@ -99,7 +103,7 @@ def load_scenario(
 
     def read(name: str, named: str) -> bytes:
         if log is None or named != log_map:
-            return (path.parent / name).read_bytes()
+            return read_regular(path.parent / name)
         bare = PurePath(name).name  # the log's map and the map's image are attached to the log
         if bare not in log.files:
             raise FileNotFoundError(errno.ENOENT, "the log has no such file attached")
@@ -111,10 +115,12 @@ def load_scenario(
 
 def _raw(path: Path) -> dict[str, Any]:
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_regular(path, _LARGEST).decode()
         raw = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, json.JSONDecodeError) as error:
         raise ScenarioError(f"{path}: {error}") from error
+    except RecursionError:
+        raise ScenarioError(f"{path}: is nested too deeply") from None
     if not isinstance(raw, dict):
         raise ScenarioError(f"{path}: holds a {type(raw).__name__}, expected a table of keys")
     return raw

@@ -83,12 +83,19 @@ def unknown_keys(info: Any, value: Any, path: str) -> Iterator[str]:
             if key in fields:
                 yield from unknown_keys(fields[key], child, here)
             elif key not in known:
-                yield f"{here}: unknown key{nearest(key, known)}"
+                yield f"{here}: unknown key{nearest(key, [*known, *_further_nodes(fields)])}"
     elif isinstance(info, msgspec.inspect.LiteralType) and value not in info.values:
         yield f"{path}: {not_one_of(value, [*map(str, info.values)])}"
     elif isinstance(info, msgspec.inspect.VarTupleType) and isinstance(value, list):
         for index, child in enumerate(value):
             yield from unknown_keys(info.item_type, child, f"{path}.{index}")
+
+
+def _further_nodes(fields: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the keys of the tables in [nodes], whose names alone are easily taken for their keys."""
+    match fields.get("nodes"):
+        case msgspec.inspect.StructType(fields=nodes):
+            yield from (f"nodes.{node.encode_name}" for node in nodes)
 
 
 def not_one_of(value: Any, choices: Sequence[str]) -> str:

@@ -2,12 +2,13 @@
 
 import errno
 from collections.abc import Container, Iterable, Sequence
-from pathlib import Path
 
 import msgspec
-from dynpf_formats.recording.attachments import attached, files_of, is_file
+from dynpf_formats.recording.attachments import attached, changed_files, files_of, is_file
 from dynpf_formats.recording.header import Attachment
 from dynpf_formats.recording.reader import Recording
+from dynpf_formats.regular_files import read_regular
+from dynpf_protocol.errors import ScenarioError
 
 from dynpf_services.scenario.files import with_files
 from dynpf_services.scenario.load import override_resolved, with_user_code
@@ -29,10 +30,12 @@ def recorded_scenario(recording: Recording, overrides: Sequence[str] = (), allow
     of such maps, are read from disk. User modules that ``allow_code`` names get their present digests; others cannot
     be imported.
 
-    Raises ScenarioError for an override that does not fit, for a file that is not attached, and for an allowed module
-    that does not exist.
+    Raises ScenarioError for an override that does not fit, for a file that is not attached or not the run's, and for an
+    allowed module that does not exist.
     """
     where, text = str(recording.path), recording.header.scenario
+    if changed := changed_files(text, recording.attachments):
+        raise ScenarioError("\n".join(f"{where}: {line}" for line in changed))
     recorded = override_resolved(text, (), where)
     scenario = override_resolved(text, overrides, where) if overrides else recorded
     overridden = {*scenario.paths} - {*recorded.paths}
@@ -40,7 +43,7 @@ def recorded_scenario(recording: Recording, overrides: Sequence[str] = (), allow
 
     def read(path: str, named: str) -> bytes:
         if named in overridden and named not in contents:
-            return Path(path).read_bytes()
+            return read_regular(path)
         raise FileNotFoundError(errno.ENOENT, "the recording has no such file attached")
 
     files = {name: File(sha256="", data=data) for name, data in contents.items()}

@@ -10,6 +10,7 @@ from dynpf_formats.recording.doctor import altered
 from dynpf_formats.recording.findings import Finding, error
 from dynpf_formats.recording.reader import Recording
 from dynpf_formats.recording.writer import RecordingWriter
+from dynpf_formats.regular_files import readable
 from dynpf_protocol.errors import UsageError
 from dynpf_runtime.plan import run_header
 from dynpf_runtime.replay import Mismatch, Replayed, replay_node, write_replayed
@@ -113,7 +114,7 @@ def write_nodes(recording: Recording, scenario: Scenario, outcomes: Sequence[Rep
         write_replayed(recording, outcomes, writer)
         end = recording.end
         whole, outcome = (end.complete, end.outcome) if end is not None else (False, "")
-        writer.close(complete=whole, reason=f"replayed from {recording.path.name}", outcome=outcome)
+        writer.close(complete=whole, reason=f"replayed from {readable(recording.path.name)}", outcome=outcome)
 
 
 def rerun(recording: Recording, scenario: Scenario, path: Path) -> None:
@@ -126,4 +127,4 @@ def rerun(recording: Recording, scenario: Scenario, path: Path) -> None:
             "a realtime run cannot be run again from its source; choose --node to change one node's settings"
         )
     log = LogContent(log_records(recording), recording.attachments)
-    record_inline(scenario, path, log, reason=f"run anew from {recording.path.name}")
+    record_inline(scenario, path, log, reason=f"run anew from {readable(recording.path.name)}")

@@ -83,16 +83,43 @@ def test_errors_are_told_in_one_line_and_by_the_exit_code(
     assert capsys.readouterr() == ("", told)
 
 
-def test_a_bug_in_a_node_is_told_with_its_traceback(
+def test_a_bug_in_a_node_of_ones_own_is_told_with_its_traceback(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     error = StepError("estimator failed in step 3")
-    error.__cause__ = ZeroDivisionError("by nothing")
+    try:
+        raise ZeroDivisionError("by nothing")
+    except ZeroDivisionError as cause:
+        error.__cause__ = cause
     fail(monkeypatch, error)
     assert main(["list"]) == 1
     told = capsys.readouterr().err
     assert "ZeroDivisionError: by nothing" in told
     assert told.endswith("dynpf list: estimator failed in step 3\n")
+
+
+def test_a_step_of_a_shipped_node_fails_in_a_sentence(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    error = StepError("estimator failed in step 3")
+    error.__cause__ = ValueError("shapes (2, 2) and (3, 2)")
+    fail(monkeypatch, error)
+    assert main(["list"]) == 1
+    assert capsys.readouterr().err == "dynpf list: estimator failed in step 3\n"
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [(MemoryError(), "not enough memory"), (OSError(28, "No space left on device"), "No space left on device")],
+)
+def test_what_the_machine_lacks_is_told_in_a_sentence(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, error: Exception, told: str
+) -> None:
+    fail(monkeypatch, error)
+    assert main(["list"]) == 1
+    said = capsys.readouterr().err
+    assert told in said
+    assert said.count("\n") == 1
 
 
 def test_done_is_0_and_the_words_are_those_of_the_command_line(

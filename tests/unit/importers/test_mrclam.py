@@ -195,7 +195,7 @@ def test_a_marker_swap_is_told_in_the_summary_and_on_each_reference(tmp_path: Pa
             "Robot1_Groundtruth.dat:1: orientation is '1e999'; expected a finite number",
         ),
         ("Barcodes", "6 63\n7 63\n", "Barcodes.dat: barcode 63 has two subjects"),
-        ("Barcodes", "", "Barcodes.dat: holds no record"),
+        ("Barcodes", "#\n", "Barcodes.dat: holds no record"),
         ("Landmark_Groundtruth", "6 0 0 0 0\n6 1 1 0 0\n", "Landmark_Groundtruth.dat: subject 6 has two positions"),
         ("Landmark_Groundtruth", "6 a 0 0 0\n", "Landmark_Groundtruth.dat:1: x is 'a'; expected a finite number"),
     ],
@@ -217,7 +217,7 @@ def test_missing_and_unreadable_files_are_told_at_once(tmp_path: Path) -> None:
     (path / "Robot1_Measurement.dat.xz").write_bytes(lzma.compress(b"x" * 1000)[:40])
     first, second = problems(path)
     assert first == f"{path / 'Barcodes.dat'}: no such file, nor Barcodes.dat.xz"
-    assert second.startswith(f"{path / 'Robot1_Measurement.dat.xz'}: cannot be read: ")
+    assert second.startswith(f"{path / 'Robot1_Measurement.dat.xz'}: cannot be read beyond line 0: ")
 
 
 @pytest.mark.parametrize("name", ["nowhere", "empty"])

@@ -8,6 +8,7 @@ from typing import Any, NoReturn
 
 import msgspec
 import pytest
+from dynpf_formats import regular_files
 from dynpf_formats.recording.attachments import FOLDER
 from dynpf_formats.recording.code import recorded_code
 from dynpf_formats.recording.header import Attachment
@@ -108,6 +109,7 @@ def guarded() -> Iterator[None]:
         patch.setattr(user_code, "importlib", Untouchable())
         patch.setattr(Path, "read_bytes", opened)
         patch.setattr(Path, "open", opened)
+        patch.setattr(regular_files, "open_regular", opened)
         yield
 
 
