@@ -97,6 +97,7 @@ class RunEnd(msgspec.Struct, frozen=True, kw_only=True):
 
     complete: bool
     reason: str
+    outcome: str  # why the last step of a complete run was the last: Outcome of dynpf_protocol.control, or ""
     counts: dict[str, int]  # topic -> messages
     gaps: tuple[Gap, ...]  # sequence numbers never received; the first 1000 ranges
     missing: int  # how many sequence numbers were never received
@@ -108,7 +109,6 @@ class RunEnd(msgspec.Struct, frozen=True, kw_only=True):
     order: str  # SHA-256 over the publish times and the order of all messages, neither of which is compared
     header: str  # SHA-256 of the metadata of the run
     attachments: tuple[SealedAttachment, ...]
-    outcome: str = ""  # why the last step of a complete run was the last: Outcome of dynpf_protocol.control
 
 
 _T = TypeVar("_T", RunHeader, RunEnd)

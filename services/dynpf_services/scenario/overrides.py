@@ -17,18 +17,25 @@ def overrides_of(settings: Mapping[str, Any]) -> list[str]:
 
 def _toml(key: str, value: Any) -> str:
     match value:
-        case bool() | str():
-            return json.dumps(value, ensure_ascii=False)
+        case bool():
+            return json.dumps(value)
+        case str():
+            return _quoted(value)
         case int():
             return str(int(value))
         case float():
             return repr(float(value))
         case Mapping():
-            inside = (f"{json.dumps(str(name))} = {_toml(key, inner)}" for name, inner in value.items())
+            inside = (f"{_quoted(str(name))} = {_toml(key, inner)}" for name, inner in value.items())
             return f"{{ {', '.join(inside)} }}"
         case list() | tuple():
             return f"[{', '.join(_toml(key, inner) for inner in value)}]"
     raise ScenarioError(f"{key}: {value!r} is a {type(value).__name__}; expected a number, a text, a list or a table")
+
+
+def _quoted(text: str) -> str:
+    """Return a text as TOML has it: as JSON has it, but that TOML takes DEL only escaped."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def value_of(text: str) -> Any:

@@ -11,7 +11,7 @@ from dynpf_protocol.keys import ALIVE, BEAT, READY, RECORDED, SCENARIO, STOP
 from dynpf_runtime.machines.effects import Ask, Count, Declare, Effect, Put, Subscribe, Tell
 from dynpf_runtime.machines.events import Answered, Arrived, Counted, Event, RouterGone, Started, Token, Woke
 from dynpf_runtime.machines.heartbeats import BEAT_NS, WEDGED_NS
-from dynpf_runtime.machines.membership import SURE_NS, Membership
+from dynpf_runtime.machines.membership import LAST_WORD_NS, SURE_NS, Membership
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.schema import resolved_json
@@ -203,7 +203,7 @@ def test_a_recording_that_is_closed_too_early_breaks_the_run_off_once_the_record
     one.now_ns += 10 * SURE_NS
     one.give(Woke())  # who says so and stays is a stranger
     one.give(token(ALIVE, "recorder", present=False))
-    one.now_ns += SURE_NS
+    one.now_ns += LAST_WORD_NS
     with pytest.raises(BrokenOffError, match=r"the recorder has closed the recording: no room\\x1b left"):
         one.give(Woke())
 

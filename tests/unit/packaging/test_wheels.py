@@ -124,7 +124,7 @@ for module in ("dynpf.vision", "dynpf.maps.map_server"):
     except ModuleNotFoundError as error:
         print(error.name, error)
 try:
-    dynpf.maps.decode_bitmap(b"P5", "wall.pgm")
+    dynpf.maps.decode_bitmap(b"P5 1 1 255 x", "wall.pgm")
 except ModuleNotFoundError as error:
     print(error.name, error)
 """

@@ -42,7 +42,7 @@ def test_info(run: Run, tmp_path: Path) -> None:
     assert summary["attachments"] == {"map.pgm": 256}
     code, printed = run("info", path)
     assert code == 0
-    assert "Two nodes, seed 7" in printed
+    assert "Three nodes, seed 7" in printed
     assert summary["content_digest"] in printed
     assert summary["platform_differs"] in printed
     assert summary["platform_differs"].startswith("recorded with ")
@@ -58,7 +58,7 @@ def test_info_tells_that_a_file_was_cut_off(run: Run, tmp_path: Path) -> None:
 
 def test_doctor_of_a_healthy_recording(run: Run, tmp_path: Path) -> None:
     path = write(tmp_path / "run.mcap", lockstep(5))
-    assert run("doctor", path) == (0, f"{path}: whole and complete\n")
+    assert run("doctor", path) == (0, f"{path}: whole and complete\nnot signed\n")
     assert json.loads(run("doctor", path, "--json")[1]) == {"healthy": True, "findings": [], "code": []}
 
 
