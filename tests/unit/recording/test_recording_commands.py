@@ -59,7 +59,12 @@ def test_info_tells_that_a_file_was_cut_off(run: Run, tmp_path: Path) -> None:
 def test_doctor_of_a_healthy_recording(run: Run, tmp_path: Path) -> None:
     path = write(tmp_path / "run.mcap", lockstep(5))
     assert run("doctor", path) == (0, f"{path}: whole and complete\nnot signed\n")
-    assert json.loads(run("doctor", path, "--json")[1]) == {"healthy": True, "findings": [], "code": []}
+    assert json.loads(run("doctor", path, "--json")[1]) == {
+        "healthy": True,
+        "findings": [],
+        "code": [],
+        "signed": None,
+    }
 
 
 def without(sent: list[Sent], topic: str, sequence: int) -> list[Sent]:
