@@ -6,7 +6,7 @@ and the journal keeps what it took.
 
 import heapq
 from collections import defaultdict, deque
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from typing import NamedTuple
 
 from dynpf_protocol.control import TickDone
@@ -63,6 +63,7 @@ class LockstepInbox:
 
     def admit(self, name: str, sender: str, envelope: Envelope) -> None:
         """Raise OrderError for a message that ``sender`` does not send now: of another tick, ahead, or again."""
+        _check_read(name, self._reads)
         tick = envelope.tick
         self._admit(sender, tick)
         ahead = envelope.sequence - self._next[name]
@@ -207,6 +208,7 @@ class RealtimeInbox:
 
     def __init__(self, graph: Graph, node: str, link: FaultyLink) -> None:
         self._topics = graph.topics
+        self._reads = graph.specs[node].reads
         self._running = {upstream for upstream, lag in graph.lags[node].items() if lag == 0}
         self._link = link
         self._seen: defaultdict[tuple[str, str], SeenNumbers] = defaultdict(SeenNumbers)
@@ -219,6 +221,7 @@ class RealtimeInbox:
 
     def admit(self, name: str, sender: str, envelope: Envelope) -> None:
         """Raise OrderError for a message that has come before, or is far ahead of its sender."""
+        _check_read(name, self._reads)
         self._seen[sender, name].take(envelope.sequence)
 
     def admit_end(self, done: TickDone) -> None:
@@ -272,6 +275,12 @@ class RealtimeInbox:
         self._stamp_ns = max([self._stamp_ns, *(received.stamp_ns for received in inputs)])
         self.tick += 1
         return Ready(self.tick - 1, self._stamp_ns, inputs, last)
+
+
+def _check_read(name: str, reads: Container[str]) -> None:
+    """Raise OrderError for a topic that the node does not read: nobody sends it those."""
+    if name not in reads:
+        raise OrderError(f"{name} is no topic that this node reads")
 
 
 def _fresh(arrived: list[Received], topics: Mapping[str, Topic]) -> list[Received]:

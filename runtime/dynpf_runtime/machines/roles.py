@@ -19,7 +19,8 @@ from dynpf_protocol.errors import (
 )
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
 from dynpf_protocol.keys import JOURNAL, TICK, data_key, topic_of
-from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, MOST_BYTES
+from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, MOST_BYTES, Topic
+from dynpf_protocol.topics import topic as row_of
 
 from dynpf_runtime.machines.events import Arrived
 from dynpf_runtime.plan import Plan
@@ -56,18 +57,13 @@ class Roles:
         self._boots = boots
         self._reads = {name: frozenset(spec.reads) for name, spec in graph.specs.items()}
         self._writes = {name: frozenset(row.name for row in spec.writes.values()) for name, spec in graph.specs.items()}
-        records = frozenset(name for name, row in graph.topics.items() if row.publishers == (LOG_NODE,))
-        self._may_promise = {
-            name: writes | {EVENT_PREFIX + name} | (records if plan.plays_log and name == graph.source else frozenset())
-            for name, writes in self._writes.items()
-        }
-        senders = {name: frozenset(row.publishers) for name, row in graph.topics.items()}
-        self._senders = {name: who for name, who in senders.items() if plan.plays_log or name not in records}
+        self._may_promise = {name: writes | {EVENT_PREFIX + name} for name, writes in self._writes.items()}
+        self._plays_log = plan.plays_log
         self._tick_ns = plan.tick_ns if plan.clock == "lockstep" and not plan.plays_log else None
 
     def promised(self, name: str, sender: str) -> bool:
         """Return whether the ends of ticks of ``sender`` count the messages on the topic ``name``."""
-        return name in self._may_promise[sender]
+        return name in self._may_promise[sender] or (sender == self.source and self._is_record(name))
 
     def written(self, node: str) -> frozenset[str]:
         """Return the topics that a node itself writes, unlike its host."""
@@ -79,21 +75,20 @@ class Roles:
         Records of an imported log carry the boot of the source, which sends them.
         """
         name, said_by = topic_of(arrival.key)
-        senders = self._senders.get(name)
-        if senders is None:
-            raise UnknownTopicError(f"topic {name!r} is not in the topic table")
+        row = self._row(name)
         envelope = decode_envelope(arrival.attachment)
         node = envelope.node
-        if node not in senders:
-            raise UnknownSenderError(f"unknown sender {node!r}; expected {' or '.join(sorted(senders))}")
+        if node not in row.publishers:
+            raise UnknownSenderError(f"unknown sender {node!r}; expected {' or '.join(sorted(row.publishers))}")
         sender = self.source if node == LOG_NODE else node
         if self._boots.get(sender) != envelope.boot:
             check_boot(node, envelope.boot, {node: self._boots.get(sender)})
         if arrival.key != data_key(name, node):
             raise UnknownSenderError(f"it comes in the name of {node!r}; its key is that of {said_by!r}")
-        if len(arrival.payload) > self.topics[name].most_bytes:
-            most = self.topics[name].most_bytes
-            raise TooLargeError(f"{name}: a message of {len(arrival.payload)} bytes; at most {most} are allowed")
+        if len(arrival.payload) > row.most_bytes:
+            raise TooLargeError(
+                f"{name}: a message of {len(arrival.payload)} bytes; at most {row.most_bytes} are allowed"
+            )
         if self._tick_ns is not None and name in self._writes[sender]:
             self._check_stamp(envelope.tick, envelope.stamp_ns)
         return name, sender, envelope
@@ -102,18 +97,38 @@ class Roles:
         """Return a node's word that it has ended a tick; raises ProtocolError."""
         done = check_named(arrival, TICK, TickDone)
         check_boot(done.node, done.boot, self._boots)
-        may = self._may_promise.get(done.node)
-        if may is None:
+        if done.node not in self._writes:
             raise UnknownSenderError(f"{done.node!r} is no node of this run")
         if done.step != done.tick:
             raise OrderError(f"step {done.step} at tick {done.tick}; a node makes one step a tick")
         for name, count in done.counts.items():
-            if name not in may:
+            if not self.promised(name, done.node):
                 raise UnknownSenderError(f"{done.node} promises messages on {name!r}, which it does not write")
             if not 0 < count <= MOST_OF_A_TICK:
                 raise BadMessageError(f"TickDone: {count} messages on {name}; expected 1 to {MOST_OF_A_TICK}")
         self._check_stamp(done.tick, done.stamp_ns)
         return done
+
+    def _row(self, name: str) -> Topic:
+        """Return the row of a topic of this run; raises UnknownTopicError.
+
+        A played log may have records that no node reads, of any robots.
+        """
+        row = self.topics.get(name)
+        if row is None and self._is_record(name):
+            row = row_of(name)
+        if row is None or (row.publishers == (LOG_NODE,) and not self._plays_log):
+            raise UnknownTopicError(f"topic {name!r} is not in the topic table")
+        return row
+
+    def _is_record(self, name: str) -> bool:
+        """Return whether a topic is one of the log that this run plays."""
+        if not self._plays_log:
+            return False
+        try:
+            return row_of(name).publishers == (LOG_NODE,)
+        except UnknownTopicError:
+            return False
 
     def entry(self, arrival: Arrived) -> tuple[Envelope, JournalEntry]:
         """Return a journal entry with its envelope; raises ProtocolError."""

@@ -74,7 +74,7 @@ def test_a_good_message_becomes_an_input() -> None:
 
 REFUSED = {
     "topic 'no/topic' is not in the topic table": arrival(topic="no/topic"),
-    "topic 'r1/log/odometry' is not in the topic table": arrival(topic="r1/log/odometry", node="log"),
+    "r1/log/odometry is no topic that this node reads": arrival(topic="r1/log/odometry", node="log"),
     "topic '**' is not in the topic table": arrival(topic="**"),
     "unreadable envelope: Input data was truncated": Arrived(DATA + TOPIC, PAYLOAD, b""),
     "unreadable envelope: Expected `int` >= 0": Arrived(DATA + TOPIC, PAYLOAD, b"\x96\xa1a\xa1b\xff\x00\x00\x00"),
@@ -86,7 +86,9 @@ REFUSED = {
     ),
     "unknown sender 'sensors' with boot 'old'; this run's is 's1'": arrival(boot="old"),
     "unknown sender 'log' with boot 'c1'; this run's is 's1'": arrival(topic="log/odometry", node="log", boot="c1"),
-    "no step waits for controller": arrival(topic="controller/command", node="controller", boot="c1"),
+    "controller/command is no topic that this node reads": arrival(
+        topic="controller/command", node="controller", boot="c1"
+    ),
     "sensors/odometry: a message of 16777217 bytes": arrival(payload=bytes(MOST_BYTES + 1)),
     "it comes in the name of 'sensors'; its key is that of 'vision'": arrival()._replace(key=f"{DATA}log/-/vision"),
     "it comes in the name of 'sensors'; its key is that of ''": arrival()._replace(key=f"{DATA}log"),
