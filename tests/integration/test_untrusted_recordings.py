@@ -253,6 +253,7 @@ class Lab:
             assert not one.imported & strange, one
             assert not one.started, one
             mine = {str(self.folder / word) for word in one.words}
+            mine |= {f"{name}.sig" for name in mine}  # the signature of a file lies beside it
             others = {name for name in one.opened if name not in mine and not self._belongs_to_dynpf(name)}
             assert not others, (one.words, others)
         assert not self.mark.exists()
