@@ -107,7 +107,7 @@ class Supervision:
             return
         yield from self._hangs(seen, now_ns)
         if not asked.reason:
-            self._breaks(seen, running, now_ns)
+            yield from self._breaks(seen, running, now_ns)
         elif not self._asked:
             self._asked, self._moved_ns = True, now_ns
             yield Say(f"{asked.reason}: ending the run (again to end it at once)")
@@ -154,12 +154,14 @@ class Supervision:
             self._notice_ns[name] = 2 * lasted_ns
             yield Say(f"{name} has been starting for {lasted_ns // SECOND_NS} s")
 
-    def _breaks(self, seen: Mapping[str, Seen], running: list[str], now_ns: int) -> None:
-        """Set the deadline for those left when a process has failed, or has broken off."""
+    def _breaks(self, seen: Mapping[str, Seen], running: list[str], now_ns: int) -> Iterator[Act]:
+        """Name at once who was killed, and set the deadline for those left when a process has failed or broken off."""
         failure = _failure(seen)
         if failure and not self._failed:
             self._failed = failure
             self._deadline_ns = now_ns + GRACE_NS
+            if any((one.exit_code or 0) < 0 for one in seen.values()):  # who ends by itself tells why
+                yield Say(f"{failure}; the run cannot go on")
         elif not self._failed and len(running) < self._left and any(one.exit_code for one in seen.values()):
             self._deadline_ns = now_ns + LEFT_NS
         self._left = len(running)

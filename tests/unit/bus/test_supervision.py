@@ -125,7 +125,8 @@ def test_the_process_that_failed_is_named_whatever_becomes_of_the_others(code: i
     run.let("estimator", exit_code=code)
     for other in ("router", "recorder"):
         run.let(other, exit_code=BROKEN_OFF)
-    assert run.run(60 * SECOND_NS) == [Finish(f"estimator {how}; killed what was left: simulator")]
+    named = [Say(f"estimator {how}; the run cannot go on")] if code < 0 else []  # at once, before the others end
+    assert run.run(60 * SECOND_NS) == [*named, Finish(f"estimator {how}; killed what was left: simulator")]
     assert run.now_ns < 4 * SECOND_NS
 
 
