@@ -128,7 +128,7 @@ def test_processes_end_by_themselves_when_the_run_command_is_killed(tmp_path, dy
     assert processes_of(tmp_path), "the run had already ended"
     until(lambda: not processes_of(tmp_path), "the end of the processes", 20.0)
     assert here("doctor", path).code == 0
-    assert "the process that started this one is gone" in here("metrics", path).out
+    assert "dynpf run, which had started it, was killed" in here("metrics", path).out
 
 
 def test_no_process_waits_for_ever_when_the_run_command_is_killed_at_the_start(tmp_path, dynpf):

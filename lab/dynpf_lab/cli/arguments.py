@@ -63,6 +63,7 @@ def add_keys(parser: argparse.ArgumentParser) -> None:
 
 def endpoint(text: str) -> str:
     """Check an endpoint of the form tls/HOST:PORT or tcp/HOST:PORT; for argparse."""
-    if re.fullmatch(r"(tcp|tls)/(\[[0-9a-fA-F:]+\]|[^/:\s]+):\d{1,5}", text) is None:
+    found = re.fullmatch(r"(tcp|tls)/(\[[0-9a-fA-F:]+\]|[^/:\s]+):(\d{1,5})", text)
+    if found is None or not 0 < int(found[3]) < 2**16:
         raise argparse.ArgumentTypeError(f"{text!r}: expected tls/HOST:PORT, such as tls/127.0.0.1:{DEFAULT_PORT}")
     return text

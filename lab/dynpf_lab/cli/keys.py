@@ -73,9 +73,9 @@ def _issue(options: argparse.Namespace) -> int:
 
     names = [*options.names, *(_processes(options.scenario) if options.scenario else ())]
     if not names:
-        raise UsageError("keys issue: give the NAME of a process, or --scenario SCENARIO for all of it")
+        raise UsageError("issue: give the NAME of a process, or --scenario SCENARIO for all of it")
     if options.host and ROUTER not in names:
-        raise UsageError("keys issue: --host is for the certificate of the router, which is not among the names")
+        raise UsageError("issue: --host is for the certificate of the router, which is not among the names")
     hosts = (*LOCAL_HOSTS, *([ROUTER] if options.containers else []), *options.host)
     made = issue(
         options.keys,
@@ -100,11 +100,18 @@ def _processes(scenario: str) -> Sequence[str]:
 def _revoke(options: argparse.Namespace) -> int:
     from dynpf_runtime.bus.keys import revoke
 
-    own = revoke(options.keys, options.name)
-    print(
-        f"{own}: revoked; a router that finds {options.keys}/revoked in its folder of keys gives it no access from its "
-        f"next start on, until then it has access. dynpf keys issue {options.name} makes a new certificate"
+    own, removed = revoke(options.keys, options.name)
+    if options.name == ROUTER:
+        what = "a new router needs a new certificate, and one that runs goes on"
+    else:
+        what = (
+            f"a router that finds {options.keys}/revoked in its folder of keys gives it no access from its next start "
+            "on, until then it has access"
+        )
+    gone = (
+        f"removed {', '.join(map(str, removed))}" if removed else f"{options.keys} had no key of it: is the name right?"
     )
+    print(f"{own}: revoked; {what}; {gone}. dynpf keys issue {options.name} makes a new certificate")
     return 0
 
 

@@ -51,10 +51,13 @@ def _check_options(options: argparse.Namespace) -> None:
         ("--listen", name == "router", "for the router alone; other processes have --connect"),
         ("--connect", name != "router", "for all but the router, which has --listen"),
         ("--output", name == "recorder", "for the recorder alone"),
+        ("--sign", name == "recorder", "for the recorder alone"),
     ):
         value = getattr(options, option[2:])
         if value is not None and not wanted:
             raise UsageError(f"{option} {value}: {name} has no use for it; it is {whom}")
+    if options.player and name != "router":
+        raise UsageError(f"--player: {name} has no use for it; it is for the router alone")
 
 
 def _run(options: argparse.Namespace) -> int:

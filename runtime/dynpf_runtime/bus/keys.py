@@ -135,14 +135,18 @@ def run_keys(folders: Mapping[Path, Sequence[str]], now: datetime) -> Iterator[N
             path.unlink(missing_ok=True)
 
 
-def revoke(folder: Path, name: str) -> str:
-    """Withdraw the certificate of a process and remove its key; return its common name. Raises UsageError."""
+def revoke(folder: Path, name: str) -> tuple[str, list[Path]]:
+    """Withdraw the certificate of a process and remove its files; return its common name and them. Raises UsageError.
+
+    The files may have been moved to where the process runs.
+    """
     stem, withdrawn = _stem(name), revoked(folder)
     own = current_name(name, withdrawn)
     _write_file(folder / _REVOKED, "".join(f"{one}\n" for one in (*withdrawn, own)).encode())
-    for suffix in (".pem", ".key"):
-        (folder / f"{stem}{suffix}").unlink(missing_ok=True)
-    return own
+    removed = [path for suffix in (".pem", ".key") if (path := folder / f"{stem}{suffix}").exists()]
+    for path in removed:
+        path.unlink(missing_ok=True)
+    return own, removed
 
 
 def revoked(folder: Path) -> tuple[str, ...]:
@@ -182,8 +186,10 @@ def load(folder: Path, name: str, now: datetime) -> Credentials:
     authority = folder / "ca.pem"
     certificate, key = (folder / f"{_stem(name)}{suffix}" for suffix in (".pem", ".key"))
     trusted = _certificate(authority)
-    if not certificate.exists() or not key.exists():
-        raise UsageError(f"{folder}: has no key of {name}; make one where the authority is: {_renewal(name)}")
+    for path in (certificate, key):
+        if not path.exists():
+            raise UsageError(f"{path}: there is no such file; make one where the authority is: {_renewal(name)}")
+    _check_private(key)
     own = _read(folder, _stem(name)).certificate
     if not issued_by(own, trusted):
         raise UsageError(f"{certificate}: is not of the authority in {authority}; all processes need the same one")
@@ -195,7 +201,15 @@ def load(folder: Path, name: str, now: datetime) -> Credentials:
 
 
 def _renewal(name: str) -> str:
-    return f"dynpf keys issue {name}"
+    return f"dynpf keys issue {name} --keys FOLDER"
+
+
+def _check_private(key: Path) -> None:
+    """Raise UsageError for a key of this user's that others can read: the folder or the file must keep them out."""
+    file, folder = key.stat(), key.parent.stat()
+    own = not hasattr(os, "getuid") or file.st_uid == os.getuid()  # a container's user is handed another's
+    if own and file.st_mode & 0o077 and folder.st_mode & 0o077:
+        raise UsageError(f"{key}: others can read it; keep keys where they cannot (chmod 700 {key.parent})")
 
 
 def _check_time(certificate: x509.Certificate, path: Path, now: datetime, remedy: str) -> None:

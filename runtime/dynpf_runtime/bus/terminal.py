@@ -36,7 +36,7 @@ class StopSignal:
     def requested(self) -> bool:
         """Whether the process is to end."""
         if self._parent is not None and not self._requested and os.getppid() != self._parent:
-            self.request("the process that started this one is gone")
+            self.request("dynpf run, which had started it, was killed")
         return self._requested
 
     def request(self, reason: str) -> None:

@@ -44,6 +44,20 @@ def test_a_container_s_user_can_read_the_key_that_it_is_given_but_not_open_the_f
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
 
 
+@pytest.mark.parametrize(
+    ("of_folder", "of_key", "private"), [(0o755, 0o644, False), (0o700, 0o444, True), (0o755, 0o600, True)]
+)
+def test_a_key_that_others_can_read_is_refused(folder: Path, of_folder: int, of_key: int, private: bool) -> None:
+    issue(folder, ["vision"], NOW)
+    folder.chmod(of_folder)
+    (folder / "vision.key").chmod(of_key)
+    if private:
+        assert load(folder, "vision", NOW).name == "vision"
+    else:
+        with pytest.raises(UsageError, match=r"vision\.key: others can read it"):
+            load(folder, "vision", NOW)
+
+
 def test_a_folder_that_others_may_open_is_refused(tmp_path: Path) -> None:
     (tmp_path / "open").mkdir(mode=0o755)
     with pytest.raises(UsageError, match="others may open it"):
@@ -111,7 +125,7 @@ def test_a_certificate_holds_for_days_and_no_longer_than_its_authority(folder: P
 
 def test_what_will_not_do_is_told(folder: Path, tmp_path: Path) -> None:
     issue(folder, ["vision", "sensors"], NOW)
-    with pytest.raises(UsageError, match=r"has no key of estimator; .*dynpf keys issue estimator"):
+    with pytest.raises(UsageError, match=r"estimator\.pem: there is no such file; .*dynpf keys issue estimator"):
         load(folder, "estimator", NOW)
     with pytest.raises(UsageError, match="there is no such certificate"):
         load(tmp_path / "nowhere", "vision", NOW)
@@ -142,13 +156,13 @@ def test_no_key_is_issued_under_a_name_that_no_process_has(name: str, folder: Pa
 
 def test_a_revoked_name_is_followed_by_another(folder: Path) -> None:
     issue(folder, ["vision"], NOW)
-    assert revoke(folder, "vision") == "vision"
-    with pytest.raises(UsageError, match="has no key of vision"):
+    assert revoke(folder, "vision") == ("vision", [folder / "vision.pem", folder / "vision.key"])
+    with pytest.raises(UsageError, match=r"vision\.pem: there is no such file"):
         load(folder, "vision", NOW)
     (new,) = issue(folder, ["vision"], NOW)
     assert new.common_name == "vision@1" == current_name("vision", revoked(folder))
     assert load(folder, "vision", NOW).name == "vision"
-    assert revoke(folder, "vision") == "vision@1"
+    assert revoke(folder, "vision")[0] == "vision@1"
     assert revoked(folder) == ("vision", "vision@1")
     assert current_name("sensors", revoked(folder)) == "sensors"
 
