@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import msgspec
 from dynpf_formats.recording.account import Account
-from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, seal
+from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, as_entries
 from dynpf_formats.recording.reader import read_recording
 from dynpf_formats.recording.stream import RecordedSchema, Source
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, chain_after, decode_entry, encode_entry, genesis
@@ -55,7 +55,7 @@ def write_content(content: Content, path: Path) -> None:
     with path.open("wb") as file:
         writer = Writer(file, enable_data_crcs=True)
         writer.start(PROFILE)
-        writer.add_metadata(RUN, seal(content.header))
+        writer.add_metadata(RUN, as_entries(content.header))
         for item in content.attachments:
             writer.add_attachment(0, 0, item.name, item.media_type, item.data)
         schemas: dict[RecordedSchema, int] = {}
@@ -69,7 +69,7 @@ def write_content(content: Content, path: Path) -> None:
                 channels[row.source] = writer.register_channel(row.topic, "json", schemas[described], sender)
             writer.add_message(channels[row.source], row.stamp_ns, row.payload, row.publish_ns, row.sequence)
         writer.flush()  # type: ignore[no-untyped-call]
-        writer.add_metadata(RUN_END, seal(content.end))
+        writer.add_metadata(RUN_END, as_entries(content.end))
         writer.finish()  # type: ignore[no-untyped-call]
 
 

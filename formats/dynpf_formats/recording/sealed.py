@@ -9,7 +9,7 @@ from dynpf_protocol.topics import is_compared
 
 from dynpf_formats.recording.account import Account
 from dynpf_formats.recording.findings import Finding, error, warning
-from dynpf_formats.recording.header import RunEnd
+from dynpf_formats.recording.header import RunEnd, seal_of
 from dynpf_formats.recording.reader import Recorded, Recording
 from dynpf_formats.recording.stream import RecordedSchema, Source
 
@@ -42,6 +42,8 @@ def broken_promises(recording: Recording) -> Iterator[Finding]:
     found = end_of(recording, end)
     if end.complete and not found.complete:
         yield error(found.reason, _END)
+    if end.seal != seal_of(end):
+        yield error("what the end says is not what its recorder sealed", _END)
     if end.header != found.header:
         yield error("the metadata of the run are not those that the recorder sealed", "metadata run")
     yield from _attachments(end, found)

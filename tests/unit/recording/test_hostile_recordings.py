@@ -27,7 +27,7 @@ def written(folder: Path, anatomy: Anatomy) -> Path:
     return path
 
 
-SCHEMA = Schema(id=1, data=b"", encoding="", name="")
+SCHEMA = Schema(id=1, data=b"", encoding="jsonschema", name="")
 
 
 def channel(topic: str, node: str) -> Channel:
