@@ -94,7 +94,7 @@ class _Host:
                 yield Mismatch(self._name, event, entry.tick, sequence, "report", found.payload, payload)
         consumed = [(read.node, read.boot, read.topic, read.sequence) for read in entry.consumed]
         hosted = [(made.node, made.topic, made.sequence) for made in entry.hosted]
-        # A log's record that begins a tick ends what belongs to it; only behind the last one further records may follow.
+        # The record of a log that begins a tick is the last of the tick; others follow only at the end of the log.
         ordered = records if entry.last else sorted(records, key=self._wakes)
         own = [*((record.node, record.topic, record.sequence) for record in ordered)]
         expected = [(read.node, read.boot, read.topic, read.sequence) for read in inputs]

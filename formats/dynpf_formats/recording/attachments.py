@@ -16,6 +16,7 @@ __all__ = [
     "attached_landmarks",
     "changed_files",
     "files_of",
+    "foreign_attachments",
     "is_file",
     "landmarks_of",
 ]
@@ -56,6 +57,16 @@ def changed_files(scenario: str, attachments: Iterable[Attachment]) -> list[str]
         for name, file in known.items()
         if name in digests and digests[name] != file.sha256
     ]
+
+
+def foreign_attachments(scenario: str, attachments: Iterable[Attachment]) -> list[str]:
+    """Return the names of attachments that a run of a recorded scenario does not have."""
+    try:
+        known = msgspec.json.decode(scenario, type=_Files).files
+    except (msgspec.DecodeError, UnicodeError, RecursionError):
+        return []
+    expected = {LANDMARKS, *(f"{FOLDER}{name}" for name in known)}
+    return [item.name for item in attachments if item.name not in expected]
 
 
 class _File(msgspec.Struct):

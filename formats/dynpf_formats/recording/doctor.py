@@ -12,7 +12,7 @@ from dynpf_protocol.journal import JOURNAL_PREFIX
 from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES
 from dynpf_protocol.topics import topic as row_of
 
-from dynpf_formats.recording.attachments import changed_files
+from dynpf_formats.recording.attachments import changed_files, foreign_attachments
 from dynpf_formats.recording.code import recorded_code
 from dynpf_formats.recording.errors import RecordingError
 from dynpf_formats.recording.findings import Finding, Severity, error
@@ -145,6 +145,9 @@ def _files(recording: Recording) -> Iterator[Finding]:
     for name, count in Counter(item.name for item in recording.attachments).items():
         if count > 1:
             yield error(f"{name!r} is attached {count} times", "attachments")
+    if recording.header.writes:
+        for name in foreign_attachments(recording.header.scenario, recording.attachments):
+            yield error(f"{name!r:.80} is attached, which the scenario does not name", "attachments")
     for text in changed_files(recording.header.scenario, recording.attachments):
         yield error(text, "attachments")
 

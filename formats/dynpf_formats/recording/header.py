@@ -139,7 +139,7 @@ def checksum_is_broken(entries: Mapping[str, str]) -> bool:
 
 
 def from_entries(entries: Mapping[str, str], kind: type[_T]) -> _T:
-    """Return the record that ``as_entries`` was given; raises ValueError if the entries are damaged or of another kind."""
+    """Return the record with these entries; raises ValueError if they are damaged, or not those of ``as_entries``."""
     if checksum_is_broken(entries):
         raise ValueError("its checksum does not match")
     known = msgspec.structs.fields(kind)

@@ -36,7 +36,8 @@ class Recovery(msgspec.Struct, frozen=True, kw_only=True):
 def recover(source: Path | str, target: Path | str) -> Recovery:
     """Write everything readable of ``source`` into the new recording ``target`` and return what was kept and lost.
 
-    Damaged chunks and repetitions are left out, intact ones after them kept. The result is marked incomplete unless nothing was wrong.
+    Damaged chunks and repetitions are left out, intact ones after them kept. The result is marked incomplete unless
+    nothing was wrong.
     Raises RecordingExistsError if ``target`` exists, RecordingError if there is nothing to recover.
     """
     if exists(Path(target)):

@@ -21,7 +21,16 @@ from dynpf_formats.recording.errors import (
     UnknownVersionError,
     UnreadableHeaderError,
 )
-from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, checksum_is_broken, from_entries
+from dynpf_formats.recording.header import (
+    PROFILE,
+    RUN,
+    RUN_END,
+    Attachment,
+    RunEnd,
+    RunHeader,
+    checksum_is_broken,
+    from_entries,
+)
 from dynpf_formats.recording.mcap_records import MAGIC, Damage, DamageKind, End, Message, Region, Stray, contents, scan
 from dynpf_formats.regular_files import open_regular
 
@@ -244,9 +253,12 @@ class _Pass:
             yield Damage(DamageKind.MALFORMED, offset, text)
             return
         others = [name for name in channel.metadata if name not in ("node", "boot")]
-        if others or channel.message_encoding != "json":
-            what = f"the foreign entry {_shown(others[0])}" if others else f"messages in {channel.message_encoding!r:.80}"
-            yield Damage(DamageKind.MALFORMED, offset, f"channel {channel.id} has {what}")
+        if others:
+            text = f"channel {channel.id} has the foreign entry {_shown(others[0])}"
+            yield Damage(DamageKind.MALFORMED, offset, text)
+        if channel.message_encoding != "json":
+            text = f"channel {channel.id} has messages in {_shown(channel.message_encoding)}; expected 'json'"
+            yield Damage(DamageKind.MALFORMED, offset, text)
         known = self._sources.get(channel.id)
         if known is None:
             self._sources[channel.id] = source

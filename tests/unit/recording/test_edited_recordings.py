@@ -1,13 +1,12 @@
 """Whatever is edited in a recording with every checksum made right is found, or told as not compared."""
 
-from pathlib import Path
 from random import Random
 
 import pytest
 from dynpf_formats.recording.doctor import examine
 
 from checks.edits.content import Content, resealed, write_content
-from checks.edits.judge import Found, judge
+from checks.edits.judge import Found, Judge, Level
 from checks.edits.kinds import KINDS, Kind
 from checks.edits.runs import small_runs
 
@@ -25,14 +24,19 @@ def test_unedited_runs_are_whole_and_sealed_as_they_were(runs, tmp_path):
         assert examine(tmp_path / "copy.mcap") == []
 
 
-@pytest.mark.parametrize("reseal", [False, True], ids=["checksums right", "chain and seal right"])
+@pytest.fixture(scope="module")
+def judge(tmp_path_factory) -> Judge:
+    return Judge(tmp_path_factory.mktemp("edited"))
+
+
+@pytest.mark.parametrize("level", Level)
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
-def test_an_edit_is_found(kind: Kind, reseal: bool, runs: list[Content], tmp_path: Path) -> None:
-    random = Random(f"{kind.name} {reseal}")
-    attempts = (judge(kind, random.choice(runs), random, tmp_path / "edited.mcap", reseal=reseal) for _ in range(100))
+def test_an_edit_is_found(kind: Kind, level: Level, runs: list[Content], judge: Judge) -> None:
+    random = Random(f"{kind.name} {level}")
+    attempts = (judge.judge(kind, random.choice(runs), random, level) for _ in range(100))
     judged = next(attempt for attempt in attempts if attempt is not None)
     assert judged.found is not Found.SILENT
-    if not reseal and not kind.end:
+    if level is Level.CHECKSUMS:
         assert judged.found is Found.DOCTOR or kind.what == "not compared"
 
 
