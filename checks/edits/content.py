@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import msgspec
 from dynpf_formats.recording.account import Account
+from dynpf_formats.recording.errors import RecordingError
 from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, as_entries, seal_of
 from dynpf_formats.recording.reader import read_recording
 from dynpf_formats.recording.stream import RecordedSchema, Source
@@ -44,9 +45,10 @@ class Content(NamedTuple):
 
 
 def read_content(path: Path) -> Content:
-    """Return what is in a recording, which must be complete."""
+    """Return what is in a recording; raises RecordingError if it is damaged, or has no end."""
     recording = read_recording(path)
-    assert recording.end is not None
+    if recording.end is None:
+        raise RecordingError(f"{path}: the end of the run was never written")
     rows = tuple(Row(*one.source, one.sequence, one.stamp_ns, one.publish_ns, one.payload) for one in recording.records)
     return Content(recording.header, recording.attachments, rows, recording.end, recording.schemas)
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from random import Random
 from typing import Any, NamedTuple
 
-from dynpf_formats.recording.attachments import is_file
+from dynpf_formats.recording.attachments import FOLDER, LANDMARKS, is_file
 from dynpf_formats.recording.header import RUN, RUN_END, Attachment, NodeEnd, SealedChannel, as_entries
 from dynpf_formats.recording.stream import RecordedSchema
 from dynpf_protocol.control import Outcome
@@ -279,7 +279,7 @@ def _metadata(content: Content, random: Random) -> Content:
 
 
 def _schema(content: Content, random: Random) -> Content:
-    topic = random.choice(sorted({row.topic for row in content.rows}))
+    topic = random.choice(sorted({row.topic for row in content.rows} & {*content.schemas}))
     schema = content.schemas[topic]
     return content._replace(schemas={**content.schemas, topic: RecordedSchema(schema.name, schema.data + b" ")})
 
@@ -305,8 +305,11 @@ def _attachment(content: Content, random: Random, *, of_scenario: bool) -> Conte
     return content._replace(attachments=(*content.attachments[:index], *new, *content.attachments[index + 1 :]))
 
 
-def _added_attachment(content: Content, _random: Random) -> Content:
-    extra = Attachment(name="extra.txt", media_type="text/plain", data=b"extra")
+def _added_attachment(content: Content, random: Random) -> Content | None:
+    name = random.choice(("extra.txt", f"{FOLDER}extra.txt", LANDMARKS))
+    if name in {item.name for item in content.attachments}:
+        return None
+    extra = Attachment(name=name, media_type="application/json", data=b"[]")
     return content._replace(attachments=(*content.attachments, extra))
 
 
