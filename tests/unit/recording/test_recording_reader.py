@@ -236,7 +236,7 @@ def test_an_altered_attachment_is_found(tmp_path: Path) -> None:
     path = write(tmp_path / "run.mcap", lockstep(1), close=False)
     data = path.read_bytes()
     path.write_bytes(data.replace(MAP.data, MAP.data[::-1]))
-    with pytest.raises(CorruptRecordingError, match=r"attachment 'map\.pgm': its checksum does not match"):
+    with pytest.raises(CorruptRecordingError, match=r"attachment 'files/map\.pgm': its checksum does not match"):
         read_recording(path, allow_truncated=True)
 
 
