@@ -6,13 +6,14 @@ from typing import NamedTuple
 
 import msgspec
 from dynpf_formats.recording.account import Account
-from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, seal
+from dynpf_formats.recording.errors import RecordingError
+from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, as_entries, seal_of
 from dynpf_formats.recording.reader import read_recording
 from dynpf_formats.recording.stream import RecordedSchema, Source
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, chain_after, decode_entry, encode_entry, genesis
 from mcap.writer import Writer
 
-__all__ = ["Content", "Row", "entry_of", "read_content", "replaced", "resealed", "write_content"]
+__all__ = ["Content", "Row", "entry_of", "read_content", "replaced", "resealed", "with_seal", "write_content"]
 
 
 class Row(NamedTuple):
@@ -40,12 +41,14 @@ class Content(NamedTuple):
     rows: tuple[Row, ...]
     end: RunEnd
     schemas: Mapping[str, RecordedSchema]
+    foreign: tuple[tuple[str, dict[str, str]], ...] = ()  # further metadata records, by name
 
 
 def read_content(path: Path) -> Content:
-    """Return what is in a recording, which must be complete."""
+    """Return what is in a recording; raises RecordingError if it is damaged, or has no end."""
     recording = read_recording(path)
-    assert recording.end is not None
+    if recording.end is None:
+        raise RecordingError(f"{path}: the end of the run was never written")
     rows = tuple(Row(*one.source, one.sequence, one.stamp_ns, one.publish_ns, one.payload) for one in recording.records)
     return Content(recording.header, recording.attachments, rows, recording.end, recording.schemas)
 
@@ -55,7 +58,9 @@ def write_content(content: Content, path: Path) -> None:
     with path.open("wb") as file:
         writer = Writer(file, enable_data_crcs=True)
         writer.start(PROFILE)
-        writer.add_metadata(RUN, seal(content.header))
+        writer.add_metadata(RUN, as_entries(content.header))
+        for name, entries in content.foreign:
+            writer.add_metadata(name, entries)
         for item in content.attachments:
             writer.add_attachment(0, 0, item.name, item.media_type, item.data)
         schemas: dict[RecordedSchema, int] = {}
@@ -69,7 +74,7 @@ def write_content(content: Content, path: Path) -> None:
                 channels[row.source] = writer.register_channel(row.topic, "json", schemas[described], sender)
             writer.add_message(channels[row.source], row.stamp_ns, row.payload, row.publish_ns, row.sequence)
         writer.flush()  # type: ignore[no-untyped-call]
-        writer.add_metadata(RUN_END, seal(content.end))
+        writer.add_metadata(RUN_END, as_entries(content.end))
         writer.finish()  # type: ignore[no-untyped-call]
 
 
@@ -95,6 +100,11 @@ def resealed(content: Content) -> Content:
         account.add(row.source, row.sequence, row.stamp_ns, row.publish_ns, row.payload, entry=entry_of(row))
     end = content.end
     return content._replace(rows=rows, end=account.end(end.complete, end.reason, end.outcome))
+
+
+def with_seal(content: Content) -> Content:
+    """Return the content with the seal of what its end says, true or not."""
+    return content._replace(end=msgspec.structs.replace(content.end, seal=seal_of(content.end)))
 
 
 def _chained(content: Content) -> tuple[Row, ...]:

@@ -5,7 +5,10 @@ from collections.abc import Callable
 from random import Random
 from typing import Any, NamedTuple
 
-from dynpf_formats.recording.header import Attachment, NodeEnd
+from dynpf_formats.recording.attachments import FOLDER, LANDMARKS, is_file
+from dynpf_formats.recording.header import RUN, RUN_END, Attachment, NodeEnd, SealedChannel, as_entries
+from dynpf_formats.recording.stream import RecordedSchema
+from dynpf_protocol.control import Outcome
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, encode_entry
 from dynpf_protocol.topics import LOG_NODE, is_compared
 from msgspec.structs import replace
@@ -224,8 +227,6 @@ def _provenance(content: Content, _random: Random) -> Content:
 def _end(content: Content, random: Random) -> Content:
     end = content.end
     topic, node = random.choice(sorted(end.counts)), random.choice(sorted(end.nodes))
-    index = random.randrange(len(end.channels))
-    channel = end.channels[index]._replace(digest="0" * 64)
     steps, tick, last, chain = end.nodes[node]
     changed = random.choice(
         (
@@ -235,8 +236,7 @@ def _end(content: Content, random: Random) -> Content:
             replace(end, unresolved=1),
             replace(end, complete=False),
             replace(end, header="0" * 64),
-            replace(end, channels=(*end.channels[:index], channel, *end.channels[index + 1 :])),
-            replace(end, channels=(*end.channels[:index], *end.channels[index + 1 :])),
+            replace(end, channels=_channels(end.channels, random, compared=True)),
             replace(end, nodes={**end.nodes, node: NodeEnd(steps + 1, tick, last, chain)}),
             replace(end, nodes={**end.nodes, node: NodeEnd(steps, tick, last, "0" * 64)}),
         )
@@ -244,14 +244,60 @@ def _end(content: Content, random: Random) -> Content:
     return content._replace(end=changed)
 
 
+def _channels(channels: tuple[SealedChannel, ...], random: Random, *, compared: bool) -> tuple[SealedChannel, ...]:
+    """Drop or alter the digest of a source that is compared, or of one that is not."""
+    index = random.choice([index for index, channel in enumerate(channels) if is_compared(channel.topic) == compared])
+    new = random.choice(((), (channels[index]._replace(digest="0" * 64),)))
+    return (*channels[:index], *new, *channels[index + 1 :])
+
+
+def _end_not_compared(content: Content, random: Random) -> Content | None:
+    channels = _channels(content.end.channels, random, compared=False)
+    return content._replace(end=replace(content.end, channels=channels))
+
+
 def _reason(content: Content, _random: Random) -> Content:
     return content._replace(end=replace(content.end, reason="stopped by the user"))
 
 
-def _attachment(content: Content, random: Random) -> Content | None:
-    if not content.attachments:
+def _outcome(content: Content, random: Random) -> Content:
+    return content._replace(end=replace(content.end, outcome=random.choice((*Outcome, "", "won"))))
+
+
+def _metadata(content: Content, random: Random) -> Content:
+    """Add a metadata record: a foreign one, or a second one of the run, as it is or altered."""
+    seeded = replace(content.header, seed=content.header.seed + 1)
+    name, entries = random.choice(
+        (
+            ("foreign", {"truth": "0"}),
+            (RUN, as_entries(content.header)),
+            (RUN, as_entries(seeded)),
+            (RUN_END, as_entries(content.end)),
+        )
+    )
+    return content._replace(foreign=((name, entries),))
+
+
+def _schema(content: Content, random: Random) -> Content:
+    topic = random.choice(sorted({row.topic for row in content.rows} & {*content.schemas}))
+    schema = content.schemas[topic]
+    return content._replace(schemas={**content.schemas, topic: RecordedSchema(schema.name, schema.data + b" ")})
+
+
+def _file(content: Content, random: Random) -> Content | None:
+    return _attachment(content, random, of_scenario=True)
+
+
+def _log_landmarks(content: Content, random: Random) -> Content | None:
+    return _attachment(content, random, of_scenario=False)
+
+
+def _attachment(content: Content, random: Random, *, of_scenario: bool) -> Content | None:
+    """Remove, alter, rename or repeat a file that the scenario names, or one of a log that is played."""
+    indices = [index for index, item in enumerate(content.attachments) if is_file(item) == of_scenario]
+    if not indices:
         return None
-    index = random.randrange(len(content.attachments))
+    index = random.choice(indices)
     item = content.attachments[index]
     place = random.randrange(len(item.data))
     flipped = item.data[:place] + bytes([item.data[place] ^ 1]) + item.data[place + 1 :]
@@ -259,8 +305,11 @@ def _attachment(content: Content, random: Random) -> Content | None:
     return content._replace(attachments=(*content.attachments[:index], *new, *content.attachments[index + 1 :]))
 
 
-def _added_attachment(content: Content, _random: Random) -> Content:
-    extra = Attachment(name="extra.txt", media_type="text/plain", data=b"extra")
+def _added_attachment(content: Content, random: Random) -> Content | None:
+    name = random.choice(("extra.txt", f"{FOLDER}extra.txt", LANDMARKS))
+    if name in {item.name for item in content.attachments}:
+        return None
+    extra = Attachment(name=name, media_type="application/json", data=b"[]")
     return content._replace(attachments=(*content.attachments, extra))
 
 
@@ -311,9 +360,14 @@ KINDS = (
     Kind("seed, nodes or clock altered", "metadata", _header),
     Kind("provenance altered", "metadata", _provenance, free=True),
     Kind("end of the run altered", "metadata", _end, end=True),
+    Kind("end of the run altered, for diagnostics", "not compared", _end_not_compared, end=True),
     Kind("reason of the end altered", "not compared", _reason, end=True, free=True),
-    Kind("attachment altered", "attachments", _attachment),
-    Kind("attachment added", "attachments", _added_attachment, free=True),
+    Kind("outcome altered", "metadata", _outcome, end=True, input=True),
+    Kind("metadata record added", "metadata", _metadata),
+    Kind("schema altered", "not compared", _schema, free=True),
+    Kind("file of the scenario altered", "attachments", _file),
+    Kind("landmarks of the log altered", "attachments", _log_landmarks, input=True),
+    Kind("attachment added", "attachments", _added_attachment),
     Kind(
         "publish time altered",
         "not compared",

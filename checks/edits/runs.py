@@ -23,15 +23,44 @@ __all__ = ["small_runs"]
 
 _LOSSES = "faults=[{topic='sensors/odometry', to='estimator', loss=0.3}]"
 _STEP_NS = 100_000_000
+_MAPPED = """
+title = "A room in a file"
+tick_s = 0.1
+max_ticks = 8
+state_digest_ticks = 4
+map = { kind = "occupancy", file = "room.yaml" }
+simulator = { kind = "room", start = [1.0, 1.0, 0.0] }
+sensors = { kind = "simulated", odometry = {}, scan = { beams = 5 } }
+controller = { kind = "waypoints", points = [[2.0, 1.0]] }
+[estimator]
+kind = "localization"
+n = 20
+start = { kind = "known", x = 1.0, y = 1.0 }
+measurement = "likelihood_field"
+"""
 
 
 def small_runs(folder: Path) -> Sequence[Content]:
     """Record the runs in ``folder`` and return what is in them."""
-    room, played = folder / "room.mcap", folder / "played.mcap"
+    room, played, mapped = (folder / f"{name}.mcap" for name in ("room", "played", "mapped"))
     record_inline(load_scenario("landmark-room", overrides=["max_ticks=12", "state_digest_ticks=5", _LOSSES]), room)
     log = _log(folder / "log.mcap")
     record_inline(load_scenario("landmark-mrclam", overrides=["state_digest_ticks=5"], log=log.facts), played, log)
-    return [_with_diagnostics(read_content(path)) for path in (room, played)]
+    record_inline(load_scenario(str(_mapped(folder))), mapped)
+    return [_with_diagnostics(read_content(path)) for path in (room, played, mapped)]
+
+
+def _mapped(folder: Path) -> Path:
+    """Return a scenario whose map is in two files: 4 m by 3 m within walls, in cells of 0.1 m."""
+    wall, row = b"\0" * 40, b"\0" + b"\xfe" * 38 + b"\0"
+    (folder / "room.pgm").write_bytes(b"P5\n40 30\n255\n" + wall + row * 28 + wall)
+    (folder / "room.yaml").write_text(
+        "image: room.pgm\nresolution: 0.1\norigin: [0.0, 0.0, 0.0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.2\n"
+    )
+    path = folder / "mapped.toml"
+    path.write_text(_MAPPED)
+    return path
 
 
 def _log(path: Path) -> PlayedLog:

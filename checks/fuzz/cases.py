@@ -11,6 +11,7 @@ from pathlib import Path
 from random import Random
 from typing import NamedTuple
 
+from dynpf_formats.recording.errors import RecordingError
 from dynpf_formats.recording.mcap_records import MAGIC
 from dynpf_formats.recording.reader import read_recording
 from dynpf_lab.cli.play import envelope_of, played_messages
@@ -20,6 +21,7 @@ from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.played_log import PlayedLog
 from mcap.records import Message
 
+from checks.edits.content import read_content, resealed, write_content
 from checks.fuzz.anatomy import Anatomy
 from checks.fuzz.edits import edited
 from checks.fuzz.sources import Sources
@@ -34,6 +36,7 @@ _COMPRESSED: tuple[tuple[str, Callable[[bytes], bytes]], ...] = (
     (".bz2", bz2.compress),
 )
 _SPECIAL = ("/dev/zero", "/dev/full", "/proc/self/mem", "fifo", ".", "missing.yaml", "n" * 300, "", "\0", "/dev/tty")
+_RESEALED = 0.2  # of the recordings
 _REPLAYED_AT_MOST = 500_000
 """Bytes of a file that is replayed, too: what a run computes is not bounded by what reading is."""
 
@@ -64,6 +67,8 @@ def _recording(random: Random, workshop: Workshop) -> Iterator[Trial]:
     sound, data = _hostile_recording(random, workshop)
     path = workshop.folder / random.choices(("hostile.mcap", os.fsdecode(b"h\xff.mcap")), (99, 1))[0]
     path.write_bytes(data)
+    if random.random() < _RESEALED:
+        _reseal(path)
     output = workshop.folder / "recovered.mcap"
     yield Trial("doctor", lambda: command("doctor", path))
     yield Trial("info", lambda: command("info", path, *random.choice(([], ["--json"]))))
@@ -90,6 +95,14 @@ def _hostile_recording(random: Random, workshop: Workshop) -> tuple[Path, bytes]
         return sound, torn(data, random) if random.random() < 0.3 else edited(_taken_apart(data, sound), random)
     data = sound.read_bytes()
     return sound, torn(data, random) if random.random() < 0.1 else edited(Anatomy.of(data), random)
+
+
+def _reseal(path: Path) -> None:
+    """Make chain and seal of a file right, if it can be read: then it is executed as if nobody had changed it."""
+    try:
+        write_content(resealed(read_content(path)), path)
+    except (RecordingError, UnicodeError):
+        return
 
 
 def _taken_apart(data: bytes, sound: Path) -> Anatomy:

@@ -5,8 +5,7 @@ from collections.abc import Callable
 from random import Random
 from typing import Any
 
-from dynpf_formats.recording.header import RUN, RUN_END
-from dynpf_formats.recording.header import _digest as metadata_digest
+from dynpf_formats.recording.header import RUN, RUN_END, checksum
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
 from checks.fuzz.anatomy import Anatomy, Cluster, Item
@@ -154,13 +153,13 @@ def _run(anatomy: Anatomy, values: Values) -> None:
         run.metadata["scenario"] = as_json(values.changed(scenario))
     else:
         _entry(run, values)
-    _sealed(run)
+    _checked(run)
 
 
 def _run_end(anatomy: Anatomy, values: Values) -> None:
     if (end := anatomy.metadata(RUN_END)) is not None:
         _entry(end, values)
-        _sealed(end)
+        _checked(end)
 
 
 def _entry(metadata: Metadata, values: Values) -> None:
@@ -180,11 +179,11 @@ def _entry(metadata: Metadata, values: Values) -> None:
             metadata.metadata[name] = _changed(text.encode(errors="replace"), values).decode(errors="replace")
 
 
-def _sealed(metadata: Metadata) -> None:
+def _checked(metadata: Metadata) -> None:
     if "sha256" in metadata.metadata:
         entries = {key: value for key, value in metadata.metadata.items() if key != "sha256"}
         try:
-            metadata.metadata["sha256"] = metadata_digest(entries)
+            metadata.metadata["sha256"] = checksum(entries)
         except UnicodeError:
             metadata.metadata.clear()
 

@@ -13,6 +13,7 @@ from dynpf_formats.recording.journals import messages_of
 from dynpf_formats.recording.reader import Recording
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_protocol.codec import decode
+from dynpf_protocol.control import Outcome
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import UsageError
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, chain_after, decode_entry, encode_entry, genesis
@@ -55,7 +56,7 @@ class Replayed(NamedTuple):
 def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = False) -> Replayed:
     """Replay the node ``name`` of ``plan`` on its recorded inputs, and compare the results with the recorded ones.
 
-    The comparison covers messages, sequence numbers, stamps and state digests.
+    The comparison covers messages, sequence numbers, stamps, state digests, and whether and why a step was the last.
 
     Raises UsageError if the recording has no journal of the node or lacks an input that the journal names.
     """
@@ -73,8 +74,9 @@ def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = Fal
         executor = Executor(node, spec, topics, boot, plan.state_digest_ticks)
         for entry in recording.journal(name, boot):
             inputs = list(_inputs(recording, topics, name, entry))
-            sent = executor.step(entry.tick, entry.stamp_ns, inputs, 0).sent
-            replayed_entry = executor.journal(entry.tick, entry.stamp_ns, inputs, sent, last=entry.last)
+            sent, finished = executor.step(entry.tick, entry.stamp_ns, inputs, 0)
+            last = entry.last or finished
+            replayed_entry = executor.journal(entry.tick, entry.stamp_ns, inputs, sent, last=last)
             replayed_entry = replace(replayed_entry, hosted=entry.hosted, chain="")  # the host's work is not repeated
             first = first or _compare(recording, name, boot, (entry, replayed_entry), sent)
             steps += 1
@@ -82,6 +84,8 @@ def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = Fal
             digests += bool(entry.state)
             if keep:
                 kept.append((boot, sent, replayed_entry))
+            if name == plan.graph.source and last:
+                first = first or _compare_outcome(recording, plan, entry, finished=finished)
     return Replayed(name, steps, messages, digests, first, tuple(kept))
 
 
@@ -119,11 +123,29 @@ def _compare(
             return mismatch(topic, sequence, *field)
     if list(old) != list(new):
         return mismatch("", 0, "order of messages", [key[0] for key in old], [key[0] for key in new])
-    for name in ("step", "state"):
+    for name in ("step", "state", "last"):
         recorded, replayed = getattr(entry, name), getattr(replayed_entry, name)
         if recorded != replayed:
             return mismatch(f"journal/{node}", entry.step, name, recorded, replayed)
     return None
+
+
+def _compare_outcome(recording: Recording, plan: Plan, entry: JournalEntry, *, finished: bool) -> Mismatch | None:
+    """Return the difference if the run did not end with the source's last step, ``entry``, for the reason that it says.
+
+    Whether somebody stopped a run, or its log was over, is no node's work: the end's word is taken for it.
+    """
+    if recording.end is None or not recording.end.complete:
+        return None
+    possible = [Outcome.DONE] if finished else [Outcome.STOPPED]
+    if not finished and (plan.plays_log or entry.tick + 1 == plan.max_ticks):
+        possible.append(Outcome.BUDGET)
+    if recording.end.outcome in possible:
+        return None
+    source = plan.graph.source
+    return Mismatch(
+        source, JOURNAL_PREFIX + source, entry.tick, entry.step, "outcome", recording.end.outcome, possible[-1].value
+    )
 
 
 def write_replayed(recording: Recording, outcomes: Sequence[Replayed], writer: RecordingWriter) -> None:

@@ -68,11 +68,11 @@ class _Host:
         return next(self._entries, None)
 
     def stamp_ns(self, entry: JournalEntry) -> int:
-        """Return the time of a tick that the source begins: by the clock, or of the record that begins it."""
+        """Return the time of a tick that the source begins: by the clock, or of the one record that begins it."""
         if not self._plan.plays_log:
             return entry.tick * self._plan.tick_ns
-        waking = self._plan.graph.waking_records
-        return next((record.stamp_ns for record in self._hosted(entry) if record.topic in waking), -1)
+        begun = [record.stamp_ns for record in self._hosted(entry) if self._wakes(record)]
+        return begun[0] if len(begun) == 1 else -1
 
     def takes(self, stamp_ns: int) -> bool:
         """Take the inputs of the next step; return False if one of them has not been sent."""
@@ -94,7 +94,9 @@ class _Host:
                 yield Mismatch(self._name, event, entry.tick, sequence, "report", found.payload, payload)
         consumed = [(read.node, read.boot, read.topic, read.sequence) for read in entry.consumed]
         hosted = [(made.node, made.topic, made.sequence) for made in entry.hosted]
-        own = [*((record.node, record.topic, record.sequence) for record in records)]
+        # The record of a log that begins a tick is the last of the tick; others follow only at the end of the log.
+        ordered = records if entry.last else sorted(records, key=self._wakes)
+        own = [*((record.node, record.topic, record.sequence) for record in ordered)]
         expected = [(read.node, read.boot, read.topic, read.sequence) for read in inputs]
         pairs: tuple[tuple[str, Any, Any], ...] = (
             ("tick", entry.tick, self._inbox.tick - 1),
@@ -125,6 +127,9 @@ class _Host:
             if node == self._name:
                 self.boot = boot
                 yield from self._recording.journal(node, boot)
+
+    def _wakes(self, record: Recorded) -> bool:
+        return record.topic in self._plan.graph.waking_records
 
     def _hosted(self, entry: JournalEntry) -> list[Recorded]:
         found = [self._recording.find(made.node, self.boot, made.topic, made.sequence) for made in entry.hosted]

@@ -14,7 +14,16 @@ from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry
 from dynpf_protocol.messages import Gap
 from dynpf_protocol.topics import EVENT_PREFIX, is_compared
 
-from dynpf_formats.recording.header import Attachment, NodeEnd, RunEnd, RunHeader, SealedAttachment, SealedChannel, seal
+from dynpf_formats.recording.header import (
+    Attachment,
+    NodeEnd,
+    RunEnd,
+    RunHeader,
+    SealedAttachment,
+    SealedChannel,
+    as_entries,
+    seal_of,
+)
 from dynpf_formats.recording.stream import RecordedSchema, Source
 
 __all__ = ["Account", "is_explained"]
@@ -131,7 +140,7 @@ class Account:
         self.settle()
         problem = next(self._problems(), "") if complete else ""
         whole = complete and not problem
-        return RunEnd(
+        end = RunEnd(
             complete=whole,
             reason=problem or reason,
             outcome=outcome if whole else "",
@@ -144,12 +153,13 @@ class Account:
             nodes=dict(sorted(self._nodes.items())),
             channels=tuple(SealedChannel(*source, track.digest.hexdigest()) for source, track in self._tracks.items()),
             order=self._order.hexdigest(),
-            header=seal(self._header)["sha256"],
+            header=as_entries(self._header)["sha256"],
             attachments=tuple(
                 SealedAttachment(item.name, item.media_type, hashlib.sha256(item.data).hexdigest())
                 for item in self._attachments
             ),
         )
+        return msgspec.structs.replace(end, seal=seal_of(end))
 
     def _irregular(self, track: _Track, sequence: int) -> bool:
         """Account for a message out of order; return whether it is no repetition."""

@@ -16,6 +16,7 @@ __all__ = [
     "attached_landmarks",
     "changed_files",
     "files_of",
+    "foreign_attachments",
     "is_file",
     "landmarks_of",
 ]
@@ -58,12 +59,23 @@ def changed_files(scenario: str, attachments: Iterable[Attachment]) -> list[str]
     ]
 
 
+def foreign_attachments(scenario: str, attachments: Iterable[Attachment]) -> list[str]:
+    """Return the names of attachments that a run of a recorded scenario does not have."""
+    try:
+        known = msgspec.json.decode(scenario, type=_Files)
+    except (msgspec.DecodeError, UnicodeError, RecursionError):
+        return []
+    expected = {f"{FOLDER}{name}" for name in known.files} | ({LANDMARKS} if known.log_digest else set())
+    return [item.name for item in attachments if item.name not in expected]
+
+
 class _File(msgspec.Struct):
     sha256: str
 
 
 class _Files(msgspec.Struct):
     files: dict[str, _File] = {}
+    log_digest: str = ""  # of the log that the run plays, if it plays one
 
 
 def attached_landmarks(landmarks: Sequence[Landmark]) -> Attachment:

@@ -12,10 +12,10 @@ from dynpf_protocol.journal import JOURNAL_PREFIX
 from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES
 from dynpf_protocol.topics import topic as row_of
 
-from dynpf_formats.recording.attachments import changed_files
+from dynpf_formats.recording.attachments import changed_files, foreign_attachments
 from dynpf_formats.recording.code import recorded_code
 from dynpf_formats.recording.errors import RecordingError
-from dynpf_formats.recording.findings import Finding, Severity, error, warning
+from dynpf_formats.recording.findings import Finding, Severity, error
 from dynpf_formats.recording.journals import check_journals
 from dynpf_formats.recording.reader import Recording, Source, load
 from dynpf_formats.recording.sealed import broken_promises
@@ -128,13 +128,14 @@ def _gaps(recording: Recording) -> Iterator[Finding]:
 
 
 def _repetitions(recording: Recording) -> Iterator[Finding]:
+    """Yield the numbers that came twice: a recorder writes each once, whatever it is sent."""
     same: Counter[Source] = Counter()
     other: Counter[Source] = Counter()
     for first, record in recording.repetitions():
         equal = first.stamp_ns == record.stamp_ns and first.payload == record.payload
         (same if equal else other)[record.source] += 1
     for source, count in same.items():
-        yield warning(f"{count} messages of {source.node} were recorded twice", source.topic)
+        yield error(f"{count} messages of {source.node} were recorded twice", source.topic)
     for source, count in other.items():
         yield error(f"{count} sequence numbers of {source.node} stand for two different messages", source.topic)
 
@@ -144,6 +145,9 @@ def _files(recording: Recording) -> Iterator[Finding]:
     for name, count in Counter(item.name for item in recording.attachments).items():
         if count > 1:
             yield error(f"{name!r} is attached {count} times", "attachments")
+    if recording.header.writes:
+        for name in foreign_attachments(recording.header.scenario, recording.attachments):
+            yield error(f"{name!r:.80} is attached, which the scenario does not name", "attachments")
     for text in changed_files(recording.header.scenario, recording.attachments):
         yield error(text, "attachments")
 

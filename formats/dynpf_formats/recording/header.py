@@ -2,7 +2,7 @@
 
 Header and end are stored as MCAP metadata records. MCAP protects chunks by a checksum, but not these; so each carries
 the SHA-256 of its own entries, which can be checked even in a file that is truncated before its last checksum. The end
-holds digests of all the rest, so that its own SHA-256 stands for the whole run: it is the seal.
+holds digests of all the rest and, over them and all else that it says, the seal, which stands for the whole run.
 """
 
 import hashlib
@@ -24,9 +24,11 @@ __all__ = [
     "RunHeader",
     "SealedAttachment",
     "SealedChannel",
-    "seal",
-    "seal_is_broken",
-    "unseal",
+    "as_entries",
+    "checksum",
+    "checksum_is_broken",
+    "from_entries",
+    "seal_of",
 ]
 
 PROFILE = "dynpf"
@@ -35,7 +37,8 @@ PROFILE = "dynpf"
 RUN = "run"
 RUN_END = "run_end"
 
-_SEAL = "sha256"
+_CHECKSUM = "sha256"
+_SEAL_LABEL = "dynpf seal"  # sets what it begins apart from other digests
 
 
 class Provenance(msgspec.Struct, frozen=True, kw_only=True):
@@ -109,28 +112,35 @@ class RunEnd(msgspec.Struct, frozen=True, kw_only=True):
     order: str  # SHA-256 over the publish times and the order of all messages, neither of which is compared
     header: str  # SHA-256 of the metadata of the run
     attachments: tuple[SealedAttachment, ...]
+    seal: str = ""  # seal_of this end
 
 
 _T = TypeVar("_T", RunHeader, RunEnd)
 
 
-def seal(record: RunHeader | RunEnd) -> dict[str, str]:
+def seal_of(end: RunEnd) -> str:
+    """Return the seal of a run: a SHA-256 over all that its end says, and by that over everything in the file."""
+    said = {name: getattr(end, name) for name in end.__struct_fields__ if name != "seal"}
+    return hashlib.sha256(msgspec.json.encode([_SEAL_LABEL, said], order="sorted")).hexdigest()
+
+
+def as_entries(record: RunHeader | RunEnd) -> dict[str, str]:
     """Return ``record`` as the entries of a metadata record: text as it is, other values as JSON, and the checksum."""
     fields = {name: getattr(record, name) for name in record.__struct_fields__}
     entries = {name: value if isinstance(value, str) else _json(value) for name, value in fields.items()}
     if isinstance(record, RunHeader):
         entries["dynpf_version"] = record.provenance.dynpf_version  # a separate entry, for readers of other versions
-    return {**entries, _SEAL: _digest(entries)}
+    return {**entries, _CHECKSUM: checksum(entries)}
 
 
-def seal_is_broken(entries: Mapping[str, str]) -> bool:
+def checksum_is_broken(entries: Mapping[str, str]) -> bool:
     """Return whether the checksum does not match the entries of a metadata record."""
-    return entries.get(_SEAL) != _digest({key: value for key, value in entries.items() if key != _SEAL})
+    return entries.get(_CHECKSUM) != checksum({key: value for key, value in entries.items() if key != _CHECKSUM})
 
 
-def unseal(entries: Mapping[str, str], kind: type[_T]) -> _T:
-    """Return the record that ``seal`` was given; raises ValueError if the entries are damaged or of another kind."""
-    if seal_is_broken(entries):
+def from_entries(entries: Mapping[str, str], kind: type[_T]) -> _T:
+    """Return the record with these entries; raises ValueError if they are damaged, or not those of ``as_entries``."""
+    if checksum_is_broken(entries):
         raise ValueError("its checksum does not match")
     known = msgspec.structs.fields(kind)
     missing = [field.name for field in known if field.required and field.name not in entries]
@@ -142,7 +152,7 @@ def unseal(entries: Mapping[str, str], kind: type[_T]) -> _T:
         for name, expected in types.items()
     }
     record = msgspec.convert(fields, kind)
-    if seal(record) != entries:
+    if as_entries(record) != entries:
         raise ValueError("its entries are not as dynpf writes them")
     return record
 
@@ -151,5 +161,6 @@ def _json(value: Any) -> str:
     return msgspec.json.encode(value).decode()
 
 
-def _digest(entries: Mapping[str, str]) -> str:
+def checksum(entries: Mapping[str, str]) -> str:
+    """Return the SHA-256 of the entries of a metadata record."""
     return hashlib.sha256(msgspec.json.encode(dict(entries), order="sorted")).hexdigest()

@@ -185,8 +185,9 @@ def load(path: Path | str) -> Examined:
                 index.chunk(item)
             case Described():
                 described[item.channel] = item.source
-                if item.schema is not None:
-                    schemas.setdefault(item.source.topic, item.schema)
+                topic = item.source.topic
+                if item.schema is not None and schemas.setdefault(topic, item.schema) != item.schema:
+                    damage.append(Damage(DamageKind.MALFORMED, 0, f"topic {topic!r:.80} has two schemas"))
             case RunHeader():
                 header = item
             case Attachment():

@@ -6,9 +6,10 @@ import msgspec
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import ProtocolError
 
+from dynpf_formats.recording.doctor import altered
 from dynpf_formats.recording.errors import RecordingExistsError
 from dynpf_formats.recording.mcap_records import Damage
-from dynpf_formats.recording.reader import Recording, load
+from dynpf_formats.recording.reader import Recorded, Recording, load
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_formats.regular_files import exists
 
@@ -35,7 +36,8 @@ class Recovery(msgspec.Struct, frozen=True, kw_only=True):
 def recover(source: Path | str, target: Path | str) -> Recovery:
     """Write everything readable of ``source`` into the new recording ``target`` and return what was kept and lost.
 
-    Damaged chunks are left out, intact ones after them kept. The result is marked incomplete unless nothing was wrong.
+    Damaged chunks and repetitions are left out, intact ones after them kept. The result is marked incomplete unless
+    nothing was wrong.
     Raises RecordingExistsError if ``target`` exists, RecordingError if there is nothing to recover.
     """
     if exists(Path(target)):
@@ -44,10 +46,13 @@ def recover(source: Path | str, target: Path | str) -> Recovery:
     complete, reason = _verdict(recording, damage)
     outcome = recording.end.outcome if complete and recording.end is not None else ""
     refused = 0
+    repeated = {again.position for first, again in recording.repetitions() if _equal(first, again)}
     with RecordingWriter(
         target, recording.header, recording.attachments, boot="recovered", schemas=recording.schemas
     ) as writer:
         for record in recording.records:
+            if record.position in repeated:
+                continue
             if record.topic == _GAP_TOPIC:
                 continue  # the writer finds these gaps again, together with those that the damage made
             try:
@@ -68,9 +73,15 @@ def recover(source: Path | str, target: Path | str) -> Recovery:
     )
 
 
+def _equal(first: Recorded, again: Recorded) -> bool:
+    return first.stamp_ns == again.stamp_ns and first.payload == again.payload
+
+
 def _verdict(recording: Recording, damage: tuple[Damage, ...]) -> tuple[bool, str]:
     if damage:
         return False, f"recovered: {damage[0].text} (at byte {damage[0].offset})"
     if recording.end is None:
         return False, "recovered: the end of the run was never written"
+    if found := altered(recording):
+        return False, f"recovered: {found[0].where}: {found[0].what}"
     return recording.end.complete, recording.end.reason

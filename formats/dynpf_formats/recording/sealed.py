@@ -9,7 +9,7 @@ from dynpf_protocol.topics import is_compared
 
 from dynpf_formats.recording.account import Account
 from dynpf_formats.recording.findings import Finding, error, warning
-from dynpf_formats.recording.header import RunEnd
+from dynpf_formats.recording.header import RunEnd, seal_of
 from dynpf_formats.recording.reader import Recorded, Recording
 from dynpf_formats.recording.stream import RecordedSchema, Source
 
@@ -42,6 +42,8 @@ def broken_promises(recording: Recording) -> Iterator[Finding]:
     found = end_of(recording, end)
     if end.complete and not found.complete:
         yield error(found.reason, _END)
+    if end.seal != seal_of(end):
+        yield error("what the end says is not what its recorder sealed", _END)
     if end.header != found.header:
         yield error("the metadata of the run are not those that the recorder sealed", "metadata run")
     yield from _attachments(end, found)
@@ -81,9 +83,8 @@ def _attachments(end: RunEnd, found: RunEnd) -> Iterator[Finding]:
 def _channels(end: RunEnd, found: RunEnd) -> Iterator[Finding]:
     sealed = {Source(*channel[:3]): channel.digest for channel in end.channels}
     present = {Source(*channel[:3]): channel.digest for channel in found.channels}
-    for source in (*sealed, *(source for source in present if source not in sealed)):
-        if sealed.get(source) == present.get(source):
-            continue
+    changed = [source for source in {**sealed, **present} if sealed.get(source) != present.get(source)]
+    for source in changed:
         sender = f"of {source.node}, boot {source.boot},"
         if source not in present:
             what = f"the messages {sender} are missing"
@@ -95,7 +96,9 @@ def _channels(end: RunEnd, found: RunEnd) -> Iterator[Finding]:
     for topic in sorted({*end.counts, *found.counts}):
         promised, counted = end.counts.get(topic, 0), found.counts.get(topic, 0)
         if promised != counted:
-            yield _by_topic(topic, f"the recorder counted {promised} messages, in the file are {counted}")
+            what = f"the recorder counted {promised} messages, in the file are {counted}"
+            follows = any(source.topic == topic for source in changed)  # else the end itself is wrong
+            yield _by_topic(topic, what) if follows else error(what, topic)
     if [*sealed] != [*present] and sealed == present:
         yield error("senders and topics first appear in another order than the recorder sealed", _END)
 

@@ -21,7 +21,16 @@ from dynpf_formats.recording.errors import (
     UnknownVersionError,
     UnreadableHeaderError,
 )
-from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, seal_is_broken, unseal
+from dynpf_formats.recording.header import (
+    PROFILE,
+    RUN,
+    RUN_END,
+    Attachment,
+    RunEnd,
+    RunHeader,
+    checksum_is_broken,
+    from_entries,
+)
 from dynpf_formats.recording.mcap_records import MAGIC, Damage, DamageKind, End, Message, Region, Stray, contents, scan
 from dynpf_formats.regular_files import open_regular
 
@@ -161,12 +170,15 @@ class _Pass:
                 yield header
             case Metadata(name=name, metadata=entries) if name == RUN_END:
                 yield _run_end(entries)
+            case Metadata(name=name):
+                what = "the metadata of the run again" if name == RUN else f"the foreign metadata {_shown(name)}"
+                yield Damage(DamageKind.MALFORMED, 0, f"the file holds {what}")
             case AttachmentRecord():
                 yield from self._attachment(record)
             case Region():
                 yield from self._region(record)
             case Schema():
-                self._schema(record)
+                yield from self._schema(record, 0)
             case Channel():
                 yield from self._channel(record, 0)
             case Stray():
@@ -189,7 +201,7 @@ class _Pass:
                 elif isinstance(record, Channel):
                     yield from self._channel(record, region.offset)
                 else:
-                    self._schema(record)
+                    yield from self._schema(record, region.offset)
         except ValueError as error:
             yield Damage(DamageKind.MALFORMED, region.offset, f"chunk: {error}")
 
@@ -212,6 +224,9 @@ class _Pass:
         self._attached[record.name] = len(record.data)
         if sum(self._attached.values()) > _LARGEST_ATTACHED:
             raise CorruptRecordingError(f"{self._path}: has attachments of over {_LARGEST_ATTACHED} bytes")
+        if record.log_time or record.create_time:
+            text = f"attachment {_shown(record.name)} has a time; those of a recording have none"
+            yield Damage(DamageKind.MALFORMED, 0, text)
         yield Attachment(name=record.name, media_type=record.media_type, data=record.data)
 
     def _described(self) -> None:
@@ -220,9 +235,14 @@ class _Pass:
         if self._descriptions > self._most:
             raise CorruptRecordingError(f"{self._path}: claims more channels and schemas than a file of its size holds")
 
-    def _schema(self, schema: Schema) -> None:
+    def _schema(self, schema: Schema, offset: int) -> Iterator[Damage]:
         self._described()
-        self._schemas.setdefault(schema.id, RecordedSchema(schema.name, schema.data))
+        described = RecordedSchema(schema.name, schema.data)
+        if self._schemas.setdefault(schema.id, described) != described:
+            yield Damage(DamageKind.MALFORMED, offset, f"schema {schema.id} is described in two ways")
+        if schema.encoding != "jsonschema":
+            text = f"schema {schema.id} is in {_shown(schema.encoding)}; expected 'jsonschema'"
+            yield Damage(DamageKind.MALFORMED, offset, text)
 
     def _channel(self, channel: Channel, offset: int) -> Iterator[Described | Damage]:
         self._described()
@@ -232,6 +252,13 @@ class _Pass:
             text = f"channel {channel.id} of topic {_shown(channel.topic)} does not name its {missing.args[0]}"
             yield Damage(DamageKind.MALFORMED, offset, text)
             return
+        others = [name for name in channel.metadata if name not in ("node", "boot")]
+        if others:
+            text = f"channel {channel.id} has the foreign entry {_shown(others[0])}"
+            yield Damage(DamageKind.MALFORMED, offset, text)
+        if channel.message_encoding != "json":
+            text = f"channel {channel.id} has messages in {_shown(channel.message_encoding)}; expected 'json'"
+            yield Damage(DamageKind.MALFORMED, offset, text)
         known = self._sources.get(channel.id)
         if known is None:
             self._sources[channel.id] = source
@@ -242,7 +269,7 @@ class _Pass:
             yield Damage(DamageKind.MALFORMED, offset, text)
 
     def _run_header(self, entries: dict[str, str]) -> RunHeader:
-        if seal_is_broken(entries):
+        if checksum_is_broken(entries):
             raise UnreadableHeaderError(f"{self._path}: the metadata of the run are unreadable: checksum mismatch")
         version = entries.get("schema_version", "none")
         if version not in map(str, READABLE_VERSIONS):
@@ -252,7 +279,7 @@ class _Pass:
                 f"{self._path}: schema version {version}, written by dynpf {writer}; this dynpf reads {readable}"
             )
         try:
-            return unseal(entries, RunHeader)
+            return from_entries(entries, RunHeader)
         except ValueError as error:
             raise UnreadableHeaderError(f"{self._path}: the metadata of the run are unreadable: {error}") from error
 
@@ -285,7 +312,7 @@ class _Pass:
 
 def _run_end(entries: dict[str, str]) -> RunEnd | Damage:
     try:
-        return unseal(entries, RunEnd)
+        return from_entries(entries, RunEnd)
     except ValueError as error:
         return Damage(DamageKind.CHECKSUM, 0, f"the metadata of the run's end: {error}")
 

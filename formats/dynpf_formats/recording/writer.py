@@ -20,7 +20,7 @@ from mcap.writer import Writer
 
 from dynpf_formats.recording.account import Account
 from dynpf_formats.recording.errors import RecordingError, RecordingExistsError
-from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, seal
+from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, as_entries
 from dynpf_formats.recording.stream import RecordedSchema, Source
 from dynpf_formats.shipped import known_topics
 
@@ -119,7 +119,7 @@ class RecordingWriter:
         self._mcap = Writer(self._file, chunk_size=2 * CHUNK_BYTES, enable_data_crcs=True)  # type: ignore[arg-type]
         try:
             self._mcap.start(PROFILE)
-            self._mcap.add_metadata(RUN, seal(header))
+            self._mcap.add_metadata(RUN, as_entries(header))
             for item in attachments:
                 self._mcap.add_attachment(0, 0, item.name, item.media_type, item.data)
         except OSError as error:
@@ -212,7 +212,7 @@ class RecordingWriter:
         try:
             if failed is None:
                 self._flush()
-                self._mcap.add_metadata(RUN_END, seal(end))
+                self._mcap.add_metadata(RUN_END, as_entries(end))
                 self._mcap.finish()  # type: ignore[no-untyped-call]
         except OSError as error:
             raise self._fail(error) from error

@@ -1,5 +1,7 @@
 """Made-up runs: a simulator and an estimator in lockstep, and what a test may want to change about them."""
 
+import hashlib
+import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -22,8 +24,11 @@ from dynpf_protocol.journal import (
 from dynpf_protocol.messages import Diagnostics, Estimate, RobotState
 from dynpf_systems.parts.messages import Detection, Detections
 
+MAP = Attachment(name="files/map.pgm", media_type="image/x-portable-graymap", data=bytes(range(256)))
+
+_FILES = {"map.pgm": {"sha256": hashlib.sha256(MAP.data).hexdigest()}}
 HEADER = RunHeader(
-    scenario='{"title":"Three nodes","seed":7}',
+    scenario=json.dumps({"title": "Three nodes", "seed": 7, "files": _FILES}),
     seed=7,
     writes={"simulator": ("truth/robot",), "sensors": ("sensors/overhead",), "estimator": ("estimator/state",)},
     provenance=Provenance(
@@ -32,8 +37,6 @@ HEADER = RunHeader(
 )
 NODELESS = msgspec.structs.replace(HEADER, writes={})
 """The header of a log, of whose messages no journal is expected."""
-
-MAP = Attachment(name="map.pgm", media_type="image/x-portable-graymap", data=bytes(range(256)))
 
 SECOND = 10**9
 

@@ -27,7 +27,7 @@ def written(folder: Path, anatomy: Anatomy) -> Path:
     return path
 
 
-SCHEMA = Schema(id=1, data=b"", encoding="", name="")
+SCHEMA = Schema(id=1, data=b"", encoding="jsonschema", name="")
 
 
 def channel(topic: str, node: str) -> Channel:
@@ -76,7 +76,7 @@ def test_attachments_are_bounded_and_have_names_of_their_own(anatomy: Anatomy, t
         load(written(tmp_path, anatomy))
     anatomy.items[1:6] = [Attachment(0, 0, MAP.name, "", b"another")]
     recording, damage = load(written(tmp_path, anatomy))
-    assert [found.text for found in damage] == ["two attachments are called 'map.pgm'; the first is taken"]
+    assert [found.text for found in damage] == ["two attachments are called 'files/map.pgm'; the first is taken"]
     assert recording.attachments[0].data == b"another"
 
 

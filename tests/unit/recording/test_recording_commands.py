@@ -39,7 +39,7 @@ def test_info(run: Run, tmp_path: Path) -> None:
     assert (summary["title"], summary["seed"], summary["ticks"], summary["messages"]) == ("Three nodes", 7, 5, 20)
     assert (summary["complete"], summary["gaps"], summary["duration_s"]) == (True, 0, 0.2)
     assert summary["topics"]["truth/robot"]["messages"] == 5
-    assert summary["attachments"] == {"map.pgm": 256}
+    assert summary["attachments"] == {"files/map.pgm": 256}
     code, printed = run("info", path)
     assert code == 0
     assert "Three nodes, seed 7" in printed

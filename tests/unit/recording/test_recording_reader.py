@@ -20,7 +20,7 @@ from dynpf_formats.recording.errors import (
     UnknownVersionError,
     UnreadableHeaderError,
 )
-from dynpf_formats.recording.header import seal
+from dynpf_formats.recording.header import as_entries
 from dynpf_formats.recording.reader import Recorded, load, read_recording
 from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk, ChunkIndex, Message, Metadata, Schema
@@ -99,7 +99,7 @@ def with_header(path: Path, entries: dict[str, str]) -> Path:
 
 
 def test_another_schema_version_is_refused_naming_its_writer(tmp_path: Path) -> None:
-    entries = seal(HEADER)
+    entries = as_entries(HEADER)
     assert read_recording(with_header(tmp_path / "a.mcap", entries)).header == HEADER
     newer = {key: value for key, value in entries.items() if key != "sha256"} | {
         "schema_version": "4",
@@ -107,14 +107,14 @@ def test_another_schema_version_is_refused_naming_its_writer(tmp_path: Path) -> 
     }
     from dynpf_formats.recording import header  # noqa: PLC0415
 
-    newer["sha256"] = header._digest(newer)
+    newer["sha256"] = header.checksum(newer)
     with pytest.raises(UnknownVersionError, match=r"schema version 4, written by dynpf 9\.1; this dynpf reads 3"):
         read_recording(with_header(tmp_path / "b.mcap", newer))
 
 
 @pytest.mark.parametrize("key", ["seed", "scenario", "sha256", "packages", "provenance"])
 def test_unreadable_run_metadata(tmp_path: Path, key: str) -> None:
-    entries = {**seal(HEADER), key: "?"}
+    entries = {**as_entries(HEADER), key: "?"}
     with pytest.raises(UnreadableHeaderError, match="metadata of the run are unreadable"):
         read_recording(with_header(tmp_path / "a.mcap", entries))
 
@@ -211,7 +211,7 @@ def hostile() -> dict[str, bytes]:
 def test_hostile_files_take_little_memory(tmp_path: Path, name: str) -> None:
     start = MCAP0_MAGIC + record(0x01, struct.pack("<I", 5) + b"dynpf" + struct.pack("<I", 0))
     path = tmp_path / "hostile.mcap"
-    path.write_bytes(start + built(Metadata("run", seal(HEADER))) + hostile()[name])
+    path.write_bytes(start + built(Metadata("run", as_entries(HEADER))) + hostile()[name])
     tracemalloc.start()
     try:
         with pytest.raises(RecordingError, match=r"hostile\.mcap: "):
@@ -227,7 +227,7 @@ def test_messages_on_a_channel_that_is_not_described(tmp_path: Path) -> None:
     message = built(Message(channel_id=9, log_time=0, data=b"{}", publish_time=0, sequence=0))
     start = MCAP0_MAGIC + record(0x01, struct.pack("<I", 5) + b"dynpf" + struct.pack("<I", 0))
     path = tmp_path / "run.mcap"
-    path.write_bytes(start + built(Metadata("run", seal(HEADER))) + chunk(message, compression=""))
+    path.write_bytes(start + built(Metadata("run", as_entries(HEADER))) + chunk(message, compression=""))
     assert not load(path).recording.records
     assert any("channels that the file does not describe" in finding.what for finding in examine(path))
 
@@ -236,7 +236,7 @@ def test_an_altered_attachment_is_found(tmp_path: Path) -> None:
     path = write(tmp_path / "run.mcap", lockstep(1), close=False)
     data = path.read_bytes()
     path.write_bytes(data.replace(MAP.data, MAP.data[::-1]))
-    with pytest.raises(CorruptRecordingError, match=r"attachment 'map\.pgm': its checksum does not match"):
+    with pytest.raises(CorruptRecordingError, match=r"attachment 'files/map\.pgm': its checksum does not match"):
         read_recording(path, allow_truncated=True)
 
 

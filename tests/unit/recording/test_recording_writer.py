@@ -73,7 +73,7 @@ def test_other_programs_see_topics_schemas_and_senders(tmp_path: Path) -> None:
     assert profile == "dynpf"
     assert metadata["run"]["seed"] == "7"
     assert metadata["run_end"]["complete"] == "true"
-    assert attachments == ["map.pgm"]
+    assert attachments == ["files/map.pgm"]
     assert len(seen) == 3 * 7
     for schema, channel, _ in seen:
         assert schema is not None
