@@ -1,8 +1,8 @@
 """Recordings taken apart into records, and put together again with every checksum right."""
 
 import zlib
-from copy import deepcopy
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from typing import Any
 
@@ -35,6 +35,7 @@ class Anatomy:
     items: list[Item] = field(default_factory=list)
     summary: bool = True
     data_crc: bool = True  # else 0: not computed
+    chunk_crc: bool = True
 
     @classmethod
     def of(cls, data: bytes) -> "Anatomy":
@@ -52,7 +53,7 @@ class Anatomy:
 
     def copy(self) -> "Anatomy":
         """Return a copy whose parts can be changed; payloads, which are immutable, are shared."""
-        return deepcopy(self)
+        return replace(self, header=copy(self.header), items=[*map(_copied, self.items)])
 
     def clusters(self) -> list[Cluster]:
         """Return the chunks."""
@@ -71,7 +72,7 @@ class Anatomy:
         """Return the file."""
         data = bytearray(MAGIC + _written(self.header))
         for item in self.items:
-            data += _chunk(item) if isinstance(item, Cluster) else _written(item)
+            data += _chunk(item, self.chunk_crc) if isinstance(item, Cluster) else _written(item)
         data += _written(DataEnd(zlib.crc32(data) if self.data_crc else 0))
         start = len(data)
         if self.summary:
@@ -81,6 +82,15 @@ class Anatomy:
         footer = _written(Footer(beginning, 0, 0))
         crc = zlib.crc32(footer[:-4], zlib.crc32(data[start:]))
         return bytes(data) + footer[:-4] + crc.to_bytes(4, "little") + MAGIC
+
+
+def _copied(item: Any) -> Any:
+    match item:
+        case Cluster():
+            return replace(item, records=[*map(_copied, item.records)])
+        case Metadata() | Channel():
+            return replace(item, metadata=dict(item.metadata))
+    return copy(item)
 
 
 def _record(data: bytes, record: Message | Schema | Channel) -> McapRecord:
@@ -97,7 +107,7 @@ def _written(record: McapRecord) -> bytes:
     return data
 
 
-def _chunk(cluster: Cluster) -> bytes:
+def _chunk(cluster: Cluster, with_crc: bool) -> bytes:
     data = b"".join(map(_written, cluster.records)) + cluster.tail
     times = [record.log_time for record in cluster.records if isinstance(record, MessageRecord)] or [0]
     packed = zstandard.compress(data, 1) if cluster.compression == "zstd" else data
@@ -107,7 +117,7 @@ def _chunk(cluster: Cluster) -> bytes:
             data=packed,
             message_start_time=min(times),
             message_end_time=max(times),
-            uncompressed_crc=zlib.crc32(data),
+            uncompressed_crc=zlib.crc32(data) if with_crc else 0,
             uncompressed_size=len(data),
         )
     )

@@ -12,20 +12,21 @@ import shutil
 import sys
 import traceback
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TextIO
 
-from checks.fuzz.cases import Trial, Workshop, files_case
+from checks.fuzz.cases import Workshop, files_case
 from checks.fuzz.payloads import payload_case
 from checks.fuzz.sources import Sources
 from checks.fuzz.subjects import command
-from checks.fuzz.trial import Outcome, Verdict, tried
+from checks.fuzz.trial import Outcome, Verdict, tried, tried_together
 
 __all__ = ["Campaign", "Plan", "one_case"]
 
-_FILES_A_BLOCK, _PAYLOADS_A_BLOCK = 100, 20_000
+_FILES_A_BLOCK, _PAYLOADS_A_BLOCK = 1000, 20_000
+_PAYLOADS_TOGETHER = 1000
 _MOST_KEPT = 2000  # files of the corpus
 _LARGEST_KEPT = 200_000  # bytes
 _ADDRESS_SPACE = 3 * 2**30  # bytes, above what the process has; the machine is shared
@@ -41,12 +42,13 @@ class Plan(NamedTuple):
 
 
 class Campaign:
-    """The run of a plan. ``faults`` has the cases of each fault, by subject and text."""
+    """The run of a plan. ``faults`` has the cases of each fault, by subject and text, ``failures`` of failed steps."""
 
     def __init__(self, plan: Plan, sources: Sources, folder: Path, corpus: Path) -> None:
         self.plan, self._sources, self._folder, self._corpus = plan, sources, folder, corpus
         self.counts: defaultdict[str, Counter[Verdict]] = defaultdict(Counter)
         self.faults: defaultdict[tuple[str, str], list[str]] = defaultdict(list)
+        self.failures: defaultdict[tuple[str, str], list[str]] = defaultdict(list)
         self.slowest: defaultdict[str, float] = defaultdict(float)
         self.largest: defaultdict[str, int] = defaultdict(int)
         self._inputs = {"file": 0, "payload": 0}
@@ -55,7 +57,7 @@ class Campaign:
         """Run all blocks; each tells on standard error how far it is."""
         self._corpus.mkdir(exist_ok=True, parents=True)
         for path in self._sources.recordings.values():
-            for name in ("doctor", "info", "metrics"):
+            for name in ("doctor", "info", "metrics", "replay", "fit"):
                 tried(partial(command, name, path))  # so that the processes of the blocks have loaded what they need
         for kind, total, size in (
             ("file", self.plan.files, _FILES_A_BLOCK),
@@ -92,32 +94,54 @@ class Campaign:
         workshop = Workshop(self._sources, folder, tuple(sorted(self._corpus.glob("*.mcap"))))
         with open(write, "w", encoding="utf-8", buffering=1) as out:
             try:
-                for number in numbers:
-                    print(json.dumps({"number": number}), file=out)
-                    for subject, outcome in _outcomes(kind, number, self.plan.seed, workshop):
-                        if kind == "file" or outcome.verdict is Verdict.FAULT:
-                            self._keep(folder, subject, outcome)
-                        print(json.dumps({"number": number, "subject": subject, "outcome": outcome}), file=out)
+                if kind == "file":
+                    self._files(numbers, workshop, out)
+                else:
+                    self._payloads(numbers, out)
             except Exception:
                 traceback.print_exc()
                 return 1
         return 0
 
+    def _files(self, numbers: range, workshop: Workshop, out: TextIO) -> None:
+        for number in numbers:
+            print(json.dumps({"number": number, "inputs": 1}), file=out)
+            for trial in files_case(number, self.plan.seed, workshop):
+                outcome = tried(trial.action)
+                self._keep(workshop.folder, trial.subject, outcome)
+                print(json.dumps({"number": number, "subject": trial.subject, "outcome": outcome}), file=out)
+
+    def _payloads(self, numbers: range, out: TextIO) -> None:
+        for first in range(numbers.start, numbers.stop, _PAYLOADS_TOGETHER):
+            some = numbers[first - numbers.start :][:_PAYLOADS_TOGETHER]
+            print(json.dumps({"number": first, "inputs": len(some)}), file=out)
+            subjects: dict[int, str] = {}
+
+            def made(number: int, subjects: dict[int, str] = subjects) -> Callable[[], object]:
+                subjects[number], action = payload_case(number, self.plan.seed)
+                return action
+
+            outcomes = tried_together([partial(made, number) for number in some])
+            for number, outcome in zip(some, outcomes, strict=True):
+                print(json.dumps({"number": number, "subject": subjects[number], "outcome": outcome}), file=out)
+
     def _take(self, kind: str, line: str) -> int:
         told = json.loads(line)
         number = int(told["number"])
         if "outcome" not in told:
-            self._inputs[kind] += 1
+            self._inputs[kind] += told["inputs"]
             return number
         subject, outcome = told["subject"], Outcome(*told["outcome"])
         self.counts[subject][Verdict(outcome.verdict)] += 1
         self.slowest[subject] = max(self.slowest[subject], outcome.seconds)
         self.largest[subject] = max(self.largest[subject], outcome.bytes)
         if outcome.verdict == Verdict.FAULT:
-            cases = self.faults[subject, outcome.text if kind == "payload" else _kind_of(outcome.text)]
+            cases = self.faults[subject, _kind_of(outcome.text)]
             if not cases:
                 print(f"fault: {subject}, {kind} {number}: {outcome.text}", file=sys.stderr)
             cases.append(f"{kind} {number}")
+        elif outcome.verdict == Verdict.FAILED:
+            self.failures[subject, _kind_of(outcome.text)].append(f"{kind} {number}")
         return number
 
     def _keep(self, folder: Path, subject: str, outcome: Outcome) -> None:
@@ -132,25 +156,21 @@ class Campaign:
 
     def table(self) -> str:
         """Return the counts of each subject, and the faults with their cases."""
-        lines = [f"{'':16}{'trials':>9}{'refused':>9}{'accepted':>9}{'faults':>8}{'slowest':>9}{'memory':>9}"]
+        titles = f"{'refused':>9}{'accepted':>9}{'failed':>8}{'faults':>8}{'slowest':>9}{'memory':>9}"
+        lines = [f"{'':16}{'trials':>9}{titles}"]
         for subject, counts in sorted(self.counts.items()):
-            refused, accepted, faults = (
-                counts[verdict] for verdict in (Verdict.REFUSED, Verdict.ACCEPTED, Verdict.FAULT)
+            refused, accepted, failed, faults = (
+                counts[verdict] for verdict in (Verdict.REFUSED, Verdict.ACCEPTED, Verdict.FAILED, Verdict.FAULT)
             )
             limits = f"{self.slowest[subject]:>7.2f} s{self.largest[subject] / 2**20:>6.0f} MB"
-            lines.append(f"{subject:16}{sum(counts.values()):>9}{refused:>9}{accepted:>9}{faults:>8}{limits}")
-        for (subject, text), cases in sorted(self.faults.items(), key=lambda item: -len(item[1])):
-            lines.append(f"{len(cases)} x {subject}: {text} ({', '.join(cases[:3])})")
+            lines.append(
+                f"{subject:16}{sum(counts.values()):>9}{refused:>9}{accepted:>9}{failed:>8}{faults:>8}{limits}"
+            )
+        for name, found in (("fault", self.faults), ("failed step", self.failures)):
+            for (subject, text), cases in sorted(found.items(), key=lambda item: -len(item[1])):
+                lines.append(f"{len(cases)} x {name}, {subject}: {text} ({', '.join(cases[:3])})")
         lines.append(f"{self._inputs['file']} files and {self._inputs['payload']} payloads, seed {self.plan.seed}")
         return "\n".join(lines)
-
-
-def _outcomes(kind: str, number: int, seed: int, workshop: Workshop) -> Iterator[tuple[str, Outcome]]:
-    trials: Iterator[Trial] = (
-        files_case(number, seed, workshop) if kind == "file" else iter((payload_case(number, seed),))
-    )
-    for trial in trials:
-        yield trial.subject, tried(trial.action)
 
 
 def _kind_of(text: str) -> str:
@@ -170,8 +190,10 @@ def one_case(plan: Plan, sources: Sources, folder: Path, corpus: Path, keep: Pat
     (work := folder / "work").mkdir()
     workshop = Workshop(sources, work, tuple(sorted(corpus.glob("*.mcap"))))
     faults = 0
-    for subject, outcome in _outcomes("file", plan.first, plan.seed, workshop):
-        print(f"{subject}: {outcome.verdict}: {outcome.text} ({outcome.seconds:.3f} s, {outcome.bytes / 2**20:.0f} MB)")
+    for trial in files_case(plan.first, plan.seed, workshop):
+        outcome = tried(trial.action)
+        took = f"{outcome.seconds:.3f} s, {outcome.bytes / 2**20:.0f} MB"
+        print(f"{trial.subject}: {outcome.verdict}: {outcome.text} ({took})")
         faults += outcome.verdict is Verdict.FAULT
         for path in work.glob("hostile*"):
             if keep is not None:

@@ -5,14 +5,13 @@ import gzip
 import lzma
 import os
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache, partial
 from pathlib import Path
 from random import Random
 from typing import NamedTuple
 
 from dynpf_formats.recording.errors import RecordingError
-from dynpf_formats.recording.mcap_records import MAGIC
 from dynpf_formats.recording.reader import read_recording
 from dynpf_lab.cli.play import envelope_of, played_messages
 from dynpf_protocol.envelope import encode_envelope
@@ -23,6 +22,7 @@ from mcap.records import Message
 
 from checks.edits.content import read_content, resealed, write_content
 from checks.fuzz.anatomy import Anatomy
+from checks.fuzz.credentials import keys_trials, signature_action
 from checks.fuzz.edits import edited
 from checks.fuzz.sources import Sources
 from checks.fuzz.subjects import command, difference, quiet, recovered
@@ -39,6 +39,9 @@ _SPECIAL = ("/dev/zero", "/dev/full", "/proc/self/mem", "fifo", ".", "missing.ya
 _RESEALED = 0.2  # of the recordings
 _REPLAYED_AT_MOST = 500_000
 """Bytes of a file that is replayed, too: what a run computes is not bounded by what reading is."""
+_TRIALS_A_RECORDING = 3
+_FORMS = (["--format", "csv"], ["--format", "tum"])
+_TOPICS: tuple[list[str], ...] = ([], ["--topic", "sensors/scan"], ["--topic", "estimator/state"])
 
 
 class Trial(NamedTuple):
@@ -69,23 +72,15 @@ def _recording(random: Random, workshop: Workshop) -> Iterator[Trial]:
     path.write_bytes(data)
     if random.random() < _RESEALED:
         _reseal(path)
-    output = workshop.folder / "recovered.mcap"
-    yield Trial("doctor", lambda: command("doctor", path))
-    yield Trial("info", lambda: command("info", path, *random.choice(([], ["--json"]))))
-    yield Trial("recover", lambda: recovered(path, output))
-    yield Trial("diff", lambda: difference(sound, path))
-    yield Trial("metrics", lambda: command("metrics", path))
-    yield Trial("play", lambda: _played(path))
-    for form in ("csv", "tum"):
-        topic = random.choice(([], ["--topic", "sensors/scan"], ["--topic", "estimator/state"]))
-        yield Trial("export", partial(command, "export", path, "--format", form, *topic))
-    yield Trial("fit", lambda: command("fit", path))
-    if len(data) < _REPLAYED_AT_MOST:
-        yield Trial("replay", lambda: command("replay", path))
-    if random.random() < 0.3:
-        yield Trial("parquet", lambda: _written("export", workshop.folder / "p", path, "--format", "parquet"))
-        yield Trial("log of a run", lambda: PlayedLog(path))
+    names = [name for name in RECORDING_TRIALS if name != "replay" or len(data) < _REPLAYED_AT_MOST]
+    for name in random.sample(names, _TRIALS_A_RECORDING):
+        yield RECORDING_TRIALS[name](random, workshop, sound, path)
     path.unlink()
+
+
+def _command(name: str, *choices: Sequence[str]) -> Callable[[Random, Workshop, Path, Path], Trial]:
+    """Return the maker of the trial of a command, with one of some further arguments."""
+    return lambda random, _workshop, _sound, path: Trial(name, partial(command, name, path, *random.choice(choices)))
 
 
 def _hostile_recording(random: Random, workshop: Workshop) -> tuple[Path, bytes]:
@@ -94,7 +89,12 @@ def _hostile_recording(random: Random, workshop: Workshop) -> tuple[Path, bytes]
         data = random.choice(workshop.corpus).read_bytes()
         return sound, torn(data, random) if random.random() < 0.3 else edited(_taken_apart(data, sound), random)
     data = sound.read_bytes()
-    return sound, torn(data, random) if random.random() < 0.1 else edited(Anatomy.of(data), random)
+    return sound, torn(data, random) if random.random() < 0.1 else edited(_parts(sound), random)
+
+
+@cache
+def _parts(sound: Path) -> Anatomy:
+    return Anatomy.of(sound.read_bytes())
 
 
 def _reseal(path: Path) -> None:
@@ -110,7 +110,7 @@ def _taken_apart(data: bytes, sound: Path) -> Anatomy:
     try:
         return Anatomy.of(data)
     except ValueError:
-        return Anatomy.of(sound.read_bytes())
+        return _parts(sound)
 
 
 def _text(kind: str, text: Callable[[Sources], str], random: Random, workshop: Workshop) -> Iterator[Trial]:
@@ -316,20 +316,43 @@ def _written(name: str, output: Path, *words: str | Path) -> None:
         output.unlink(missing_ok=True)
 
 
-def is_recording(path: Path) -> bool:
-    """Return whether a file of a corpus is MCAP."""
-    return path.read_bytes()[: len(MAGIC)] == MAGIC
+def _keys(random: Random, workshop: Workshop) -> Iterator[Trial]:
+    for name, action in keys_trials(random, workshop.sources.keys, workshop.sources.recordings["log"], workshop.folder):
+        yield Trial(name, action)
 
 
 Maker = Callable[[Random, Workshop], Iterator[Trial]]
 
+RECORDING_TRIALS: Mapping[str, Callable[[Random, Workshop, Path, Path], Trial]] = {
+    "doctor": _command("doctor", [], ["--json"]),
+    "info": _command("info", [], ["--json"]),
+    "metrics": _command("metrics", []),
+    "fit": _command("fit", []),
+    "replay": _command("replay", []),
+    "export": _command("export", *([*form, *topic] for form in _FORMS for topic in _TOPICS)),
+    "parquet": lambda _random, workshop, _sound, path: Trial(
+        "parquet", lambda: _written("export", workshop.folder / "p", path, "--format", "parquet")
+    ),
+    "recover": lambda _random, workshop, _sound, path: Trial(
+        "recover", lambda: recovered(path, workshop.folder / "recovered.mcap")
+    ),
+    "diff": lambda _random, _workshop, sound, path: Trial("diff", lambda: difference(sound, path)),
+    "play": lambda _random, _workshop, _sound, path: Trial("play", lambda: _played(path)),
+    "log of a run": lambda _random, _workshop, _sound, path: Trial("log of a run", lambda: PlayedLog(path)),
+    "signature": lambda random, workshop, _sound, path: Trial(
+        "signature", signature_action(random, workshop.sources.keys, path)
+    ),
+}
+"""What a hostile recording is given to; a case draws some of them."""
+
 FILES: Mapping[str, tuple[int, Maker]] = {
     "recording": (50, _recording),
+    "keys": (5, _keys),
     "tum": (7, partial(_text, "tum", lambda sources: sources.tum)),
     "carmen": (8, partial(_text, "carmen", lambda sources: sources.carmen)),
     "mrclam": (7, _mrclam),
     "map": (8, _map),
-    "bag": (10, _bag),
+    "bag": (6, _bag),
     "scenario": (10, _scenario),
 }
 """The kinds of files, each with its share of the cases."""

@@ -113,7 +113,7 @@ def _order(anatomy: Anatomy, values: Values) -> None:
             case "cut":
                 del records[first:]
             case "flood":
-                records[second:second] = [records[first]] * random.choice((100, 5000))
+                records[second:second] = [records[first]] * random.choices((100, 5000), (95, 5))[0]
 
 
 def _items(anatomy: Anatomy, values: Values) -> None:
@@ -223,6 +223,7 @@ def _layout(anatomy: Anatomy, values: Values) -> None:
     match values.random.choice(("crc", "summary", "plain", "profile", "tail", "lz4")):
         case "crc":
             anatomy.data_crc = False
+            anatomy.chunk_crc = values.random.random() < 0.5
         case "summary":
             anatomy.summary = False
         case "plain":
@@ -241,7 +242,7 @@ def _layout(anatomy: Anatomy, values: Values) -> None:
 def _bomb(anatomy: Anatomy, values: Values) -> None:
     """Put in a few kilobytes that become much more: empty records, repeated ones, zeros, or ever new channels."""
     random = values.random
-    if random.random() < 0.85:
+    if random.random() < 0.95:
         return  # they take their time
     schema = b"\x03" + (16).to_bytes(8, "little") + (1).to_bytes(2, "little") + b"\0" * 14
     message = b"\x05" + (22).to_bytes(8, "little") + b"\0" * 22
@@ -254,6 +255,7 @@ def _bomb(anatomy: Anatomy, values: Values) -> None:
 
 def _many_channels(anatomy: Anatomy, values: Values) -> None:
     random = values.random
+    number_of_channels = random.choices((10, 1000, 5000), (90, 8, 2))[0]
     conflicting = random.random() < 0.5
     records: list[Any] = [
         Channel(
@@ -263,7 +265,7 @@ def _many_channels(anatomy: Anatomy, values: Values) -> None:
             metadata={"node": f"n{number}" if conflicting else "n", "boot": "b"},
             schema_id=1,
         )
-        for number in range(random.choice((10, 1000, 5000)))
+        for number in range(number_of_channels)
     ]
     anatomy.items.insert(random.randrange(len(anatomy.items) + 1), Cluster(records))
 

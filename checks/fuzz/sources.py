@@ -14,6 +14,7 @@ from dynpf_services.scenario.load import load_scenario, scenario_files
 from dynpf_services.scenario.record import record_inline
 
 from checks.fuzz.bags import write_bags
+from checks.fuzz.credentials import write_keys
 
 __all__ = ["Sources", "sources"]
 
@@ -81,6 +82,7 @@ class Sources(NamedTuple):
     mrclam: Mapping[str, str]
     map: Mapping[str, bytes]
     bags: Mapping[str, Path]
+    keys: Path
 
 
 def sources(folder: Path) -> Sources:
@@ -99,7 +101,8 @@ def sources(folder: Path) -> Sources:
     recordings["log"] = folder / "log.mcap"
     write_recording(import_tum(folder / "poses.tum"), recordings["log"])
     scenarios = {file.stem: file.read_text() for file in scenario_files()} | {"bitmap": ROOM_ON_A_BITMAP}
-    return Sources(recordings, scenarios, _carmen(), tum, _mrclam(), maps, write_bags(folder / "bags"))
+    bags, keys = write_bags(folder / "bags"), write_keys(folder / "keys")
+    return Sources(recordings, scenarios, _carmen(), tum, _mrclam(), maps, bags, keys)
 
 
 def _image(suffix: str) -> bytes:

@@ -12,7 +12,7 @@ from types import ModuleType
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.errors import RecordingError
 from dynpf_formats.recording.reader import read_recording
-from dynpf_lab.cli import diff, doctor, export, fit, import_, info, metrics, recover, replay
+from dynpf_lab.cli import diff, doctor, export, fit, import_, info, keys, metrics, recover, replay, sign
 
 from checks.fuzz.trial import WrongAnswerError
 
@@ -27,9 +27,11 @@ _COMMANDS: dict[str, ModuleType] = {
     "fit": fit,
     "import": import_,
     "info": info,
+    "keys": keys,
     "metrics": metrics,
     "recover": recover,
     "replay": replay,
+    "sign": sign,
 }
 
 

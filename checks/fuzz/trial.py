@@ -3,16 +3,16 @@
 import signal
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
 
-from dynpf_protocol.errors import DynpfError, ProtocolError
+from dynpf_protocol.errors import DynpfError, ProtocolError, StepError
 
-__all__ = ["LIMITS", "Limits", "Outcome", "Verdict", "WrongAnswerError", "tried"]
+__all__ = ["LIMITS", "Limits", "Outcome", "Verdict", "WrongAnswerError", "tried", "tried_together"]
 
 _SHOWN = 300  # characters of a text
 
@@ -22,6 +22,7 @@ class Verdict(StrEnum):
 
     ACCEPTED = "accepted"
     REFUSED = "refused"  # with a sentence for a person
+    FAILED = "failed"  # a node raised in a step, of a value that it was made with or read
     FAULT = "fault"
 
 
@@ -57,11 +58,31 @@ def tried(action: Callable[[], object], limits: Limits = LIMITS) -> Outcome:
     """Run an action; anything but an answer or a refusal, and anything above the limits, is a fault."""
     before = _resident()
     _restart_peak()
+    verdict, text, seconds, _ = _timed(action, limits)
+    taken = max(_peak() - before, 0)
+    if verdict is not Verdict.FAULT and taken > limits.bytes:
+        verdict, text = Verdict.FAULT, f"took {taken / 2**20:.0f} MB; {text}"
+    return Outcome(verdict, text, seconds, taken)
+
+
+def tried_together(makers: Sequence[Callable[[], Callable[[], object]]], limits: Limits = LIMITS) -> list[Outcome]:
+    """Make and run many short actions; if they take too much memory together, each is run again by itself."""
+    before = _resident()
+    _restart_peak()
+    outcomes = [_timed(make(), limits) for make in makers]
+    if _peak() - before > limits.bytes:
+        return [tried(make(), limits) for make in makers]
+    return outcomes
+
+
+def _timed(action: Callable[[], object], limits: Limits) -> Outcome:
     began = time.process_time()
     verdict, text = Verdict.ACCEPTED, ""
     try:
         with _broken_off(limits.hang_seconds):
             action()
+    except StepError as error:
+        verdict, text = Verdict.FAILED, f"{error} ({_own(error.__cause__ or error)})"
     except (DynpfError, ProtocolError) as error:
         verdict, text = Verdict.REFUSED, str(error)
     except _HangError:
@@ -71,19 +92,21 @@ def tried(action: Callable[[], object], limits: Limits = LIMITS) -> Outcome:
             raise
         verdict, text = Verdict.FAULT, _placed(error)
     seconds = time.process_time() - began
-    taken = max(_peak() - before, 0)
     if verdict is not Verdict.FAULT and seconds > limits.seconds:
         verdict, text = Verdict.FAULT, f"took {seconds:.1f} s; {text}"
-    if verdict is not Verdict.FAULT and taken > limits.bytes:
-        verdict, text = Verdict.FAULT, f"took {taken / 2**20:.0f} MB; {text}"
-    return Outcome(verdict, text[:_SHOWN], seconds, taken)
+    return Outcome(verdict, text[:_SHOWN], seconds, 0)
 
 
 def _placed(error: BaseException) -> str:
     """Return an exception as a line, with the lines of the sources that led to it."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())[:120]} ({_own(error)})"
+
+
+def _own(error: BaseException) -> str:
+    """Return the last lines of dynpf's sources that led to an exception."""
     frames = traceback.extract_tb(error.__traceback__)[-40:]
     own = [f"{Path(frame.filename).stem}:{frame.lineno}" for frame in frames if "site-packages" not in frame.filename]
-    return f"{type(error).__name__}: {' '.join(str(error).split())[:120]} ({' > '.join(own[-5:])})"
+    return " > ".join(own[-5:])
 
 
 @contextmanager

@@ -97,6 +97,8 @@ def summary(recording: Recording, measures: Mapping[str, Any]) -> str:
     lines = [f"{scenario.title} (seed {scenario.seed})", f"recording   {recording.path}, {state}: {reason}"]
     for topic in estimates_of(recorded(recording))[:1]:
         stamps = [record.stamp_ns for record in recording.messages(topic)]
+        if not stamps:
+            continue  # a damaged file: it describes the topic, and its messages are lost
         lines.append(f"duration    {(max(stamps) - min(stamps)) * 1e-9:.1f} s of logical time, {len(stamps)} estimates")
     lines.append(f"messages    {measures['messages']}, {measures['gaps']} missing")
     for system in _all_measures():

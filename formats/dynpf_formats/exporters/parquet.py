@@ -9,6 +9,7 @@ from msgspec import inspect as types
 from pyarrow.parquet import ParquetWriter
 
 from dynpf_formats.exporters.table import columns, header, in_json, rows
+from dynpf_formats.recording.errors import CorruptRecordingError
 from dynpf_formats.recording.reader import Recording
 
 __all__ = ["write_parquet"]
@@ -19,7 +20,8 @@ BATCH = 1000  # rows written at once
 def write_parquet(recording: Recording, topic: str, path: Path) -> int:
     """Write the table, lists of numbers as lists, other lists as JSON; return the number of rows.
 
-    Raises FileExistsError if ``path`` exists, OSError if it cannot be written.
+    Raises FileExistsError if ``path`` exists, OSError if it cannot be written, CorruptRecordingError for a whole number
+    that has no place in it.
     """
     kinds = [
         pyarrow.int64(),
@@ -33,7 +35,11 @@ def write_parquet(recording: Recording, topic: str, path: Path) -> int:
         table = rows(recording, topic)
         while batch := list(islice(table, BATCH)):
             cells = zip(*batch, strict=True)
-            arrays = [pyarrow.array(_column(column, kind), kind) for column, kind in zip(cells, kinds, strict=True)]
+            try:
+                arrays = [pyarrow.array(_column(column, kind), kind) for column, kind in zip(cells, kinds, strict=True)]
+            except OverflowError as error:
+                where = f"{recording.path}: {topic}"
+                raise CorruptRecordingError(f"{where}: a whole number of 2^63 or more, which no table holds") from error
             writer.write_batch(pyarrow.record_batch(arrays, schema=schema))
             count += len(batch)
     return count

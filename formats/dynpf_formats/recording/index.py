@@ -3,12 +3,15 @@
 A message's position is its index in the order of the file.
 """
 
+import os
+import tempfile
+import weakref
 from array import array
 from bisect import bisect_left
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import overload
+from typing import IO, overload
 
 import numpy as np
 
@@ -20,10 +23,16 @@ from dynpf_formats.regular_files import open_regular
 __all__ = ["MessageIndex", "Positions", "Recorded", "Records"]
 
 _CACHE_BYTES = 64 * 2**20
+_UNPACKED_AGAIN = 2 * _CACHE_BYTES  # bytes of chunks, until those that are unpacked again are kept in a file
+_LARGEST_SCRATCH = 2**30  # bytes of that file
 
 
 class _Payloads:
-    """Payloads by chunk: the most recently used chunks stay in memory, uncompressed, up to _CACHE_BYTES."""
+    """Payloads by chunk: the most recently used chunks stay in memory, uncompressed, up to _CACHE_BYTES.
+
+    Whose messages alternate between more chunks than these would unpack one for each message. Chunks that are often
+    unpacked again are therefore written uncompressed to a temporary file, if the system has room for it.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -31,6 +40,10 @@ class _Payloads:
         self._lengths = array("Q")
         self._cache: OrderedDict[int, bytes] = OrderedDict()
         self._cached = 0
+        self._again = 0  # bytes unpacked again
+        self._scratch: IO[bytes] | None = None
+        self._scratch_size = 0
+        self._written: dict[int, int] = {}  # where a chunk begins in the temporary file
 
     def add(self, region: Region) -> int:
         """Add a chunk that has just been read; return its number."""
@@ -42,12 +55,32 @@ class _Payloads:
     def get(self, chunk: int, start: int, stop: int) -> bytes:
         """Return bytes of a chunk by its number; raises CorruptRecordingError if the file has changed."""
         data = self._cache.get(chunk)
-        if data is None:
+        if data is not None:
+            self._cache.move_to_end(chunk)
+        elif self._scratch is not None and chunk in self._written:
+            return os.pread(self._scratch.fileno(), stop - start, self._written[chunk] + start)
+        else:
             data = self._fetch(chunk)
             self._keep(chunk, data)
-        else:
-            self._cache.move_to_end(chunk)
+            self._again += len(data)
+            if self._again > _UNPACKED_AGAIN:
+                self._write(chunk, data)
         return data[start:stop]
+
+    def _write(self, chunk: int, data: bytes) -> None:
+        if self._scratch_size + len(data) > _LARGEST_SCRATCH:
+            return
+        try:
+            if self._scratch is None:
+                self._scratch = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the index
+                weakref.finalize(self, self._scratch.close)
+            self._scratch.seek(self._scratch_size)
+            self._scratch.write(data)
+            self._scratch.flush()
+        except OSError:
+            return  # no room: the chunk is unpacked again when it is needed
+        self._written[chunk] = self._scratch_size
+        self._scratch_size += len(data)
 
     def _keep(self, chunk: int, data: bytes) -> None:
         self._cache[chunk] = data

@@ -46,7 +46,7 @@ as large as their files."""
 _FRAME = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _INDEX = struct.Struct("<HI")
-_NOT_COMPUTED = 0  # a checksum, as MCAP has it: other writers may leave those over data and summary out
+_NOT_COMPUTED = 0  # a checksum, as MCAP has it: other writers may leave it out
 _FOOTER_CRC = 4  # bytes at the end of the footer that its own checksum leaves out
 
 # A chunk's record has, before the text "zstd": opcode, length, three times or sizes, checksum.
@@ -73,7 +73,7 @@ class Damage(NamedTuple):
 
 
 class Region(NamedTuple):
-    """A chunk with a correct checksum: offset and length of its body in the file, and its uncompressed records."""
+    """An undamaged chunk: offset and length of its body in the file, and its uncompressed records."""
 
     offset: int
     length: int
@@ -250,7 +250,7 @@ def _parse(kind: type[_R], body: bytes) -> _R:
 def _attachment(body: bytes) -> Attachment:
     attachment = _parse(Attachment, body)
     (stored,) = struct.unpack("<I", body[-4:])
-    if stored != zlib.crc32(body[:-4]):
+    if stored != _NOT_COMPUTED and stored != zlib.crc32(body[:-4]):
         raise _BadError(DamageKind.CHECKSUM, f"attachment {attachment.name!r}: its checksum does not match")
     return attachment
 
@@ -274,8 +274,7 @@ def _uncompress(chunk: Chunk, left: int = MAX_RECORD) -> bytes:
             raise _BadError(DamageKind.MALFORMED, f"a chunk compressed by {other!r}; expected zstd")
     if len(data) != size:
         raise _BadError(DamageKind.MALFORMED, f"a chunk holds {len(data)} bytes uncompressed and claims {size}")
-    # A stored 0 means "no checksum" in MCAP. Recordings always have one, so here it is a checksum like any other.
-    if zlib.crc32(data) != chunk.uncompressed_crc:
+    if chunk.uncompressed_crc != _NOT_COMPUTED and zlib.crc32(data) != chunk.uncompressed_crc:
         raise _BadError(DamageKind.CHECKSUM, "the checksum of a chunk does not match")
     return data
 

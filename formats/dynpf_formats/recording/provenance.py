@@ -4,6 +4,7 @@ import ctypes
 import hashlib
 import os
 import platform
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
@@ -60,6 +61,7 @@ def collect() -> Provenance:
     )
 
 
+@cache  # what a process has loaded does not change
 def code_digest() -> str:
     """Return the SHA-256 over names and contents of the source files of dynpf's packages."""
     digest = hashlib.sha256()

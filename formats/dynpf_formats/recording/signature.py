@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import msgspec
 from cryptography import x509
-from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.exceptions import InternalError, InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from dynpf_protocol.errors import UsageError
@@ -24,6 +24,7 @@ __all__ = ["Signed", "Signer", "load_signer", "read_signature", "sign", "signatu
 
 _FORMAT = "dynpf-signature-1"
 _MOST_BYTES = 65_536
+_UNREADABLE = (ValueError, TypeError, UnsupportedAlgorithm, InternalError)  # what cryptography raises of bad PEM
 
 
 class _Document(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -64,13 +65,15 @@ def load_signer(key: Path) -> Signer:
     try:
         private = serialization.load_pem_private_key(key.read_bytes(), password=None)
         issued = x509.load_pem_x509_certificate(certificate.read_bytes())
+        public = _public_bytes(issued)
     except OSError as error:
         raise UsageError(f"{error.filename}: cannot be read: {error.strerror}; dynpf keys makes such files") from error
-    except (ValueError, TypeError, UnsupportedAlgorithm) as error:
-        raise UsageError(f"{key}, {certificate}: no key and certificate without a password: {error}") from error
+    except _UNREADABLE as error:
+        reason = "OpenSSL cannot read it" if isinstance(error, InternalError) else error
+        raise UsageError(f"{key}, {certificate}: no key and certificate without a password: {reason}") from error
     if not isinstance(private, Ed25519PrivateKey):
         raise UsageError(f"{key}: not an ed25519 key; dynpf keys makes such keys")
-    if _public_bytes(issued) != private.public_key().public_bytes_raw():
+    if public != private.public_key().public_bytes_raw():
         raise UsageError(f"{certificate}: is not the certificate of {key}")
     return Signer(private, issued)
 
@@ -111,7 +114,7 @@ def read_signature(recording: Path, trust: Path | None, now: datetime) -> Signed
         return Signed("", "", "", False, f"{path}: cannot be read: {error.strerror}")
     try:
         return _checked(msgspec.json.decode(data, type=_Document), recording, authority, now)
-    except (msgspec.DecodeError, ValueError, RecursionError, UnsupportedAlgorithm):
+    except (*_UNREADABLE, msgspec.DecodeError, RecursionError):
         return Signed("", "", "", False, f"{path}: is no signature of a recording")
 
 
@@ -145,7 +148,7 @@ def _distrust(certificate: x509.Certificate, authority: x509.Certificate, signed
     """Return why the certificate is not believed, or an empty text."""
     try:
         certificate.verify_directly_issued_by(authority)
-    except (ValueError, TypeError, InvalidSignature):
+    except (*_UNREADABLE, InvalidSignature):
         return "the signer's certificate is not of the trusted authority"
     begin, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
     if signed_at.tzinfo is None or not begin <= signed_at <= end or signed_at > now:
@@ -158,7 +161,7 @@ def _authority(path: Path) -> x509.Certificate:
         return x509.load_pem_x509_certificate(path.read_bytes())
     except OSError as error:
         raise UsageError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
+    except _UNREADABLE as error:
         raise UsageError(f"{path}: no certificate in PEM: {error}") from error
 
 

@@ -130,7 +130,8 @@ class _Pass:
         self._most = size // _INDEX_ENTRY + _UNINDEXED
         self._messages = 0
         self._descriptions = 0  # records of channels and schemas
-        self._attached: dict[str, int] = {}  # attachments by name, with their bytes
+        self._attached: set[str] = set()  # names of attachments
+        self._attached_bytes = 0
         self._profile: str | None = None
         self._headed = False
         self._sources: dict[int, Source] = {}
@@ -216,14 +217,15 @@ class _Pass:
         return StreamedMessage(source, channel, sequence, stamp_ns, publish_ns, region, start, stop)
 
     def _attachment(self, record: AttachmentRecord) -> Iterator[Attachment | Damage]:
+        self._attached_bytes += len(record.data)
+        if self._attached_bytes > _LARGEST_ATTACHED:
+            raise CorruptRecordingError(f"{self._path}: has attachments of over {_LARGEST_ATTACHED} bytes")
         if record.name in self._attached:
             yield Damage(
                 DamageKind.MALFORMED, 0, f"two attachments are called {_shown(record.name)}; the first is taken"
             )
             return
-        self._attached[record.name] = len(record.data)
-        if sum(self._attached.values()) > _LARGEST_ATTACHED:
-            raise CorruptRecordingError(f"{self._path}: has attachments of over {_LARGEST_ATTACHED} bytes")
+        self._attached.add(record.name)
         if record.log_time or record.create_time:
             text = f"attachment {_shown(record.name)} has a time; those of a recording have none"
             yield Damage(DamageKind.MALFORMED, 0, text)

@@ -5,6 +5,7 @@ import difflib
 import os
 import sys
 import traceback
+import warnings
 from collections.abc import Sequence
 from importlib import import_module
 from io import TextIOWrapper
@@ -48,6 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code: 0 done or same, 1 differs or failed, 2 wrong usage."""
     for variable in ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
         os.environ.setdefault(variable, "1")  # for small matrices and images threads cost more than they gain
+    _tell_no_warnings()
     if "_ARGCOMPLETE" in os.environ:
         _complete()
     _print_any_name()
@@ -67,6 +69,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"dynpf: unknown command {command!r}; {hint}", file=sys.stderr)
         return 2
     return _execute(command, words)
+
+
+def _tell_no_warnings() -> None:
+    """Keep back what OpenCV and NumPy warn of: dynpf tells itself what is wrong with an image or a number.
+
+    Who sets OPENCV_LOG_LEVEL or PYTHONWARNINGS sees them, and a user's own modules warn as they do elsewhere.
+    """
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")
+    warnings.filterwarnings("ignore", category=RuntimeWarning, module=r"(dynpf|numpy)\b|dynpf_", append=True)
 
 
 def _print_any_name() -> None:

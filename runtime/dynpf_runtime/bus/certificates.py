@@ -6,12 +6,21 @@ from datetime import datetime, timedelta
 from typing import NamedTuple, Self
 
 from cryptography import x509
-from cryptography.exceptions import InvalidSignature
+from cryptography.exceptions import InternalError, InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-__all__ = ["AUTHORITY_DAYS", "DAYS", "Identity", "common_name", "issued_by", "new_authority", "new_identity"]
+__all__ = [
+    "AUTHORITY_DAYS",
+    "DAYS",
+    "Identity",
+    "common_name",
+    "issued_by",
+    "new_authority",
+    "new_identity",
+    "read_certificate",
+]
 
 AUTHORITY_DAYS = 365.0
 DAYS = 7.0
@@ -42,10 +51,15 @@ class Identity(NamedTuple):
     @classmethod
     def from_pem(cls, certificate: bytes, key: bytes) -> Self:
         """Return the identity in two PEM texts; raises ValueError if they are unreadable or do not belong together."""
-        private = serialization.load_pem_private_key(key, password=None)
+        try:
+            private = serialization.load_pem_private_key(key, password=None)
+        except (TypeError, UnsupportedAlgorithm) as error:
+            raise ValueError(str(error)) from error
+        except InternalError as error:
+            raise ValueError("OpenSSL cannot read it") from error
         if not isinstance(private, Ed25519PrivateKey):
             raise ValueError("the key is no ed25519 key")
-        identity = cls(x509.load_pem_x509_certificate(certificate), private)
+        identity = cls(read_certificate(certificate), private)
         if identity.certificate.public_key() != private.public_key():
             raise ValueError("the certificate is of another key")
         return identity
@@ -80,6 +94,22 @@ def new_identity(
     return Identity(builder.sign(authority.key, None), key)
 
 
+def read_certificate(pem: bytes) -> x509.Certificate:
+    """Return a certificate that can be used; raises ValueError if anything in it that dynpf uses is unreadable."""
+    try:
+        certificate = x509.load_pem_x509_certificate(pem)
+        certificate.public_key()
+        names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+        ends = certificate.not_valid_before_utc < certificate.not_valid_after_utc
+    except (TypeError, UnsupportedAlgorithm) as error:
+        raise ValueError(str(error)) from error
+    except InternalError as error:
+        raise ValueError("OpenSSL cannot read it") from error
+    if len(names) != 1 or not ends:
+        raise ValueError("it does not say, once, whose it is, and from when to when it holds")
+    return certificate
+
+
 def common_name(certificate: x509.Certificate) -> str:
     """Return whose certificate it is."""
     (name,) = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
@@ -90,7 +120,7 @@ def issued_by(certificate: x509.Certificate, authority: x509.Certificate) -> boo
     """Return whether ``authority`` has signed ``certificate``."""
     try:
         certificate.verify_directly_issued_by(authority)
-    except (ValueError, TypeError, InvalidSignature):
+    except (ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm, InternalError):
         return False
     return True
 

@@ -26,6 +26,7 @@ from dynpf_runtime.bus.certificates import (
     issued_by,
     new_authority,
     new_identity,
+    read_certificate,
 )
 
 __all__ = [
@@ -229,7 +230,7 @@ def _stem(name: str) -> str:
 
 def _certificate(path: Path) -> x509.Certificate:
     try:
-        return x509.load_pem_x509_certificate(path.read_bytes())
+        return read_certificate(path.read_bytes())
     except FileNotFoundError as error:
         raise UsageError(f"{path}: there is no such certificate; dynpf keys init makes an authority") from error
     except (OSError, ValueError) as error:
@@ -241,7 +242,7 @@ def _read(folder: Path, stem: str) -> Identity:
     _certificate(certificate)
     try:
         return Identity.from_pem(certificate.read_bytes(), key.read_bytes())
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise UsageError(f"{key}: no key of {certificate} can be read from it: {reason}") from error
 

@@ -1,5 +1,6 @@
 """Folders of keys: who is believed, until when, and what is said of those that will not do."""
 
+import base64
 import contextlib
 import ssl
 import stat
@@ -8,8 +9,10 @@ from pathlib import Path
 
 import pytest
 from cryptography import x509
+from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
+from dynpf_formats.recording.signature import load_signer
 from dynpf_protocol.errors import UsageError
 from dynpf_runtime.bus.keys import current_name, init, issue, issued, load, revoke, revoked, run_keys
 
@@ -152,6 +155,37 @@ def test_no_key_is_issued_under_a_name_that_no_process_has(name: str, folder: Pa
     with pytest.raises(UsageError, match=r"no process can have keys|no certificate can have this name"):
         issue(folder, [name], NOW)
     assert sorted(folder.parent.rglob("*")) == before
+
+
+def private_key(content: bytes) -> bytes:
+    """Return a private key in PEM; one of ed25519 has 32 bytes of content."""
+    inner = b"\x04" + bytes([len(content)]) + content
+    body = bytes.fromhex("020100300506032b6570") + b"\x04" + bytes([len(inner)]) + inner
+    der = base64.encodebytes(b"\x30" + bytes([len(body)]) + body)
+    return b"-----BEGIN PRIVATE KEY-----\n" + der + b"-----END PRIVATE KEY-----\n"
+
+
+@pytest.mark.parametrize("key", [private_key(bytes(31)), private_key(bytes(32)), b"", b"\0"])
+def test_a_broken_key_is_told_in_a_line(key: bytes, folder: Path) -> None:
+    issue(folder, ["estimator"], NOW)
+    (folder / "estimator.key").write_bytes(key)
+    with pytest.raises(UsageError, match=r"estimator\.key: no key of .*estimator\.pem can be read from it: .") as told:
+        load(folder, "estimator", NOW)
+    assert "\n" not in str(told.value)
+    with pytest.raises(UsageError, match=r"estimator\.key") as told:
+        load_signer(folder / "estimator.key")
+    assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("names", [[], ["estimator", "router"]], ids=["no name", "two names"])
+def test_a_certificate_says_once_whose_it_is(names: list[str], folder: Path) -> None:
+    subject = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, name) for name in names])
+    key = Ed25519PrivateKey.generate()
+    builder = x509.CertificateBuilder().subject_name(subject).issuer_name(subject).public_key(key.public_key())
+    builder = builder.serial_number(1).not_valid_before(NOW).not_valid_after(NOW + timedelta(days=1))
+    (folder / "x.pem").write_bytes(builder.sign(key, None).public_bytes(serialization.Encoding.PEM))
+    with pytest.raises(UsageError, match=r"x\.pem: no certificate can be read from it: it does not say, once, whose"):
+        issued(folder)
 
 
 def test_a_revoked_name_is_followed_by_another(folder: Path) -> None:

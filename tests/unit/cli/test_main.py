@@ -1,5 +1,6 @@
 import platform
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -36,6 +37,17 @@ def test_the_version_is_told_with_those_of_what_dynpf_stands_on(capsys: pytest.C
     assert first.startswith(f"dynpf {dynpf.__version__} (CPython {platform.python_version()}, ")
     assert f", numpy {np.__version__}, " in second
     assert "matplotlib" not in second  # an extra
+
+
+@pytest.mark.parametrize(
+    ("module", "warns"), [("dynpf_systems.rooms", False), ("numpy._core.x", False), ("mine", True)]
+)
+def test_numpy_warns_only_in_the_user_s_own_modules(module: str, warns: bool) -> None:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.resetwarnings()
+        main(["--version"])
+        warnings.warn_explicit("overflow", RuntimeWarning, "file.py", 1, module)
+    assert bool(caught) == warns
 
 
 def test_no_command_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,6 +18,10 @@ from dynpf_protocol.codec import encode
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.messages import Estimate, RobotState
 from evo.tools import file_interface
+from mcap.records import Channel, Message
+
+from checks.fuzz.anatomy import Anatomy
+from tests.unit.recording.recorded_runs import lockstep, write
 
 S = 1_700_000_000
 LOG = f"""\
@@ -115,6 +119,17 @@ def test_what_cannot_be_exported_is_told_in_one_line(
     assert line.startswith("dynpf export: ")
     assert told in line
     assert log.read_bytes() == before
+
+
+def test_a_number_that_no_table_holds_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    anatomy = Anatomy.of(write(tmp_path / "run.mcap", lockstep(3)).read_bytes())
+    topic = next(iter(anatomy.of_type(Channel))).topic
+    for message in anatomy.of_type(Message):
+        message.log_time = 2**63
+    (tmp_path / "late.mcap").write_bytes(anatomy.bytes())
+    words = ["--format", "parquet", "--topic", topic, "-o", str(tmp_path / "late.parquet")]
+    assert main(["export", str(tmp_path / "late.mcap"), *words]) == 2
+    assert f"late.mcap: {topic}: a whole number of 2^63 or more" in capsys.readouterr().err
 
 
 def test_missing_packages_are_named_with_what_to_install(

@@ -5,12 +5,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from dynpf_formats.recording import mcap_records
 from dynpf_formats.recording.doctor import examine
 from dynpf_formats.recording.errors import CorruptRecordingError, RecordingError
 from dynpf_formats.recording.mcap_records import MAX_RECORD
 from dynpf_formats.recording.reader import load, read_recording
 from dynpf_formats.recording.recover import recover
-from mcap.records import Attachment, Channel, Schema
+from mcap.records import Attachment, Channel, Message, Schema
 
 from checks.fuzz.anatomy import Anatomy, Cluster
 from tests.unit.recording.recorded_runs import MAP, lockstep, write
@@ -80,8 +81,41 @@ def test_attachments_are_bounded_and_have_names_of_their_own(anatomy: Anatomy, t
     assert recording.attachments[0].data == b"another"
 
 
+def test_repeated_attachments_count_as_others_do(anatomy: Anatomy, tmp_path: Path) -> None:
+    anatomy.items[1:1] = [Attachment(0, 0, "a", "", bytes(2**25))] * 5
+    with pytest.raises(CorruptRecordingError, match="has attachments of over"):
+        load(written(tmp_path, anatomy))
+
+
+def test_messages_that_alternate_between_chunks_do_not_unpack_one_each(
+    anatomy: Anatomy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    records = [record for cluster in anatomy.clusters() for record in cluster.records]
+    messages = [record for record in records if isinstance(record, Message)]
+    described = [record for record in records if not isinstance(record, Message)]
+    place = anatomy.items.index(anatomy.clusters()[0])
+    anatomy.items[place:] = [Cluster([*described, *messages[first::4]]) for first in range(4)]
+    path = written(tmp_path, anatomy)
+    expected = [record.payload for record in read_recording(path, allow_truncated=True).records]
+    monkeypatch.setattr("dynpf_formats.recording.index._CACHE_BYTES", 0)
+    monkeypatch.setattr("dynpf_formats.recording.index._UNPACKED_AGAIN", 0)
+    recording = read_recording(path, allow_truncated=True)
+    unpacked: list[int] = []
+
+    def unpack(body: bytes) -> bytes:
+        unpacked.append(len(body))
+        return mcap_records.unpack(body)
+
+    monkeypatch.setattr("dynpf_formats.recording.index.unpack", unpack)
+    count = len(expected)
+    assert count > 20
+    in_turn = [number for first in range(5) for number in range(first, count, 5)] * 3
+    assert all(recording.records[number].payload == expected[number] for number in in_turn)
+    assert len(unpacked) == 4
+
+
 def test_checksums_that_were_not_computed_are_no_damage(anatomy: Anatomy, tmp_path: Path) -> None:
-    anatomy.data_crc, anatomy.summary = False, False
+    anatomy.data_crc, anatomy.chunk_crc, anatomy.summary = False, False, False
     assert examine(written(tmp_path, anatomy)) == []
 
 

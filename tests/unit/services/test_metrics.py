@@ -29,7 +29,9 @@ from dynpf_protocol.messages import (
 from dynpf_services.scenario.load import parse_scenario
 from dynpf_services.scenario.schema import resolved_json
 from dynpf_systems.parts.messages import PartEstimate, PartsEstimate, PartsState, PartState
+from mcap.records import Message as McapMessage
 
+from checks.fuzz.anatomy import Anatomy
 from tests.unit.recording.recorded_runs import HEADER
 
 PERIOD_NS = 100_000_000
@@ -101,6 +103,18 @@ def drive(path: Path) -> Recording:
             "estimator/dead_reckoning": dead,
         },
     )
+
+
+def test_a_recording_that_has_lost_its_estimates_has_a_summary(tmp_path: Path) -> None:
+    estimates = [Estimate(x=0.0, y=0.0, theta=0.0, covariance=(0.0,) * 9, n_eff=1.0)]
+    sound = record(tmp_path / "sound.mcap", ROOM, {"estimator/state": estimates})
+    anatomy = Anatomy.of(sound.path.read_bytes())
+    for cluster in anatomy.clusters():
+        cluster.records = [one for one in cluster.records if not isinstance(one, McapMessage)]
+    (tmp_path / "lost.mcap").write_bytes(anatomy.bytes())
+    lost = read_recording(tmp_path / "lost.mcap")
+    assert "estimator/state" in lost.schemas
+    assert "messages    0" in summary(lost, measure(lost))
 
 
 def test_localization(tmp_path: Path) -> None:

@@ -148,6 +148,10 @@ KINDS = (
         ),
         ({"nodes": {"other": {}}}, f"run.toml: nodes.other.kind: missing; expected one of {KINDS}"),
         ({"nodes": {"other": {**ESTIMATOR, "nn": 3}}}, "run.toml: nodes.other.nn: unknown key; did you mean 'n'?"),
+        (
+            {"nodes": {"other": ESTIMATOR}, "other": {"n": 3}},
+            "run.toml: other: unknown key; did you mean 'nodes.other'?",
+        ),
         *(
             (
                 {"nodes": {name: ESTIMATOR}},
