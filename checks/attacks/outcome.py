@@ -12,6 +12,9 @@ from typing import NamedTuple
 
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import read_recording
+from dynpf_runtime.bus.access import grants
+from dynpf_services.scenario.build import plan_of
+from dynpf_services.scenario.load import load_scenario
 
 from checks.attacks.kinds import Kind
 from checks.attacks.stranger import attack
@@ -23,7 +26,8 @@ PLAIN = "plain"
 
 LIMIT_S = 45.0
 TICKS = 120
-_RUN = ["run", "landmark-room", "--set", f"max_ticks={TICKS}", "--set", "rate=20"]
+SCENARIO = "landmark-room"
+_RUN = ["run", SCENARIO, "--set", f"max_ticks={TICKS}", "--set", "rate=20"]
 
 
 class Fate(Enum):
@@ -56,8 +60,12 @@ def undisturbed() -> str:
         return content_digest(read_recording(path))
 
 
-def attacked(kind: Kind, role: str, expected: str) -> Outcome:
-    """Run once, with a stranger in ``role`` that attacks, and return what became of the run."""
+def attacked(kind: Kind, role: str, expected: str, *, own: bool = False) -> Outcome:
+    """Run once, with a stranger in ``role`` that attacks, and return what became of the run.
+
+    With the certificate of a node it leaves out what that node may say, unless it is to speak in its ``own`` name, too.
+    """
+    left_out = None if own else grants(plan_of(load_scenario(SCENARIO)).graph).get(role)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         path, errors, guests = folder / "run.mcap", folder / "stderr", folder / "guests"
@@ -68,7 +76,7 @@ def attacked(kind: Kind, role: str, expected: str) -> Outcome:
             run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=stderr, start_new_session=True)
         until, acts = began + LIMIT_S, 0
         try:
-            acts = attack(kind, run, None if role == PLAIN else guests, role, until)
+            acts = attack(kind, run, None if role == PLAIN else guests, role, until, own=left_out)
             code = run.wait(max(0.0, until - time.monotonic()))
         except subprocess.TimeoutExpired:
             return Outcome(Fate.STALLED, acts, errors.read_text(errors="replace"), time.monotonic() - began)

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import subprocess
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -12,28 +13,34 @@ from queue import Empty, SimpleQueue
 
 import zenoh
 from dynpf_protocol.keys import OBSERVER, OPERATOR, RUN
-from dynpf_runtime.bus.keys import Credentials, load
+from dynpf_runtime.bus.access import Grant
+from dynpf_runtime.bus.keys import Credentials, init, issue, load
 from dynpf_runtime.machines.effects import Answer, Declare, Put
 from dynpf_runtime.machines.events import Arrived, Token
 
 from checks.attacks.kinds import Act, Delete, Kind, Silent, Undeclare, When
-from checks.attacks.spy import Spy
+from checks.attacks.spy import SOURCE, Spy
 
-__all__ = ["NO_CERTIFICATE", "attack"]
+__all__ = ["FORGER", "NO_CERTIFICATE", "attack"]
 
 NO_CERTIFICATE = "nobody"
-"""The role of a stranger that has no certificate on an encrypted bus."""
+"""The role of a stranger on an encrypted bus that knows the authority, and has no certificate of it."""
+
+FORGER = "forger"
+"""The role of a stranger with a certificate of a node's name, which an authority of its own has signed."""
 
 _MIDDLE = 20  # ticks
 _MOST = 3000  # acts of one attack
 _CONNECTING_S = 10.0
 
 
-def attack(kind: Kind, run: "subprocess.Popen[bytes]", guests: Path | None, role: str, until: float) -> int:
+def attack(
+    kind: Kind, run: "subprocess.Popen[bytes]", guests: Path | None, role: str, until: float, *, own: Grant | None
+) -> int:
     """Attack ``run`` until it has ended or ``until`` has come, and return how often the stranger has acted.
 
     On a plain bus ``guests`` is None. Else it is the folder with the keys of an observer, by which the stranger
-    listens; it acts as ``role``.
+    listens; it acts as ``role``, and leaves out what ``own`` allows to that role.
     """
     words = _router(run, until)
     if not words:
@@ -45,20 +52,31 @@ def attack(kind: Kind, run: "subprocess.Popen[bytes]", guests: Path | None, role
             return 0
         sessions.enter_context(listening)
         acting: zenoh.Session | None = listening
-        if role == NO_CERTIFICATE:
-            acting = _connected(run, endpoint, None, patience_s=1.0)
+        if guests is not None and role in (NO_CERTIFICATE, FORGER):
+            refused = _unknown(guests, sessions) if role == FORGER else _keys(guests, OBSERVER)
+            acting = _connected(run, endpoint, refused, proves=role == FORGER, patience_s=1.0)
         elif role != OBSERVER and guests is not None:
-            own = Path(words[words.index("--keys") + 1])  # the keys of the run's own processes, of which one is misused
-            acting = _connected(run, endpoint, _keys(guests if role == OPERATOR else own, role))
+            of_run = Path(
+                words[words.index("--keys") + 1]
+            )  # the keys of the run's own processes, of which one is misused
+            acting = _connected(run, endpoint, _keys(guests if role == OPERATOR else of_run, role))
         if acting is None:
             return 0  # the router has taken no link without a certificate
         if acting is not listening:
             sessions.enter_context(acting)
-        return _Stranger(kind, listening, acting).act_until_ended(run, until)
+        return _Stranger(kind, listening, acting, own).act_until_ended(run, until)
 
 
 def _keys(folder: Path, name: str) -> Credentials:
     return load(folder, name, datetime.now(UTC))
+
+
+def _unknown(guests: Path, sessions: contextlib.ExitStack) -> Credentials:
+    """Return a node's credentials of another authority than that of the run, with which they claim to be."""
+    folder = Path(sessions.enter_context(tempfile.TemporaryDirectory())) / "keys"
+    init(folder, datetime.now(UTC))
+    issue(folder, [SOURCE], datetime.now(UTC))
+    return _keys(folder, SOURCE)._replace(authority=guests / "ca.pem")
 
 
 def _router(run: "subprocess.Popen[bytes]", until: float) -> list[str]:
@@ -78,14 +96,21 @@ def _command_lines(parent: int) -> Iterator[list[str]]:
 
 
 def _connected(
-    run: "subprocess.Popen[bytes]", endpoint: str, keys: Credentials | None, patience_s: float = _CONNECTING_S
+    run: "subprocess.Popen[bytes]",
+    endpoint: str,
+    keys: Credentials | None,
+    *,
+    proves: bool = True,
+    patience_s: float = _CONNECTING_S,
 ) -> zenoh.Session | None:
+    """Return a session, or None; who does not prove who it is shows no certificate, and knows the run's authority."""
     config = zenoh.Config()
     settings: dict[str, object] = {"mode": "client", "connect/endpoints": [endpoint]}
     settings |= {"scouting/multicast/enabled": False, "scouting/gossip/enabled": False}
     if keys is not None:
+        settings["transport/link/tls/root_ca_certificate"] = str(keys.authority)
+    if keys is not None and proves:
         settings |= {
-            "transport/link/tls/root_ca_certificate": str(keys.authority),
             "transport/link/tls/enable_mtls": True,
             "transport/link/tls/connect_certificate": str(keys.certificate),
             "transport/link/tls/connect_private_key": str(keys.key),
@@ -103,8 +128,9 @@ def _connected(
 class _Stranger:
     """Hears through one session, and acts through another or the same."""
 
-    def __init__(self, kind: Kind, listening: zenoh.Session, acting: zenoh.Session) -> None:
+    def __init__(self, kind: Kind, listening: zenoh.Session, acting: zenoh.Session, own: Grant | None) -> None:
         self._kind = kind
+        self._left_out = [] if own is None else [zenoh.KeyExpr(key) for key in (*own.puts, *own.tokens)]
         self._session = acting
         self._spy = Spy()
         self._queue: SimpleQueue[Arrived | Token] = SimpleQueue()
@@ -156,8 +182,10 @@ class _Stranger:
             return
         self._done = self._kind.when is not When.THROUGHOUT
         for act in self._kind.act(self._spy):
-            self._acts += 1
             with contextlib.suppress(zenoh.ZError):  # such as a key that Zenoh does not take
+                if self._left_out and any(one.intersects(zenoh.KeyExpr(act.key)) for one in self._left_out):
+                    continue
+                self._acts += 1
                 self._do(act)
 
     def _do(self, act: Act) -> None:

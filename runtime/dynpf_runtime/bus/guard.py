@@ -15,6 +15,8 @@ from pathlib import Path
 
 from setproctitle import setproctitle
 
+from dynpf_runtime.bus.keys import GUESTS, remove_keys
+
 __all__ = ["enlist", "guard"]
 
 END_S = 1.7
@@ -29,10 +31,11 @@ WATCH_S = 0.1
 _LIST = "processes"
 
 
-def guard(parent: int, folder: Path) -> None:
+def guard(parent: int, folder: Path, guests: Path | None = None) -> None:
     """Watch the process ``parent``; when it is gone, end the processes listed in ``folder`` and remove that.
 
-    To be run in a child of ``parent``, which kills it when all has ended well.
+    The keys in the folder ``guests``, which may be a person's own, are of this run alone, and are removed, too. To be
+    run in a child of ``parent``, which kills it when all has ended well.
     """
     os.setsid()
     setproctitle(f"dynpf guard {folder}")
@@ -54,6 +57,9 @@ def guard(parent: int, folder: Path) -> None:
     _await(left, CLOSE_S)
     _send(left, signal.SIGKILL)
     shutil.rmtree(folder, ignore_errors=True)
+    if guests is not None:
+        with contextlib.suppress(OSError):  # it is gone, or no longer ours
+            remove_keys(guests, GUESTS)
 
 
 def enlist(pid: int, folder: Path) -> None:

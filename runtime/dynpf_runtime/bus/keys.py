@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from cryptography import x509
 from dynpf_protocol.errors import UsageError
-from dynpf_protocol.keys import ROUTER
+from dynpf_protocol.keys import OBSERVER, OPERATOR, ROUTER
 
 from dynpf_runtime.bus.certificates import (
     AUTHORITY_DAYS,
@@ -30,6 +30,7 @@ from dynpf_runtime.bus.certificates import (
 )
 
 __all__ = [
+    "GUESTS",
     "LOCAL_HOSTS",
     "Credentials",
     "Issued",
@@ -39,10 +40,14 @@ __all__ = [
     "issued",
     "load",
     "process_of",
+    "remove_keys",
     "revoke",
     "revoked",
     "run_keys",
 ]
+
+GUESTS = (OBSERVER, OPERATOR)
+"""Who is no process of a run, and has keys of it."""
 
 LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 """Where the router may be reached without ``--host``."""
@@ -118,22 +123,29 @@ def run_keys(folders: Mapping[Path, Sequence[str]], now: datetime) -> Iterator[N
     They are of an authority whose own key is forgotten at once. Raises UsageError for a folder that has keys already.
     """
     authority = new_authority(now, DAYS)
-    written: list[Path] = []
+    made: list[Path] = []
     try:
         for folder, names in folders.items():
             _make(folder)
             if (folder / "ca.pem").exists():
                 raise UsageError(f"{folder}: has keys already; choose a folder for the keys of this run alone")
-            written.append(folder / "ca.pem")
-            _write_file(written[-1], authority.certificate_pem)
+            made.append(folder)
+            _write_file(folder / "ca.pem", authority.certificate_pem)
             for name in names:
-                written += [folder / f"{_stem(name)}{suffix}" for suffix in (".pem", ".key")]
                 hosts = LOCAL_HOSTS if name == ROUTER else ()
                 _write(folder, _stem(name), new_identity(authority, name, now, hosts=hosts))
         yield
     finally:
-        for path in written:
-            path.unlink(missing_ok=True)
+        for folder in made:
+            remove_keys(folder, folders[folder])
+
+
+def remove_keys(folder: Path, names: Iterable[str]) -> None:
+    """Remove the keys of processes of a run, and its authority's certificate; nothing else that is in ``folder``."""
+    (folder / "ca.pem").unlink(missing_ok=True)
+    for stem in map(_stem, names):
+        for suffix in (".pem", ".key"):
+            (folder / f"{stem}{suffix}").unlink(missing_ok=True)
 
 
 def revoke(folder: Path, name: str) -> tuple[str, list[Path]]:

@@ -17,11 +17,11 @@ from typing import NamedTuple
 
 from dynpf_protocol.control import Doing
 from dynpf_protocol.errors import RunError
-from dynpf_protocol.keys import OBSERVER, OPERATOR, RECORDER, ROUTER
+from dynpf_protocol.keys import RECORDER, ROUTER
 from setproctitle import setproctitle
 
 from dynpf_runtime.bus.guard import enlist, guard
-from dynpf_runtime.bus.keys import run_keys
+from dynpf_runtime.bus.keys import GUESTS, run_keys
 from dynpf_runtime.bus.pulse import Pulse
 from dynpf_runtime.bus.run_folder import run_folder
 from dynpf_runtime.bus.supervision import Asked, Finish, Kill, Say, Seen, Supervision, Terminate
@@ -83,7 +83,7 @@ def run_on_bus(
         if secure:
             own, guests = folder / "keys", (guests or folder / "guests").absolute()
             shared += ["--keys", str(own)]
-            keys = run_keys({own: (ROUTER, RECORDER, *names), guests: (OBSERVER, OPERATOR)}, datetime.now(UTC))
+            keys = run_keys({own: (ROUTER, RECORDER, *names), guests: GUESTS}, datetime.now(UTC))
         services = {}
         for name in (ROUTER, RECORDER, *names):
             words = ["service", name, str(resolved), "--listen" if name == ROUTER else "--connect", endpoint, *shared]
@@ -93,7 +93,7 @@ def run_on_bus(
             if name == RECORDER:
                 words += ["-o", str(path)]
             services[name] = words
-        with keys, _children(command, services, folder, stop) as children:
+        with keys, _children(command, services, folder, guests if secure else None, stop) as children:
             if secure:
                 say("run", f"observer and operator: --connect {endpoint} --keys {guests}")
             _supervise(children, stop)
@@ -105,11 +105,11 @@ def _pulse_path(folder: Path, name: str) -> Path:
 
 @contextlib.contextmanager
 def _children(
-    command: Command, services: dict[str, list[str]], folder: Path, stop: StopSignal
+    command: Command, services: dict[str, list[str]], folder: Path, guests: Path | None, stop: StopSignal
 ) -> Iterator[dict[str, _Child]]:
     context = multiprocessing.get_context("fork" if _may_fork() else "spawn")
     children: dict[str, _Child] = {}
-    with _guarded(context, folder):
+    with _guarded(context, folder, guests):
         try:
             with _signals_held(), _no_main():
                 for name, words in services.items():
@@ -125,9 +125,9 @@ def _children(
 
 
 @contextlib.contextmanager
-def _guarded(context: BaseContext, folder: Path) -> Iterator[None]:
+def _guarded(context: BaseContext, folder: Path, guests: Path | None) -> Iterator[None]:
     """Have a guard for the processes of the run while the block lasts."""
-    process = context.Process(target=guard, args=(os.getpid(), folder), name="guard")  # type: ignore[attr-defined]
+    process = context.Process(target=guard, args=(os.getpid(), folder, guests), name="guard")  # type: ignore[attr-defined]
     with _signals_held(), _no_main():
         process.start()
     try:

@@ -11,15 +11,15 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from queue import Empty, SimpleQueue
 from typing import Any
 
 import zenoh
 from dynpf_protocol.errors import UsageError
 
+from dynpf_runtime.bus.arrivals import Arrivals
 from dynpf_runtime.bus.keys import Credentials
 from dynpf_runtime.bus.probe import refusal
-from dynpf_runtime.machines.events import Arrived, Token
+from dynpf_runtime.machines.events import Arrived, Dropped, Token
 
 __all__ = ["Bus", "open_router"]
 
@@ -41,8 +41,11 @@ CLOSE_S = 1.0
 BROKEN_S = 0.3
 """The same when an error ends it, which is to be told soon."""
 
-MOST_BYTES = 64 * 2**20
-"""The largest message that a process takes from its link, which it closes at a larger one; topics allow less."""
+MOST_BYTES = 32 * 2**20
+"""The largest message that the hub takes from a link, which it closes at a larger one; topics allow less.
+
+A client takes more: what the hub has taken may grow on its way, and must not close the links of all who hear it.
+"""
 
 _MOST_ANSWERS = 1000
 
@@ -55,7 +58,7 @@ def _config(mode: str, keys: Credentials | None, settings: Mapping[str, Any]) ->
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
-        "transport/link/rx/max_message_size": MOST_BYTES,
+        "transport/link/rx/max_message_size": MOST_BYTES if mode == "router" else 2 * MOST_BYTES,
     }
     for key, value in {**common, **_tls(mode, keys), **settings}.items():
         config.insert_json5(key, json.dumps(value))
@@ -121,7 +124,7 @@ class Bus:
     def __init__(self, session: zenoh.Session, *, hub: bool = False) -> None:
         self._session = session
         self._hub = hub
-        self._queue: SimpleQueue[Arrived | Token | None] = SimpleQueue()
+        self._arrivals = Arrivals()
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._declared: list[object] = []  # Zenoh undeclares what is garbage collected
 
@@ -169,21 +172,21 @@ class Bus:
 
     def subscribe(self, key: str) -> None:
         """Enqueue whatever is published under ``key``."""
-        queue = self._queue
+        arrivals = self._arrivals
 
         def enqueue(sample: zenoh.Sample) -> None:
             attachment = sample.attachment
             attached = b"" if attachment is None else attachment.to_bytes()
-            queue.put(Arrived(str(sample.key_expr), sample.payload.to_bytes(), attached))
+            arrivals.offer(Arrived(str(sample.key_expr), sample.payload.to_bytes(), attached))
 
         self._declared.append(self._session.declare_subscriber(key, enqueue))
 
     def watch(self, key: str) -> None:
         """Subscribe to liveliness tokens, including those already present."""
-        queue = self._queue
+        arrivals = self._arrivals
 
         def enqueue(sample: zenoh.Sample) -> None:
-            queue.put(Token(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
+            arrivals.offer_token(Token(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
 
         self._declared.append(self._session.liveliness().declare_subscriber(key, enqueue, history=True))
 
@@ -217,16 +220,13 @@ class Bus:
                 first = answer if first is None else first
         return first
 
-    def receive(self, timeout_s: float) -> Arrived | Token | None:
+    def receive(self, timeout_s: float) -> Arrived | Token | Dropped | None:
         """Return the next item of the queue, or None after ``timeout_s`` or when woken."""
-        try:
-            return self._queue.get(timeout=timeout_s) if timeout_s > 0 else self._queue.get_nowait()
-        except Empty:
-            return None
+        return self._arrivals.take(timeout_s)
 
     def wake(self) -> None:
         """Make a waiting ``receive`` return; may be called from a signal handler."""
-        self._queue.put(None)
+        self._arrivals.wake()
 
     def watch_links(self, handle: Callable[[str, str], None]) -> None:
         """Call ``handle``, in a thread of Zenoh's, with common name and address of each client that connects."""
@@ -240,7 +240,7 @@ class Bus:
     @property
     def waiting(self) -> int:
         """The number of items in the queue."""
-        return self._queue.qsize()
+        return len(self._arrivals)
 
     @property
     def connected(self) -> bool:

@@ -16,7 +16,9 @@ _MOST_CHARACTERS = 2000
 
 def say(name: str, text: str) -> None:
     """Print a notice for the user, without control characters: it may hold text from the bus."""
-    print(printable(f"dynpf {name}: {text}", _MOST_CHARACTERS), file=sys.stderr, flush=True)
+    line = printable(f"dynpf {name}: {text}", _MOST_CHARACTERS)
+    sys.stderr.write(f"{line}\n")  # in one piece: other processes write there, too
+    sys.stderr.flush()
 
 
 class StopSignal:

@@ -3,12 +3,14 @@
 from typing import NamedTuple
 
 from dynpf_formats.recording.header import RunEnd
+from dynpf_protocol.errors import ProtocolError, TooLargeError
 
 __all__ = [
     "Answered",
     "Arrived",
     "Closed",
     "Counted",
+    "Dropped",
     "Event",
     "Now",
     "RouterGone",
@@ -36,6 +38,18 @@ class Arrived(NamedTuple):
     key: str
     payload: bytes
     attachment: bytes
+
+
+class Dropped(NamedTuple):
+    """Messages came faster than this process takes them, and some were dropped, the first of them under ``key``."""
+
+    key: str
+    messages: int
+
+    @property
+    def error(self) -> ProtocolError:
+        """Why they were not accepted."""
+        return TooLargeError(f"{self.messages} messages were dropped: they came faster than this process takes them")
 
 
 class Token(NamedTuple):
@@ -78,4 +92,4 @@ class Closed(NamedTuple):
     end: RunEnd
 
 
-Event = Started | Arrived | Token | Answered | Counted | StopAsked | RouterGone | Woke | Closed
+Event = Started | Arrived | Dropped | Token | Answered | Counted | StopAsked | RouterGone | Woke | Closed

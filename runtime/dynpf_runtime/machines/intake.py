@@ -3,16 +3,17 @@
 A bad message is refused and counted, and told of at a bounded rate; the process continues.
 """
 
+from collections import Counter
 from typing import NamedTuple, Protocol
 
 from dynpf_protocol.codec import decode
 from dynpf_protocol.control import TickDone
 from dynpf_protocol.envelope import Envelope
-from dynpf_protocol.errors import ProtocolError
+from dynpf_protocol.errors import ProtocolError, TooLargeError
 from dynpf_protocol.keys import TICK
 
 from dynpf_runtime.machines.events import Arrived
-from dynpf_runtime.machines.roles import Roles
+from dynpf_runtime.machines.roles import MOST_BYTES_OF_A_TICK, Roles
 from dynpf_runtime.node import Received
 
 __all__ = ["Inbox", "Intake", "Refusal"]
@@ -20,6 +21,9 @@ __all__ = ["Inbox", "Intake", "Refusal"]
 
 class Inbox(Protocol):
     """What an intake asks of an inbox, and gives to it."""
+
+    tick: int
+    """How many steps the node has made."""
 
     def admit(self, name: str, sender: str, envelope: Envelope) -> None:
         """Raise OrderError for a message that is not its sender's next."""
@@ -50,6 +54,8 @@ class Intake:
     def __init__(self, roles: Roles, inbox: Inbox) -> None:
         self._roles = roles
         self._inbox = inbox
+        self._tick = 0
+        self._taken: Counter[str] = Counter()  # sender -> bytes since the node's last step
 
     def take(self, arrival: Arrived, now_ns: int) -> Refusal | None:
         """Take a message, or the word that a node has ended a tick; return why it was refused, or None."""
@@ -62,10 +68,23 @@ class Intake:
             else:
                 name, sender, envelope = self._roles.message(arrival)
                 self._inbox.admit(name, sender, envelope)
+                self._weigh(sender, len(arrival.payload))
                 self._deliver(name, sender, envelope, arrival.payload, now_ns)
         except ProtocolError as error:
             return Refusal(key, error)
         return None
+
+    def _weigh(self, sender: str, size: int) -> None:
+        """Raise TooLargeError for what would be too much to hold until the node's next step."""
+        if self._inbox.tick != self._tick:
+            self._tick = self._inbox.tick
+            self._taken.clear()
+        taken = self._taken[sender] + size
+        if taken > MOST_BYTES_OF_A_TICK:
+            raise TooLargeError(
+                f"{sender} has sent {taken} bytes; at most {MOST_BYTES_OF_A_TICK} are allowed in a tick"
+            )
+        self._taken[sender] = taken
 
     def _deliver(self, name: str, sender: str, envelope: Envelope, payload: bytes, now_ns: int) -> None:
         try:

@@ -13,13 +13,13 @@ from typing import NamedTuple, NoReturn
 from dynpf_protocol.codec import decode
 from dynpf_protocol.control import TickDone
 from dynpf_protocol.envelope import Envelope
-from dynpf_protocol.errors import OrderError, ProtocolError
+from dynpf_protocol.errors import OrderError, ProtocolError, TooLargeError
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry
 
 from dynpf_runtime.inbox import SeenNumbers
 from dynpf_runtime.machines.consumption import Consumption
 from dynpf_runtime.machines.effects import Record
-from dynpf_runtime.machines.roles import MOST_OF_A_TICK, Roles
+from dynpf_runtime.machines.roles import MOST_BYTES_OF_A_TICK, MOST_OF_A_TICK, Roles
 from dynpf_runtime.plan import Plan
 
 __all__ = ["Ledger"]
@@ -42,6 +42,7 @@ class _Step:
 
     def __init__(self) -> None:
         self.messages: dict[_Place, Record] = {}
+        self.bytes = 0  # of all that has been taken, kept or not
         self.ends: list[TickDone] = []
         self.entries: list[Record] = []
 
@@ -132,9 +133,13 @@ class Ledger:
             raise
         if not 0 <= envelope.sequence - node.next[name] < 2 * MOST_OF_A_TICK:
             raise OrderError(f"sequence {envelope.sequence}; expected {node.next[name]} or the next")
-        here = node.open[envelope.tick].messages
+        step = node.open[envelope.tick]
+        here = step.messages
         if place in here:
             self._check_claim(name, sender, here[place], record)
+        if step.bytes + len(payload) > MOST_BYTES_OF_A_TICK:
+            raise TooLargeError(f"{step.bytes} bytes in one tick already; at most {MOST_BYTES_OF_A_TICK} are allowed")
+        step.bytes += len(payload)
         here[place] = record
         return ()
 

@@ -87,6 +87,7 @@ class Membership:
         self._next_beat_ns = 0
         self._ask_at_ns = self._ask_until_ns = self._differ_at_ns = NEVER_NS
         self._notify_at_ns = 0
+        self._look_at_ns = 0  # when it looks again who is there
         self._notified: set[str] = set()
         self._suspect: tuple[str, int] | None = None
 
@@ -187,8 +188,13 @@ class Membership:
     def _counted(self, keys: Sequence[str], now_ns: int) -> Iterator[Effect]:
         """Become alive if the name is free; then look again, because a rival may have joined at the same moment.
 
-        Each of two rivals declares itself before it looks again, so at least one sees the other.
+        Each of two rivals declares itself before it looks again, so at least one sees the other. Later, the tokens are
+        those of peers that are waited for, of which Zenoh's word may have been lost.
         """
+        if self._stage >= _Stage.ALIVE:
+            for key in keys:
+                yield from self._token(Token(key, present=True), now_ns)
+            return
         others = [key.rpartition("/")[2] for key in keys if key != f"{ALIVE}{self.name}/{self.boot}"]
         if self._stage is _Stage.ASKING:
             if others:
@@ -238,9 +244,14 @@ class Membership:
             self._stage = _Stage.RUNNING
 
     def _notify_missing(self, what: str, names: set[str] | frozenset[str], now_ns: int) -> Iterator[Effect]:
-        if names and now_ns >= self._notify_at_ns and names != self._notified:
+        if not names or now_ns < self._notify_at_ns:
+            return
+        if names != self._notified:
             self._notified = set(names)
             yield Tell(f"{what} {', '.join(sorted(names))}")
+        if now_ns >= self._look_at_ns:
+            self._look_at_ns = now_ns + _PATIENCE_NS
+            yield from (Count(f"{ALIVE}**"), Count(f"{READY}**"))
 
     def _beat(self, now_ns: int) -> Iterator[Effect]:
         self._next_beat_ns = now_ns + BEAT_NS

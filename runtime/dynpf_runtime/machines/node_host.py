@@ -16,7 +16,7 @@ from dynpf_runtime.faults import FaultyLink
 from dynpf_runtime.gaps import GapWatch, notice_gaps
 from dynpf_runtime.inbox import LockstepInbox, RealtimeInbox
 from dynpf_runtime.machines.effects import NEVER_NS, Effect, Ended, Put, Subscribe, Tell
-from dynpf_runtime.machines.events import Arrived, Event, Now, Woke
+from dynpf_runtime.machines.events import Arrived, Dropped, Event, Now, Woke
 from dynpf_runtime.machines.intake import Intake, Refusal
 from dynpf_runtime.machines.membership import Membership
 from dynpf_runtime.machines.roles import Roles
@@ -124,7 +124,9 @@ class NodeHost:
 
     def _handle(self, event: Event, now: Now) -> Iterator[Effect]:
         yield from self._member.handle(event, now.monotonic_ns)
-        if type(event) is Arrived and event.key.startswith(RUN):
+        if type(event) is Dropped:
+            yield from self._refuse(Refusal(event.key, event.error), now)
+        elif type(event) is Arrived and event.key.startswith(RUN):
             if self._turns is None:  # it comes from a stranger: others send nothing before this process is ready
                 yield from self._refuse(Refusal(event.key, OrderError("the run has not begun")), now)
             elif self._running and (refusal := self._intake.take(event, now.monotonic_ns)) is not None:

@@ -25,7 +25,7 @@ from dynpf_runtime.machines.effects import (
     Subscribe,
     Tell,
 )
-from dynpf_runtime.machines.events import Arrived, Closed, Event, Now, StopAsked, Woke
+from dynpf_runtime.machines.events import Arrived, Closed, Dropped, Event, Now, StopAsked, Woke
 from dynpf_runtime.machines.ledger import Ledger
 from dynpf_runtime.machines.membership import Membership
 from dynpf_runtime.machines.roles import Roles
@@ -113,6 +113,8 @@ class RecorderMachine:
                 yield from self._take(event, now)
             if now.monotonic_ns >= member.wake_ns and stage is not _Stage.BROKEN:
                 yield from member.handle(event, now.monotonic_ns)
+        elif type(event) is Dropped:
+            yield from self._refuse(event.key, event.error, now)
         elif type(event) is Closed:
             yield from self._confirm(event.end, now)
         elif stage is _Stage.BROKEN:

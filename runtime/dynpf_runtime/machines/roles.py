@@ -25,10 +25,13 @@ from dynpf_protocol.topics import topic as row_of
 from dynpf_runtime.machines.events import Arrived
 from dynpf_runtime.plan import Plan
 
-__all__ = ["MOST_OF_A_TICK", "Roles", "check_boot", "check_named"]
+__all__ = ["MOST_BYTES_OF_A_TICK", "MOST_OF_A_TICK", "Roles", "check_boot", "check_named"]
 
 MOST_OF_A_TICK = 2**16
 """How many messages a node may send on one topic in one tick."""
+
+MOST_BYTES_OF_A_TICK = 4 * MOST_BYTES
+"""How many bytes a node may send in one tick, on all topics together."""
 
 Named = TypeVar("Named", bound=TickDone | Beat | Stop)
 

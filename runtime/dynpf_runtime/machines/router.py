@@ -8,7 +8,7 @@ from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, READY, RECORDED, RECORDER,
 from dynpf_protocol.printable import printable
 
 from dynpf_runtime.machines.effects import NEVER_NS, Answer, Declare, Effect, Ended, Put, Subscribe, Tell, Watch
-from dynpf_runtime.machines.events import Arrived, Event, Now, Started, StopAsked, Token
+from dynpf_runtime.machines.events import Arrived, Dropped, Event, Now, Started, StopAsked, Token
 from dynpf_runtime.machines.heartbeats import BEAT_NS
 from dynpf_runtime.machines.membership import LAST_WORD_NS
 from dynpf_runtime.machines.refusals import Refusals, known_names
@@ -50,6 +50,8 @@ class RouterMachine:
                 self._token(event)
             case Arrived(key) if key == RECORDED:
                 yield from self._hear(event, now)
+            case Dropped(key):
+                yield from self._refuse(key, event.error, now)
             case StopAsked():
                 if event.at_once or not self._began:
                     yield Ended(KeyboardInterrupt())
@@ -97,9 +99,12 @@ class RouterMachine:
             check_boot(RECORDER, recorded.boot, self._roster.boots)
             self._recorded = recorded
         except ProtocolError as error:
-            text = self._refusals.note(arrived.key, error, now.monotonic_ns)
-            if text is not None:
-                yield Tell(text)
+            yield from self._refuse(arrived.key, error, now)
+
+    def _refuse(self, key: str, error: ProtocolError, now: Now) -> Iterator[Tell]:
+        text = self._refusals.note(key, error, now.monotonic_ns)
+        if text is not None:
+            yield Tell(text)
 
     def _outcome(self) -> BrokenOffError | None:
         if self._recorded is None:

@@ -13,7 +13,7 @@ from dynpf_runtime.inbox import LockstepInbox
 from dynpf_runtime.machines.events import Arrived
 from dynpf_runtime.machines.intake import Intake, Refusal
 from dynpf_runtime.machines.refusals import AGAIN_NS, Refusals, known_names
-from dynpf_runtime.machines.roles import MOST_OF_A_TICK, Roles
+from dynpf_runtime.machines.roles import MOST_BYTES_OF_A_TICK, MOST_OF_A_TICK, Roles
 from dynpf_runtime.node import Received
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import load_scenario
@@ -188,3 +188,14 @@ def test_no_bytes_whatever_get_past_or_stop_it(payload: bytes, attachment: bytes
         assert isinstance(take.take(arrived, 0), Refusal)
     assert box.given == []
     assert take.take(arrival(), 0) is None
+
+
+def test_what_a_sender_may_have_held_for_a_step_is_bounded() -> None:
+    taking, box = intake()
+    large = PAYLOAD + b" " * (MOST_BYTES_OF_A_TICK // 8)
+    refusals = [taking.take(arrival(sequence, payload=large), 0) for sequence in range(1, 9)]
+    assert refusals[:7] == [None] * 7
+    assert refusals[7] is not None
+    assert "bytes; at most" in str(refusals[7].error)
+    assert taking.take(arrival(0), 0) is None, "there is room for what the step waits for"
+    assert [one.sequence for one in box.given] == [*range(1, 8), 0]

@@ -5,11 +5,11 @@ from collections.abc import Iterable
 import pytest
 from dynpf_protocol.control import TickDone
 from dynpf_protocol.envelope import Envelope
-from dynpf_protocol.errors import OrderError
+from dynpf_protocol.errors import OrderError, TooLargeError
 from dynpf_protocol.journal import JournalEntry, Produced, encode_entry
 from dynpf_runtime.machines.effects import Record
 from dynpf_runtime.machines.ledger import Ledger
-from dynpf_runtime.machines.roles import Roles
+from dynpf_runtime.machines.roles import MOST_BYTES_OF_A_TICK, Roles
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import load_scenario
 from hypothesis import given, settings
@@ -146,3 +146,17 @@ def test_what_is_lost_is_missing_and_the_rest_is_kept() -> None:
         kept = [record for record in WHOLE if record in records]
         assert len(kept) == len(WHOLE) - (not isinstance(lost, TickDone))
         assert sum(book.missing().values()) == (not isinstance(lost, TickDone))
+
+
+def test_the_messages_of_a_step_take_a_bounded_memory() -> None:
+    book, large = ledger(), GOOD + b" " * (MOST_BYTES_OF_A_TICK // 8)
+    taken(book, [message(number + 1, 0, large) for number in range(7)])
+    with pytest.raises(TooLargeError, match="bytes in one tick already"):
+        taken_strictly(book, message(8, 0, large))
+    taken_strictly(book, message(0, 0))
+    assert [record.envelope.sequence for record in taken(book, [end(0), entry(0, [0])])] == [0, 0]
+
+
+def taken_strictly(book: Ledger, said: Said) -> None:
+    name, envelope, payload = said  # type: ignore[misc]
+    book.message(name, "sensors", envelope, payload)

@@ -297,3 +297,16 @@ def test_a_strangers_scenario_is_refused_and_nothing_that_it_names_is_touched(
     other = Scripted()  # the control: the router's own is taken, also after a stranger's
     other.give(Started(), Answered(answer), Answered(TEXT.encode()), Counted(()))
     assert other.machine.joined
+
+
+def test_a_token_of_which_no_word_came_is_found_by_looking_again() -> None:
+    one = Scripted().joined()
+    one.give(*(token(ALIVE, node) for node in PEERS), *(token(READY, node) for node in PEERS[1:]))
+    assert not one.machine.running
+    one.now_ns = 2 * 10**9
+    looks = [effect for effect in one.give(Woke()) if type(effect) is Count]
+    assert looks == [Count(f"{ALIVE}**"), Count(f"{READY}**")]
+    one.give(Counted(tuple(f"{ALIVE}{node}/boot" for node in PEERS)))
+    assert not one.machine.running
+    one.give(Counted((f"{READY}sensors/boot",)))
+    assert one.machine.running
