@@ -42,10 +42,7 @@ BROKEN_S = 0.3
 """The same when an error ends it, which is to be told soon."""
 
 MOST_BYTES = 32 * 2**20
-"""The largest message that the hub takes from a link, which it closes at a larger one; topics allow less.
-
-A client takes more: what the hub has taken may grow on its way, and must not close the links of all who hear it.
-"""
+"""The largest message that a process takes from its link, which it closes at a larger one; topics allow less."""
 
 _MOST_ANSWERS = 1000
 
@@ -58,7 +55,7 @@ def _config(mode: str, keys: Credentials | None, settings: Mapping[str, Any]) ->
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
-        "transport/link/rx/max_message_size": MOST_BYTES if mode == "router" else 2 * MOST_BYTES,
+        "transport/link/rx/max_message_size": MOST_BYTES,
     }
     for key, value in {**common, **_tls(mode, keys), **settings}.items():
         config.insert_json5(key, json.dumps(value))
