@@ -2,7 +2,8 @@
 
 The network behaves like Zenoh with processes around one router: every message goes to the router and from there to the
 subscribers, each connection keeps the order and delays messages at random. Liveliness tokens and queries take the same
-connections. Two simulations of the same machines under the same seed give the same story.
+connections. In a process each subscription has a thread of its own, so that only what comes by one subscription keeps
+its order. Two simulations of the same machines under the same seed give the same story.
 """
 
 import heapq
@@ -43,6 +44,7 @@ __all__ = ["Happened", "Network", "Simulation"]
 
 _EPOCH_NS = 1_700_000_000 * 10**9
 _LEASE_NS = 1_500_000_000
+_THREAD_NS = 200_000  # longest time from a message's arrival until the thread of its subscription has passed it on
 _CUT_NS = 20_000_000  # longest time from the loss of the others' tokens until a process knows that the router is gone
 
 
@@ -87,6 +89,7 @@ class _Process:
         self.machine = machine
         self.perform = perform
         self.to_router, self.from_router = links
+        self.threads: dict[str, _Link] = {}  # by subscribed or watched key
         self.inbox: deque[Event] = deque([Started()])
         self.subscribed: list[str] = []
         self.registered: list[str] = []  # its subscriptions that the router knows
@@ -120,7 +123,7 @@ class Simulation:
         self._open = True  # whether the router runs
         self._tokens: dict[str, _Process] = {}
         self._answers: defaultdict[str, list[bytes]] = defaultdict(list)
-        self._routes: dict[str, list[_Process]] = {}
+        self._routes: dict[str, list[tuple[_Process, str]]] = {}  # key -> who subscribes to it, and by which pattern
 
     def add(self, name: str, machine: Machine, perform: Callable[[Effect], Event | None] | None = None) -> None:
         """Start a process after a random delay; ``perform`` carries out effects that do not concern the bus."""
@@ -260,9 +263,12 @@ class Simulation:
         """Schedule an action of the router for when the process's message arrives there."""
         self._at(process.to_router.arrival_ns(self.now_ns), lambda: act() if self._open else None)
 
-    def _reply(self, process: _Process, event: Event) -> None:
-        """Send an event from the router to a process."""
-        self._at(process.from_router.arrival_ns(self.now_ns), lambda: self._arrive(process, event))
+    def _reply(self, process: _Process, event: Event, pattern: str = "") -> None:
+        """Send an event from the router to a process, where the thread of the subscription ``pattern`` takes it."""
+        if pattern not in process.threads:
+            process.threads[pattern] = _Link(self._random, _THREAD_NS)
+        at_ns = process.threads[pattern].arrival_ns(process.from_router.arrival_ns(self.now_ns))
+        self._at(at_ns, lambda: self._arrive(process, event))
 
     def _put(self, process: _Process, arrived: Arrived) -> None:
         self.published[arrived.key] += 1
@@ -274,14 +280,14 @@ class Simulation:
         receivers = self._routes.get(arrived.key)
         if receivers is None:
             receivers = [
-                process
+                (process, pattern)
                 for process in self._processes.values()
-                if any(matches(pattern, arrived.key) for pattern in process.registered)
+                if (pattern := _first_match(process.registered, arrived.key)) is not None
             ]
             self._routes[arrived.key] = receivers
-        for receiver in receivers:
+        for receiver, pattern in receivers:
             if receiver is not but and not self.lost(receiver.name, arrived):
-                self._reply(receiver, arrived)
+                self._reply(receiver, arrived, pattern)
 
     def _answer(self, key: str, wanted: bytes) -> bytes | None:
         """Return the wanted answer if anybody gives it, else one by chance."""
@@ -297,7 +303,7 @@ class Simulation:
     def _watch(self, process: _Process, key: str) -> None:
         process.watched.append(key)
         for token in self._matching(key):
-            self._reply(process, Token(token, True))
+            self._reply(process, Token(token, True), key)
 
     def _declare(self, process: _Process, key: str) -> None:
         self._tokens[key] = process
@@ -305,8 +311,8 @@ class Simulation:
 
     def _tell_token(self, token: Token) -> None:
         for watcher in self._processes.values():
-            if any(matches(pattern, token.key) for pattern in watcher.watched):
-                self._reply(watcher, token)
+            if (pattern := _first_match(watcher.watched, token.key)) is not None:
+                self._reply(watcher, token, pattern)
 
     def _matching(self, key: str) -> list[str]:
         return [token for token in self._tokens if matches(key, token)]
@@ -328,6 +334,11 @@ class Simulation:
             self._at(process.from_router.arrival_ns(self.now_ns) + self._draw(_CUT_NS), partial(_cut, process))
         self._open = False
         self._tokens.clear()
+
+
+def _first_match(patterns: list[str], key: str) -> str | None:
+    """Return the first pattern that matches a key."""
+    return next((pattern for pattern in patterns if matches(pattern, key)), None)
 
 
 def _cut(process: _Process) -> None:

@@ -4,6 +4,7 @@ A process joins in two steps: *alive* when its subscriptions are in place, *read
 The source begins when all are ready, so no message can precede its subscribers, and every sender is known by its boot.
 """
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from enum import IntEnum
 
@@ -25,7 +26,7 @@ from dynpf_runtime.machines.events import Answered, Arrived, Counted, Event, Rou
 from dynpf_runtime.machines.heartbeats import BEAT_NS, Heartbeats
 from dynpf_runtime.machines.refusals import Refusals, known_names
 from dynpf_runtime.machines.roles import check_boot, check_named
-from dynpf_runtime.machines.roster import Change, Roster, holder
+from dynpf_runtime.machines.roster import MOST_STARTS, Change, Roster, holder
 from dynpf_runtime.plan import Plan
 
 __all__ = ["LAST_WORD_NS", "SURE_NS", "Membership"]
@@ -83,11 +84,11 @@ class Membership:
         self._roster = Roster(self.peers)
         self._others = Roster({ROUTER, OPERATOR})
         self._rivals: set[str] = set()
+        self._ready_rivals: deque[str] = deque(maxlen=MOST_STARTS)
         self._heartbeats = Heartbeats()
         self._next_beat_ns = 0
         self._ask_at_ns = self._ask_until_ns = self._differ_at_ns = NEVER_NS
         self._notify_at_ns = 0
-        self._look_at_ns = 0  # when it looks again who is there
         self._notified: set[str] = set()
         self._suspect: tuple[str, int] | None = None
 
@@ -188,13 +189,8 @@ class Membership:
     def _counted(self, keys: Sequence[str], now_ns: int) -> Iterator[Effect]:
         """Become alive if the name is free; then look again, because a rival may have joined at the same moment.
 
-        Each of two rivals declares itself before it looks again, so at least one sees the other. Later, the tokens are
-        those of peers that are waited for, of which Zenoh's word may have been lost.
+        Each of two rivals declares itself before it looks again, so at least one sees the other.
         """
-        if self._stage >= _Stage.ALIVE:
-            for key in keys:
-                yield from self._token(Token(key, present=True), now_ns)
-            return
         others = [key.rpartition("/")[2] for key in keys if key != f"{ALIVE}{self.name}/{self.boot}"]
         if self._stage is _Stage.ASKING:
             if others:
@@ -218,11 +214,12 @@ class Membership:
             if not ready:
                 self._rivals.discard(boot)
             return
-        if ready and boot not in self._rivals:
-            return  # a stranger: who is ready is alive
-        if ready or boot < self.boot:
+        if ready:
+            self._ready_rivals.append(boot)  # its token of life may still come, by another subscription
+        else:
+            self._rivals.add(boot)
+        if boot in self._rivals and (boot in self._ready_rivals or boot < self.boot):
             raise self._taken(boot)
-        self._rivals.add(boot)
 
     def _taken(self, boot: str) -> UsageError:
         return UsageError(f"{self.name} already runs at {self._endpoint} (boot {boot}); stop it first")
@@ -244,14 +241,9 @@ class Membership:
             self._stage = _Stage.RUNNING
 
     def _notify_missing(self, what: str, names: set[str] | frozenset[str], now_ns: int) -> Iterator[Effect]:
-        if not names or now_ns < self._notify_at_ns:
-            return
-        if names != self._notified:
+        if names and now_ns >= self._notify_at_ns and names != self._notified:
             self._notified = set(names)
             yield Tell(f"{what} {', '.join(sorted(names))}")
-        if now_ns >= self._look_at_ns:
-            self._look_at_ns = now_ns + _PATIENCE_NS
-            yield from (Count(f"{ALIVE}**"), Count(f"{READY}**"))
 
     def _beat(self, now_ns: int) -> Iterator[Effect]:
         self._next_beat_ns = now_ns + BEAT_NS

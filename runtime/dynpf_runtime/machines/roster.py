@@ -8,10 +8,10 @@ from dynpf_protocol.keys import ALIVE, READY
 
 from dynpf_runtime.machines.events import Token
 
-__all__ = ["Change", "Roster", "holder"]
+__all__ = ["MOST_STARTS", "Change", "Roster", "holder"]
 
 
-_STARTS = 8
+MOST_STARTS = 8
 """How many starts of a process are kept at most."""
 
 _TOLD = 2
@@ -60,16 +60,15 @@ class Roster:
     def take(self, token: Token) -> Change:
         """Note the token of one of ``names``, and return what it changes."""
         name, boot, ready = holder(token)
-        if ready:
-            if (
-                token.present and boot in self._alive[name]
-            ):  # the end of readiness needs no handling: the token of life disappears with it
+        alive = self._alive[name]
+        if ready:  # its end needs no handling: the token of life disappears with it
+            # It may come before the token of life, by another subscription; of strangers' few are kept.
+            if token.present and (boot in alive or sum(other == name for other, _ in self._ready) < MOST_STARTS):
                 self._ready.add((name, boot))
             return Change.NONE
-        alive = self._alive[name]
         if token.present:
             counting = self.boots.setdefault(name, boot)
-            if boot not in alive and (boot == counting or len(alive) < _STARTS):
+            if boot not in alive and (boot == counting or len(alive) < MOST_STARTS):
                 alive.append(boot)
             if counting == boot or (name, counting) not in self._ready:
                 return Change.NONE

@@ -299,14 +299,24 @@ def test_a_strangers_scenario_is_refused_and_nothing_that_it_names_is_touched(
     assert other.machine.joined
 
 
-def test_a_token_of_which_no_word_came_is_found_by_looking_again() -> None:
+def test_who_is_ready_may_be_heard_of_before_he_is_known_to_be_alive() -> None:
+    """By subscriptions of their own the tokens come in any order; those of strangers take no room from others."""
     one = Scripted().joined()
-    one.give(*(token(ALIVE, node) for node in PEERS), *(token(READY, node) for node in PEERS[1:]))
+    for number in range(100):
+        one.give(token(READY, "recorder", boot=f"stranger{number}"))
+    one.give(*(token(READY, node) for node in PEERS if node != "recorder"))
+    one.give(*(token(ALIVE, node) for node in PEERS))
     assert not one.machine.running
-    one.now_ns = 2 * 10**9
-    looks = [effect for effect in one.give(Woke()) if type(effect) is Count]
-    assert looks == [Count(f"{ALIVE}**"), Count(f"{READY}**")]
-    one.give(Counted(tuple(f"{ALIVE}{node}/boot" for node in PEERS)))
-    assert not one.machine.running
-    one.give(Counted((f"{READY}sensors/boot",)))
+    one.give(token(READY, "recorder"))
     assert one.machine.running
+
+
+@pytest.mark.parametrize("ready_first", [True, False])
+def test_a_rival_that_is_ready_stays_in_whatever_order_its_tokens_come(ready_first: bool) -> None:
+    one = Scripted().joined()
+    rival = [token(ALIVE, "simulator", boot="zzz"), token(READY, "simulator", boot="zzz")]
+    with pytest.raises(UsageError, match="simulator already runs"):
+        one.give(*(reversed(rival) if ready_first else rival))
+    alone = Scripted().joined()  # the control: who is ready and never alive is a stranger
+    alone.give(token(READY, "simulator", boot="zzz"), *(token(ALIVE, node) for node in PEERS))
+    assert f"{READY}simulator/mine" in alone.tokens
