@@ -86,7 +86,7 @@ def _new_signer(folder: Path) -> Signer:
     now = datetime.now(UTC)
     keys.init(folder, now)
     keys.issue(folder, ["recorder"], now)
-    return load_signer(folder / "recorder.key")
+    return load_signer(folder / "recorder.key", now)
 
 
 def _changed(kind: Kind, content: Content, random: Random, level: Level) -> Content | None:

@@ -68,7 +68,8 @@ def _changed_file(path: Path, random: Random) -> bytes:
 
 def signature_action(random: Random, keys: Path, path: Path) -> Callable[[], object]:
     """Return the action that examines a recording beside a hostile signature; one of another file must not hold."""
-    signature = sign(path, load_signer(keys / "estimator.key"), datetime.now(UTC))
+    now = datetime.now(UTC)
+    signature = sign(path, load_signer(keys / "estimator.key", now), now)
     data, values, other = signature.read_bytes(), Values(random), False
     match random.choice(("untouched", "document", "certificate", "torn", "recording")):
         case "document":

@@ -55,7 +55,8 @@ def diagnose(path: Path | str) -> Diagnosis:
     try:
         recording, damage = load(path)
     except RecordingError as bad:
-        return Diagnosis([Finding(severity=Severity.UNREADABLE, what=str(bad), where=str(path))])
+        what = str(bad).removeprefix(f"{path}: ")
+        return Diagnosis([Finding(severity=Severity.UNREADABLE, what=what, where=str(path))])
     findings = [
         Finding(severity=Severity.ERROR, what=f"{found.kind}: {found.text}", where=f"byte {found.offset}")
         for found in damage

@@ -59,8 +59,12 @@ def signature_file(recording: Path) -> Path:
     return recording.with_name(f"{recording.name}.sig")
 
 
-def load_signer(key: Path) -> Signer:
-    """Return the key in NAME.key, with the certificate NAME.pem beside it; raises UsageError if they do not fit."""
+def load_signer(key: Path, now: datetime) -> Signer:
+    """Return the key in NAME.key, with the certificate NAME.pem beside it.
+
+    Raises UsageError if they do not fit, and for a certificate that does not hold now or is an authority's: nobody
+    would believe the signature.
+    """
     certificate = key.with_suffix(".pem")
     try:
         private = serialization.load_pem_private_key(key.read_bytes(), password=None)
@@ -75,7 +79,23 @@ def load_signer(key: Path) -> Signer:
         raise UsageError(f"{key}: not an ed25519 key; dynpf keys makes such keys")
     if public != private.public_key().public_bytes_raw():
         raise UsageError(f"{certificate}: is not the certificate of {key}")
+    if not issued.not_valid_before_utc <= now <= issued.not_valid_after_utc:
+        raise UsageError(f"{certificate}: holds {_period(issued)}, not now; dynpf keys issue makes a new one")
+    if _is_authority(issued):
+        raise UsageError(f"{certificate}: is an authority's, which signs certificates; take the key of a process")
     return Signer(private, issued)
+
+
+def _period(certificate: x509.Certificate) -> str:
+    begin, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
+    return f"from {begin:%Y-%m-%d %H:%M} to {end:%Y-%m-%d %H:%M} UTC"
+
+
+def _is_authority(certificate: x509.Certificate) -> bool:
+    try:
+        return bool(certificate.extensions.get_extension_for_class(x509.BasicConstraints).value.ca)
+    except x509.ExtensionNotFound:
+        return False
 
 
 def sign(recording: Path, signer: Signer, now: datetime) -> Path:
@@ -152,7 +172,7 @@ def _distrust(certificate: x509.Certificate, authority: x509.Certificate, signed
         return "the signer's certificate is not of the trusted authority"
     begin, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
     if signed_at.tzinfo is None or not begin <= signed_at <= end or signed_at > now:
-        return f"signed at {signed_at.isoformat()}, when the certificate was not valid: {begin:%F} to {end:%F}"
+        return f"signed at {signed_at.isoformat()}, when the certificate was not valid: {_period(certificate)}"
     return ""
 
 

@@ -39,6 +39,7 @@ def run(options: argparse.Namespace) -> int:
     elif signed is None and options.trust is not None:
         findings.append(error("the file is not signed", "signature"))
     code = described_code(named)
+    unreadable = any(finding.severity is Severity.UNREADABLE for finding in findings)
     if options.json:
         told = {"healthy": not findings, "findings": findings, "code": code, "signed": signed}
         print(json.dumps(msgspec.to_builtins(told)))
@@ -47,10 +48,11 @@ def run(options: argparse.Namespace) -> int:
             print(f"{options.recording}: whole and complete")
         for finding in findings:
             print(f"{finding.severity}: {finding.where}: {finding.what}")
-        print(_signature_in_words(signed))
+        if signed is not None or (options.trust is None and not unreadable):
+            print(_signature_in_words(signed))
         for line in code_in_words(code):
             print(line)
-    if any(finding.severity is Severity.UNREADABLE for finding in findings):
+    if unreadable:
         return 2
     return 1 if findings else 0
 

@@ -25,6 +25,13 @@ def add_sign(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Execute ``dynpf sign`` and return its exit code."""
+    from dynpf_formats.recording.reader import load
+    from dynpf_formats.recording.signature import signature_file
+    from dynpf_protocol.errors import UsageError
+
+    load(options.recording)  # what is no recording is refused
+    if (signature := signature_file(options.recording)).exists():
+        raise UsageError(f"{signature}: the recording is signed already (dynpf doctor says by whom); remove it first")
     print(sign_recording(options.recording, options.key))
     return 0
 
@@ -33,11 +40,12 @@ def sign_recording(recording: Path, key: Path) -> Path:
     """Sign a recording now and return the signature's path; raises UsageError for an unusable key."""
     from dynpf_formats.recording.signature import load_signer, sign
 
-    return sign(recording, load_signer(key), datetime.now(UTC))
+    now = datetime.now(UTC)
+    return sign(recording, load_signer(key, now), now)
 
 
 def check_key(key: Path) -> None:
     """Raise UsageError for an unusable key, before anything is recorded that it is to sign."""
     from dynpf_formats.recording.signature import load_signer
 
-    load_signer(key)
+    load_signer(key, datetime.now(UTC))

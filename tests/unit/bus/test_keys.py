@@ -173,7 +173,7 @@ def test_a_broken_key_is_told_in_a_line(key: bytes, folder: Path) -> None:
         load(folder, "estimator", NOW)
     assert "\n" not in str(told.value)
     with pytest.raises(UsageError, match=r"estimator\.key") as told:
-        load_signer(folder / "estimator.key")
+        load_signer(folder / "estimator.key", NOW)
     assert "\n" not in str(told.value)
 
 

@@ -23,7 +23,7 @@ def certificate(name: str, key: Ed25519PrivateKey, issuer: str, by: Ed25519Priva
         .issuer_name(x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, issuer)]))
         .public_key(key.public_key())
         .serial_number(x509.random_serial_number())
-        .not_valid_before(NOW - timedelta(days=1))
+        .not_valid_before(datetime(2020, 1, 1, tzinfo=UTC))  # commands take the time from the clock
         .not_valid_after(NOW + timedelta(days=1))
         .add_extension(x509.BasicConstraints(ca=name == issuer, path_length=None), critical=True)
         .sign(by, None)
@@ -42,6 +42,7 @@ def keys(tmp_path: Path) -> Path:
     (folder / "recorder.pem").write_bytes(certificate("recorder", recorder, "ca", authority))
     plain = serialization.NoEncryption()
     form = serialization.PrivateFormat.PKCS8
+    (folder / "ca.key").write_bytes(authority.private_bytes(serialization.Encoding.PEM, form, plain))
     (folder / "recorder.key").write_bytes(recorder.private_bytes(serialization.Encoding.PEM, form, plain))
     (folder / "stranger.key").write_bytes(other.private_bytes(serialization.Encoding.PEM, form, plain))
     (folder / "stranger.pem").write_bytes((folder / "recorder.pem").read_bytes())
@@ -51,7 +52,7 @@ def keys(tmp_path: Path) -> Path:
 def test_who_signed_is_told(tmp_path, keys):
     path = write(tmp_path / "run.mcap", lockstep())
     assert read_signature(path, None, NOW) is None
-    sign(path, load_signer(keys / "recorder.key"), NOW)
+    sign(path, load_signer(keys / "recorder.key", NOW), NOW)
     signed = read_signature(path, keys / "ca.pem", NOW)
     assert signed is not None
     assert (signed.name, signed.trusted, signed.problem) == ("recorder", True, "")
@@ -62,7 +63,7 @@ def test_who_signed_is_told(tmp_path, keys):
 
 def test_every_changed_byte_is_found(tmp_path, keys):
     path = write(tmp_path / "run.mcap", lockstep(2))
-    sign(path, load_signer(keys / "recorder.key"), NOW)
+    sign(path, load_signer(keys / "recorder.key", NOW), NOW)
     data = path.read_bytes()
     for place in (*range(0, len(data), 37), len(data) - 1):
         path.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
@@ -84,7 +85,7 @@ def test_every_changed_byte_is_found(tmp_path, keys):
 def test_a_signature_of_a_time_without_a_valid_certificate_is_not_trusted(tmp_path, keys):
     path = write(tmp_path / "run.mcap", lockstep())
     late = NOW + timedelta(days=2)
-    sign(path, load_signer(keys / "recorder.key"), late)
+    sign(path, load_signer(keys / "recorder.key", NOW), late)
     signed = read_signature(path, keys / "ca.pem", late)
     assert signed is not None
     assert "when the certificate was not valid" in signed.problem
@@ -92,9 +93,29 @@ def test_a_signature_of_a_time_without_a_valid_certificate_is_not_trusted(tmp_pa
 
 def test_a_key_without_its_certificate_is_refused(keys):
     with pytest.raises(UsageError, match="is not the certificate of"):
-        load_signer(keys / "stranger.key")
+        load_signer(keys / "stranger.key", NOW)
     with pytest.raises(UsageError, match="cannot be read"):
-        load_signer(keys / "nobody.key")
+        load_signer(keys / "nobody.key", NOW)
+
+
+def test_a_key_whose_signature_nobody_would_believe_is_refused(keys):
+    with pytest.raises(UsageError, match="not now; dynpf keys issue"):
+        load_signer(keys / "recorder.key", NOW + timedelta(days=2))
+    with pytest.raises(UsageError, match="is an authority's"):
+        load_signer(keys / "ca.key", NOW)
+
+
+def test_neither_a_signature_is_replaced_nor_another_file_signed(tmp_path, keys, capsys):
+    path, other = write(tmp_path / "run.mcap", lockstep()), tmp_path / "notes.txt"
+    other.write_text("no recording")
+    words = ["--key", str(keys / "recorder.key")]
+    assert main(["sign", str(path), *words]) == 0
+    before = (tmp_path / "run.mcap.sig").read_bytes()
+    assert main(["sign", str(path), *words]) == 2
+    assert "is signed already" in capsys.readouterr().err
+    assert (tmp_path / "run.mcap.sig").read_bytes() == before
+    assert main(["sign", str(other), *words]) == 2
+    assert not (tmp_path / "notes.txt.sig").exists()
 
 
 def test_the_commands_sign_and_tell(tmp_path, keys, capsys):
