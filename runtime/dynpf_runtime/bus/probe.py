@@ -8,6 +8,7 @@ from dynpf_runtime.bus.keys import Credentials
 __all__ = ["refusal"]
 
 TIMEOUT_S = 2.0
+_OTHER_HOST = (62, 64)  # X509_V_ERR_HOSTNAME_MISMATCH, X509_V_ERR_IP_ADDRESS_MISMATCH of OpenSSL
 ANSWER_S = 0.5
 """How long a router may take to refuse a certificate, which it says only after the handshake."""
 
@@ -29,6 +30,10 @@ def refusal(endpoint: str, keys: Credentials | None) -> str:
             link.settimeout(ANSWER_S)
             link.recv(1)
     except ssl.SSLCertVerificationError as error:
+        if error.verify_code in _OTHER_HOST:
+            return (
+                f"has a certificate for another host than {host}; issue it with: dynpf keys issue router --host {host}"
+            )
         return f"shows a certificate that {keys.authority if keys else 'nobody'} does not vouch for: {_words(error)}"
     except ssl.SSLError as error:
         if keys is None:

@@ -181,7 +181,7 @@ class Membership:
         if difference is not None:
             key, here, there = difference
             raise UsageError(
-                f"{self.name}: refused: this scenario differs from the router's in {printable(key)}: "
+                f"refused: this scenario differs from the router's in {printable(key)}: "
                 f"here {printable(repr(here))}, there {printable(repr(there))}"
             )
         yield Count(f"{ALIVE}{self.name}/*")

@@ -180,9 +180,7 @@ def test_who_has_another_scenario_is_refused_with_the_first_key_that_differs(
     refused = simulation.ended["another"]
     assert type(refused) is UsageError
     n = SCENARIO.estimator.n
-    assert str(refused) == (
-        f"estimator: refused: this scenario differs from the router's in estimator.n: here 7, there {n}"
-    )
+    assert str(refused) == (f"refused: this scenario differs from the router's in estimator.n: here 7, there {n}")
     simulation.add("estimator", host_of("estimator", PLAN, "estimator-1"))
     simulation.run()
     assert content_digest(read_recording(path)) == undisturbed
