@@ -281,8 +281,8 @@ class Ledger:
         if (end.stamp_ns, end.last) != (entry.stamp_ns, entry.last):
             return False
         written = self._roles.written(end.node)
-        expected = {name: count for name, count in end.counts.items() if name in written}
-        made = entry.produced
+        expected = {name: count for name, count in self._counts(end).items() if name in written}
+        made = [produced for produced in entry.produced if self._roles.promised(produced.topic, end.node)]
         if len(made) != sum(expected.values()):
             return False
         numbers: Counter[str] = Counter()  # how many of each topic so far
@@ -292,11 +292,14 @@ class Ledger:
             numbers[produced.topic] += 1
         return dict(numbers) == expected
 
-    @staticmethod
-    def _lacking(node: _Node, step: _Step, end: TickDone) -> int:
+    def _counts(self, end: TickDone) -> dict[str, int]:
+        """Return how many messages on each topic belong to the step."""
+        return {name: count for name, count in end.counts.items() if self._roles.promised(name, end.node)}
+
+    def _lacking(self, node: _Node, step: _Step, end: TickDone) -> int:
         return sum(
             (name, node.next[name] + index) not in step.messages
-            for name, count in end.counts.items()
+            for name, count in self._counts(end).items()
             for index in range(count)
         )
 
@@ -305,7 +308,7 @@ class Ledger:
     ) -> Iterator[Record]:
         """Write a step, note what of it is missing, and go on to the next one."""
         step = node.open.pop(number)
-        counts = _counts_of(step) if end is None else end.counts
+        counts = _counts_of(step) if end is None else self._counts(end)
         for topic, count in counts.items():
             first = node.next[topic]
             promised = ((topic, sequence) for sequence in range(first, first + count))

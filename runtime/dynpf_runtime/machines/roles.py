@@ -18,7 +18,7 @@ from dynpf_protocol.errors import (
     UnknownTopicError,
 )
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
-from dynpf_protocol.keys import JOURNAL, TICK, data_key, topic_of
+from dynpf_protocol.keys import JOURNAL, SHARED, TICK, data_key, topic_of
 from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, MOST_BYTES, Topic
 from dynpf_protocol.topics import topic as row_of
 
@@ -65,7 +65,12 @@ class Roles:
         self._tick_ns = plan.tick_ns if plan.clock == "lockstep" and not plan.plays_log else None
 
     def promised(self, name: str, sender: str) -> bool:
-        """Return whether the ends of ticks of ``sender`` count the messages on the topic ``name``."""
+        """Return whether messages of ``sender`` on the topic ``name`` belong to its steps, which their ends count.
+
+        On shared topics a node's host speaks between steps, too, and under the same sequence numbers.
+        """
+        if name in SHARED:
+            return False
         return name in self._may_promise[sender] or (sender == self.source and self._is_record(name))
 
     def written(self, node: str) -> frozenset[str]:
@@ -92,7 +97,7 @@ class Roles:
             raise TooLargeError(
                 f"{name}: a message of {len(arrival.payload)} bytes; at most {row.most_bytes} are allowed"
             )
-        if self._tick_ns is not None and name in self._writes[sender]:
+        if self._tick_ns is not None and self.promised(name, sender):
             self._check_stamp(envelope.tick, envelope.stamp_ns)
         return name, sender, envelope
 
@@ -105,7 +110,7 @@ class Roles:
         if done.step != done.tick:
             raise OrderError(f"step {done.step} at tick {done.tick}; a node makes one step a tick")
         for name, count in done.counts.items():
-            if not self.promised(name, done.node):
+            if name not in self._writes[done.node] and not self.promised(name, done.node):
                 raise UnknownSenderError(f"{done.node} promises messages on {name!r}, which it does not write")
             if not 0 < count <= MOST_OF_A_TICK:
                 raise BadMessageError(f"TickDone: {count} messages on {name}; expected 1 to {MOST_OF_A_TICK}")

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from tests.unit.services.toy_nodes import ToyNode, graph_of
 
 TOPIC, RARE = "sensors/odometry", "sensors/landmarks"
-GRAPH = graph_of([ToyNode("sensors", writes=[TOPIC, RARE])])
+GRAPH = graph_of([ToyNode("sensors", writes=[TOPIC, RARE, "log"])])
 PLAN = plan_of(load_scenario("landmark-room"))._replace(graph=GRAPH)
 TICKS = 6
 GOOD, OTHER, BAD = b'{"v":1.0,"w":0.0}', b'{"v":2.0,"w":0.0}', b"?"
@@ -71,6 +71,21 @@ def taken(book: Ledger, said: Iterable[Said]) -> list[Record]:
 
 
 WHOLE = taken(ledger(), TRUE)
+
+
+def test_on_a_shared_topic_a_host_may_speak_between_the_messages_of_its_node() -> None:
+    """They have one count: what the host says of a refusal takes the number that the node's next message would have."""
+    book = ledger()
+    roles = Roles(PLAN, {"sensors": "s1"})
+    said = step(0)
+    said += [message(0, 1, b"of the host", "log"), message(1, 1), message(1, 1, b"of the node", "log")]
+    done = TickDone("sensors", "s1", 1, 1, 1, {TOPIC: 1, "log": 1}, False)
+    made = entry(1, [1])
+    produced = (*made.produced, Produced("log", 1))
+    said += [done, JournalEntry(step=1, tick=1, stamp_ns=1, consumed=(), produced=produced), *step(2)]
+    assert len(taken(book, said)) == 3 * 2 + 2
+    assert (book.ticks, book.missing(), book.doubt) == (3, {}, "")
+    assert not roles.promised("log", "sensors") and roles.promised(TOPIC, "sensors")
 
 
 def test_a_run_is_written_step_by_step() -> None:
