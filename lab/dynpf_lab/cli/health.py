@@ -32,8 +32,10 @@ def run(options: argparse.Namespace) -> int:
     try:
         with Bus.connect(endpoint, lambda _: None, lambda: time.monotonic() > deadline, keys) as bus:
             bus.subscribe(f"{BEAT}{options.name}")
-            if not bus.tokens(f"{ALIVE}{options.name}/*"):
-                raise RunError(f"{options.name} is not there (no liveliness token at {endpoint}{hint})")
+            while not bus.tokens(f"{ALIVE}{options.name}/*"):
+                if time.monotonic() > deadline:
+                    raise RunError(f"{options.name} is not there (no liveliness token at {endpoint}{hint})")
+                bus.receive(0.1)  # it may be starting
             if bus.receive(max(deadline - time.monotonic(), 0.0)) is None:
                 raise RunError(f"{options.name} is there but has not beaten for {options.timeout:g} s: it hangs")
     except KeyboardInterrupt:
