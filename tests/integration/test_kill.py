@@ -105,11 +105,21 @@ def test_a_run_with_a_stopped_subscriber_of_a_stranger_ends_and_says_rightly_how
 @contextmanager
 def stranger(endpoint):
     """A process of somebody else's that subscribes to everything."""
-    source = (
-        "import sys, zenoh, json; c = zenoh.Config(); c.insert_json5('mode', json.dumps('client'));"
-        "c.insert_json5('connect/endpoints', json.dumps([sys.argv[1]]));"
-        "s = zenoh.open(c); d = s.declare_subscriber('dynpf/**', lambda _: None); print(flush=True); sys.stdin.read()"
-    )
+    source = """
+import json, sys, zenoh
+config = zenoh.Config()
+config.insert_json5("mode", '"client"')
+config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
+while True:  # the router may be starting
+    try:
+        session = zenoh.open(config)
+        break
+    except zenoh.ZError:
+        pass
+subscriber = session.declare_subscriber("dynpf/**", lambda _: None)
+print(flush=True)
+sys.stdin.read()
+"""
     with subprocess.Popen(
         [sys.executable, "-c", source, endpoint], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as process:
