@@ -123,11 +123,11 @@ heard = {name: threading.Event() for name in names}
 def hear(sample):
     heard[sample.payload.to_string()].set()
 with opened("simulator") as listener:
-    subscriber = listener.declare_subscriber("dynpf/data/controller/command", hear)
+    subscriber = listener.declare_subscriber("dynpf/run/data/controller/command", hear)
     for name in names:  # the last one may, and comes after the others: what has not arrived by then does not
         with opened(name) as session:
             while True:
-                session.put("dynpf/data/controller/command", name)
+                session.put("dynpf/run/data/controller/command", name)
                 if heard[name].wait(0.2) or name != names[-1]:
                     break
 print(*[name for name in names if heard[name].is_set()])
