@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
-from dynpf_formats.recording.account import Account
+from dynpf_formats.recording import sealed
 from dynpf_formats.recording.errors import RecordingError
 from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, as_entries, seal_of
 from dynpf_formats.recording.reader import read_recording
 from dynpf_formats.recording.stream import RecordedSchema, Source
-from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, chain_after, decode_entry, encode_entry, genesis
+from dynpf_protocol.journal import JournalEntry, chain_after, encode_entry, genesis
 from mcap.writer import Writer
 
 __all__ = ["Content", "Row", "entry_of", "read_content", "replaced", "resealed", "with_seal", "write_content"]
@@ -80,26 +80,16 @@ def write_content(content: Content, path: Path) -> None:
 
 def entry_of(row: Row) -> JournalEntry | None:
     """Return the journal entry in a row, or None if it is a message, or no entry."""
-    if not row.topic.startswith(JOURNAL_PREFIX):
-        return None
-    try:
-        return decode_entry(row.payload)
-    except msgspec.DecodeError:
-        return None
+    return sealed.entry_of(row.topic, row.payload)
 
 
 def resealed(content: Content) -> Content:
     """Return the content with chain values and seal computed anew, as somebody would who knows how."""
     rows = _chained(content)
-    account = Account(content.header, content.attachments)
-    opened: set[Source] = set()
-    for row in rows:
-        if row.source not in opened:
-            opened.add(row.source)
-            account.open(row.source, _schema(content, row.topic))
-        account.add(row.source, row.sequence, row.stamp_ns, row.publish_ns, row.payload, entry=entry_of(row))
-    end = content.end
-    return content._replace(rows=rows, end=account.end(end.complete, end.reason, end.outcome))
+    schemas = {row.topic: _schema(content, row.topic) for row in rows}
+    filed = ((row.source, row.sequence, row.stamp_ns, row.publish_ns, row.payload) for row in rows)
+    end = sealed.end_of(content.header, content.attachments, filed, schemas, content.end)
+    return content._replace(rows=rows, end=end)
 
 
 def with_seal(content: Content) -> Content:

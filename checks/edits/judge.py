@@ -6,9 +6,10 @@ from pathlib import Path
 from random import Random
 from typing import NamedTuple
 
+from dynpf_formats.certificates import Identity
 from dynpf_formats.recording.doctor import Severity, examine
 from dynpf_formats.recording.reader import read_recording
-from dynpf_formats.recording.signature import Signer, load_signer, read_signature, sign, signature_file
+from dynpf_formats.recording.signature import load_signer, read_signature, sign, signature_file
 from dynpf_protocol.errors import DynpfError, ProtocolError
 from dynpf_runtime.bus import keys
 from dynpf_services.scenario.recorded import recorded_scenario
@@ -81,7 +82,7 @@ class Judge:
         return Found.SIGNATURE if signed is None or signed.problem else Found.SILENT
 
 
-def _new_signer(folder: Path) -> Signer:
+def _new_signer(folder: Path) -> Identity:
     """Return a new recorder's key of a new authority."""
     now = datetime.now(UTC)
     keys.init(folder, now)

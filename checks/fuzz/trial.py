@@ -87,9 +87,7 @@ def _timed(action: Callable[[], object], limits: Limits) -> Outcome:
         verdict, text = Verdict.REFUSED, str(error)
     except _HangError:
         verdict, text = Verdict.FAULT, f"still busy after {limits.hang_seconds} s"
-    except BaseException as error:  # whatever it is: it would reach a person as a traceback
-        if isinstance(error, KeyboardInterrupt):
-            raise
+    except (Exception, SystemExit) as error:  # it would reach a person as a traceback, or end a program that calls us
         verdict, text = Verdict.FAULT, _placed(error)
     seconds = time.process_time() - began
     if verdict is not Verdict.FAULT and seconds > limits.seconds:

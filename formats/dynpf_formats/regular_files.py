@@ -4,10 +4,10 @@ A pipe or a device would block its reader, or never end.
 """
 
 import errno
+import io
 import os
 import stat
 from pathlib import Path
-from typing import BinaryIO
 
 __all__ = ["LARGEST", "exists", "open_regular", "read_regular", "readable"]
 
@@ -15,7 +15,7 @@ LARGEST = 2**28
 """Bytes of a file that is read as a whole."""
 
 
-def open_regular(path: Path | str) -> BinaryIO:
+def open_regular(path: Path | str) -> io.BufferedReader:
     """Open a regular file for reading; raises OSError for anything else, without reading from it."""
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)  # a pipe would wait for its other end
     mode = os.fstat(descriptor).st_mode

@@ -25,6 +25,7 @@ __all__ = [
     "Delivery",
     "Topic",
     "is_compared",
+    "is_record",
     "topic",
 ]
 
@@ -266,6 +267,13 @@ def topic(name: str, topics: Mapping[str, Topic] = TOPICS) -> Topic:
             raise UnknownTopicError(f"topic {name!r} is not in the topic table")
         row = msgspec.structs.replace(row, name=name)
     return row
+
+
+def is_record(name: str) -> bool:
+    """Return whether a topic is one of an imported log's, of any robot: a source publishes those, read or not."""
+    robot, _, record = name.rpartition("log/")
+    row = TOPICS.get(f"log/{record}")
+    return row is not None and row.publishers == (LOG_NODE,) and (not robot or robot.endswith("/"))
 
 
 def is_compared(name: str) -> bool:

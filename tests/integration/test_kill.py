@@ -87,19 +87,17 @@ def test_a_process_that_a_signal_stops_ends_the_run_and_is_named(name, tmp_path,
     assert_valid_and_incomplete(path, here)
 
 
-def test_a_run_with_a_stopped_subscriber_of_a_stranger_ends_and_says_rightly_how(tmp_path, dynpf, here):
-    """The hub may lose its clients when it drops the stranger: then the run breaks off, and says so."""
+def test_a_stopped_subscriber_of_a_stranger_changes_nothing(tmp_path, dynpf, here):
     run = dynpf("run", "landmark-room", "--insecure", "-o", tmp_path / "run.mcap")
     node = until(lambda: service_of(tmp_path, "estimator"), "the estimator's process")
     assert node is not None
     with stranger(node.endpoint) as other:
         await_mid_run(tmp_path, run)
         other.send_signal(signal.SIGSTOP)
-        code = run.wait()
+        assert run.wait() == 0, run.stderr
     assert "Traceback" not in run.stderr
-    assert code == (0 if "complete: finished" in run.stdout else 1)
-    assert here("doctor", tmp_path / "run.mcap").code == code
-    assert code == 0 or "broke off" in run.stderr
+    assert "complete: finished" in run.stdout
+    assert here("doctor", tmp_path / "run.mcap").code == 0
 
 
 @contextmanager

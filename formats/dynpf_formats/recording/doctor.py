@@ -7,10 +7,9 @@ from typing import NamedTuple
 
 import msgspec
 from dynpf_protocol.codec import decode
-from dynpf_protocol.errors import BadMessageError, UnknownTopicError
+from dynpf_protocol.errors import BadMessageError
 from dynpf_protocol.journal import JOURNAL_PREFIX
-from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES
-from dynpf_protocol.topics import topic as row_of
+from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, is_record
 
 from dynpf_formats.recording.attachments import changed_files, foreign_attachments
 from dynpf_formats.recording.code import recorded_code
@@ -89,7 +88,7 @@ def _senders(recording: Recording) -> Iterator[Finding]:
         if source.topic.startswith(JOURNAL_PREFIX):
             if source.node not in nodes or source.topic != JOURNAL_PREFIX + source.node:
                 yield error(f"a journal of unknown node {source.node!r}", source.topic)
-        elif not (expected := publishers.get(source.topic) or _log_publishers(source.topic)):
+        elif not (expected := publishers.get(source.topic) or ((LOG_NODE,) if is_record(source.topic) else ())):
             yield error(f"this run has no topic {source.topic!r}", source.topic)
         elif source.node not in expected:
             yield error(f"sent by {source.node!r}; expected {', '.join(expected)}", source.topic)
@@ -106,14 +105,6 @@ def _publishers(recording: Recording) -> dict[str, tuple[str, ...]]:
         for name in (EVENT_PREFIX + node, *topics):
             found[name] = (*found.get(name, ()), node)
     return {**found, "log": (*nodes, "recorder"), "diagnostics": nodes, "recorder/gap": ("recorder",)}
-
-
-def _log_publishers(name: str) -> tuple[str, ...]:
-    try:
-        publishers = row_of(name).publishers
-    except UnknownTopicError:
-        return ()
-    return publishers if publishers == (LOG_NODE,) else ()
 
 
 def _gaps(recording: Recording) -> Iterator[Finding]:

@@ -1,6 +1,6 @@
 """Compares what the end of a run promises with what is in the file."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -9,26 +9,45 @@ from dynpf_protocol.topics import is_compared
 
 from dynpf_formats.recording.account import Account
 from dynpf_formats.recording.findings import Finding, error, warning
-from dynpf_formats.recording.header import RunEnd, seal_of
-from dynpf_formats.recording.reader import Recorded, Recording
+from dynpf_formats.recording.header import Attachment, RunEnd, RunHeader, seal_of
+from dynpf_formats.recording.reader import Recording
 from dynpf_formats.recording.stream import RecordedSchema, Source
 
-__all__ = ["broken_promises", "end_of"]
+__all__ = ["broken_promises", "end_of", "entry_of"]
 
 _END = "end of run"
 
 
-def end_of(recording: Recording, said: RunEnd) -> RunEnd:
-    """Return the end that a recorder would write for what is in the file, which ended as ``said``."""
-    account = Account(recording.header, recording.attachments)
+Filed = tuple[Source, int, int, int, bytes]
+"""Source, sequence number, logical time, publish time and payload of a message or journal entry in a file."""
+
+
+def end_of(
+    header: RunHeader,
+    attachments: Sequence[Attachment],
+    filed: Iterable[Filed],
+    schemas: Mapping[str, RecordedSchema],
+    said: RunEnd,
+) -> RunEnd:
+    """Return the end that a recorder would write of ``filed``, in that order, of a run that ended as ``said``."""
+    account = Account(header, attachments)
     opened: set[Source] = set()
-    for record in recording.records:
-        source = record.source
+    for source, sequence, stamp_ns, publish_ns, payload in filed:
         if source not in opened:
             opened.add(source)
-            account.open(source, recording.schemas.get(source.topic, RecordedSchema("", b"")))
-        account.add(source, record.sequence, record.stamp_ns, record.publish_ns, record.payload, entry=_entry(record))
+            account.open(source, schemas.get(source.topic, RecordedSchema("", b"")))
+        account.add(source, sequence, stamp_ns, publish_ns, payload, entry=entry_of(source.topic, payload))
     return account.end(said.complete, said.reason, said.outcome)
+
+
+def entry_of(topic: str, payload: bytes) -> JournalEntry | None:
+    """Return a journal entry, or None for a message, and for what is no entry."""
+    if not topic.startswith(JOURNAL_PREFIX):
+        return None
+    try:
+        return decode_entry(payload)
+    except msgspec.DecodeError:
+        return None
 
 
 def broken_promises(recording: Recording) -> Iterator[Finding]:
@@ -39,7 +58,8 @@ def broken_promises(recording: Recording) -> Iterator[Finding]:
     end = recording.end
     if end is None:
         return
-    found = end_of(recording, end)
+    filed = ((one.source, one.sequence, one.stamp_ns, one.publish_ns, one.payload) for one in recording.records)
+    found = end_of(recording.header, recording.attachments, filed, recording.schemas, end)
     if end.complete and not found.complete:
         yield error(found.reason, _END)
     if end.seal != seal_of(end):
@@ -58,15 +78,6 @@ def broken_promises(recording: Recording) -> Iterator[Finding]:
             "neither is compared",
             _END,
         )
-
-
-def _entry(record: Recorded) -> JournalEntry | None:
-    if not record.topic.startswith(JOURNAL_PREFIX):
-        return None
-    try:
-        return decode_entry(record.payload)
-    except msgspec.DecodeError:
-        return None
 
 
 def _attachments(end: RunEnd, found: RunEnd) -> Iterator[Finding]:

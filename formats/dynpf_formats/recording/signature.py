@@ -13,18 +13,26 @@ from typing import NamedTuple
 
 import msgspec
 from cryptography import x509
-from cryptography.exceptions import InternalError, InvalidSignature, UnsupportedAlgorithm
-from cryptography.hazmat.primitives import serialization
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 from dynpf_protocol.errors import UsageError
 
+from dynpf_formats.certificates import (
+    Identity,
+    common_name,
+    is_authority,
+    issued_by,
+    load_certificate,
+    load_identity,
+    read_certificate,
+)
 from dynpf_formats.recording.errors import RecordingError
+from dynpf_formats.regular_files import open_regular, read_regular
 
-__all__ = ["Signed", "Signer", "load_signer", "read_signature", "sign", "signature_file"]
+__all__ = ["Signed", "load_signer", "read_signature", "sign", "signature_file"]
 
 _FORMAT = "dynpf-signature-1"
 _MOST_BYTES = 65_536
-_UNREADABLE = (ValueError, TypeError, UnsupportedAlgorithm, InternalError)  # what cryptography raises of bad PEM
 
 
 class _Document(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -35,13 +43,6 @@ class _Document(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     signed_at: str  # by the signer's clock
     certificate: str  # PEM
     signature: str = ""  # base64
-
-
-class Signer(NamedTuple):
-    """A key, and the certificate that says whose it is."""
-
-    key: Ed25519PrivateKey
-    certificate: x509.Certificate
 
 
 class Signed(NamedTuple):
@@ -59,31 +60,20 @@ def signature_file(recording: Path) -> Path:
     return recording.with_name(f"{recording.name}.sig")
 
 
-def load_signer(key: Path, now: datetime) -> Signer:
+def load_signer(key: Path, now: datetime) -> Identity:
     """Return the key in NAME.key, with the certificate NAME.pem beside it.
 
     Raises UsageError if they do not fit, and for a certificate that does not hold now or is an authority's: nobody
     would believe the signature.
     """
     certificate = key.with_suffix(".pem")
-    try:
-        private = serialization.load_pem_private_key(key.read_bytes(), password=None)
-        issued = x509.load_pem_x509_certificate(certificate.read_bytes())
-        public = _public_bytes(issued)
-    except OSError as error:
-        raise UsageError(f"{error.filename}: cannot be read: {error.strerror}; dynpf keys makes such files") from error
-    except _UNREADABLE as error:
-        reason = "OpenSSL cannot read it" if isinstance(error, InternalError) else error
-        raise UsageError(f"{key}, {certificate}: no key and certificate without a password: {reason}") from error
-    if not isinstance(private, Ed25519PrivateKey):
-        raise UsageError(f"{key}: not an ed25519 key; dynpf keys makes such keys")
-    if public != private.public_key().public_bytes_raw():
-        raise UsageError(f"{certificate}: is not the certificate of {key}")
+    signer = load_identity(certificate, key)
+    issued = signer.certificate
     if not issued.not_valid_before_utc <= now <= issued.not_valid_after_utc:
         raise UsageError(f"{certificate}: holds {_period(issued)}, not now; dynpf keys issue makes a new one")
-    if _is_authority(issued):
+    if is_authority(issued):
         raise UsageError(f"{certificate}: is an authority's, which signs certificates; take the key of a process")
-    return Signer(private, issued)
+    return signer
 
 
 def _period(certificate: x509.Certificate) -> str:
@@ -91,14 +81,7 @@ def _period(certificate: x509.Certificate) -> str:
     return f"from {begin:%Y-%m-%d %H:%M} to {end:%Y-%m-%d %H:%M} UTC"
 
 
-def _is_authority(certificate: x509.Certificate) -> bool:
-    try:
-        return bool(certificate.extensions.get_extension_for_class(x509.BasicConstraints).value.ca)
-    except x509.ExtensionNotFound:
-        return False
-
-
-def sign(recording: Path, signer: Signer, now: datetime) -> Path:
+def sign(recording: Path, signer: Identity, now: datetime) -> Path:
     """Sign the bytes of a recording and return the signature's path; an older signature is replaced.
 
     Raises RecordingError if a file cannot be read or written.
@@ -107,7 +90,7 @@ def sign(recording: Path, signer: Signer, now: datetime) -> Path:
         format=_FORMAT,
         sha256=_sha256(recording),
         signed_at=now.astimezone(UTC).isoformat(timespec="seconds"),
-        certificate=signer.certificate.public_bytes(serialization.Encoding.PEM).decode(),
+        certificate=signer.certificate_pem.decode(),
     )
     signature = base64.b64encode(signer.key.sign(_statement(unsigned))).decode()
     path = signature_file(recording)
@@ -123,23 +106,22 @@ def read_signature(recording: Path, trust: Path | None, now: datetime) -> Signed
 
     ``trust`` is the certificate of the authority that is believed. Raises UsageError if it is none.
     """
-    authority = None if trust is None else _authority(trust)
+    authority = None if trust is None else load_certificate(trust)
     path = signature_file(recording)
     try:
-        with path.open("rb") as file:
-            data = file.read(_MOST_BYTES + 1)
+        data = read_regular(path, _MOST_BYTES)
     except FileNotFoundError:
         return None
     except OSError as error:
         return Signed("", "", "", False, f"{path}: cannot be read: {error.strerror}")
     try:
         return _checked(msgspec.json.decode(data, type=_Document), recording, authority, now)
-    except (*_UNREADABLE, msgspec.DecodeError, RecursionError):
+    except (ValueError, RecursionError):  # also what msgspec raises
         return Signed("", "", "", False, f"{path}: is no signature of a recording")
 
 
 def _checked(document: _Document, recording: Path, authority: x509.Certificate | None, now: datetime) -> Signed:
-    certificate = x509.load_pem_x509_certificate(document.certificate.encode())
+    certificate = read_certificate(document.certificate.encode())
     public = _public_bytes(certificate)
     if document.format != _FORMAT or public is None:
         raise ValueError("not an ed25519 signature of this format")
@@ -148,9 +130,7 @@ def _checked(document: _Document, recording: Path, authority: x509.Certificate |
     if authority is not None and not problem:
         problem = _distrust(certificate, authority, datetime.fromisoformat(document.signed_at), now)
         trusted = not problem
-    name = certificate.subject.get_attributes_for_oid(x509.NameOID.COMMON_NAME)
-    spoken = str(name[0].value) if name else "nobody by name"
-    return Signed(spoken, hashlib.sha256(public).hexdigest(), document.signed_at, trusted, problem)
+    return Signed(common_name(certificate), hashlib.sha256(public).hexdigest(), document.signed_at, trusted, problem)
 
 
 def _problem(document: _Document, public: bytes, recording: Path) -> str:
@@ -166,23 +146,12 @@ def _problem(document: _Document, public: bytes, recording: Path) -> str:
 
 def _distrust(certificate: x509.Certificate, authority: x509.Certificate, signed_at: datetime, now: datetime) -> str:
     """Return why the certificate is not believed, or an empty text."""
-    try:
-        certificate.verify_directly_issued_by(authority)
-    except (*_UNREADABLE, InvalidSignature):
+    if not issued_by(certificate, authority):
         return "the signer's certificate is not of the trusted authority"
     begin, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
     if signed_at.tzinfo is None or not begin <= signed_at <= end or signed_at > now:
         return f"signed at {signed_at.isoformat()}, when the certificate was not valid: {_period(certificate)}"
     return ""
-
-
-def _authority(path: Path) -> x509.Certificate:
-    try:
-        return x509.load_pem_x509_certificate(path.read_bytes())
-    except OSError as error:
-        raise UsageError(f"{path}: cannot be read: {error.strerror}") from error
-    except _UNREADABLE as error:
-        raise UsageError(f"{path}: no certificate in PEM: {error}") from error
 
 
 def _public_bytes(certificate: x509.Certificate) -> bytes | None:
@@ -196,7 +165,7 @@ def _statement(document: _Document) -> bytes:
 
 def _sha256(path: Path) -> str:
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error

@@ -59,7 +59,7 @@ def _days(text: str) -> float:
 
 
 def _init(options: argparse.Namespace) -> int:
-    from dynpf_runtime.bus.certificates import AUTHORITY_DAYS
+    from dynpf_formats.certificates import AUTHORITY_DAYS
     from dynpf_runtime.bus.keys import init
 
     until = init(options.folder, datetime.now(UTC), options.days or AUTHORITY_DAYS)
@@ -68,7 +68,7 @@ def _init(options: argparse.Namespace) -> int:
 
 
 def _issue(options: argparse.Namespace) -> int:
-    from dynpf_runtime.bus.certificates import DAYS
+    from dynpf_formats.certificates import DAYS
     from dynpf_runtime.bus.keys import LOCAL_HOSTS, issue
 
     names = [*options.names, *(_processes(options.scenario) if options.scenario else ())]

@@ -15,19 +15,19 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cryptography import x509
-from dynpf_protocol.errors import UsageError
-from dynpf_protocol.keys import OBSERVER, OPERATOR, ROUTER
-
-from dynpf_runtime.bus.certificates import (
+from dynpf_formats.certificates import (
     AUTHORITY_DAYS,
     DAYS,
     Identity,
     common_name,
     issued_by,
+    load_certificate,
+    load_identity,
     new_authority,
     new_identity,
-    read_certificate,
 )
+from dynpf_protocol.errors import UsageError
+from dynpf_protocol.keys import OBSERVER, OPERATOR, ROUTER
 
 __all__ = [
     "GUESTS",
@@ -190,7 +190,7 @@ def issued(folder: Path) -> list[Issued]:
     paths = sorted(folder.glob("*.pem"), key=lambda path: (path.stem != _AUTHORITY, path.stem))
     if not paths:
         raise UsageError(f"{folder}: has no certificates; dynpf keys init {folder} makes an authority")
-    certificates = [_certificate(path) for path in paths]
+    certificates = [load_certificate(path) for path in paths]
     return [Issued(common_name(one), one.not_valid_after_utc) for one in certificates]
 
 
@@ -198,7 +198,7 @@ def load(folder: Path, name: str, now: datetime) -> Credentials:
     """Return the credentials of the process ``name``; raises UsageError if they will not do, and says why."""
     authority = folder / "ca.pem"
     certificate, key = (folder / f"{_stem(name)}{suffix}" for suffix in (".pem", ".key"))
-    trusted = _certificate(authority)
+    trusted = load_certificate(authority)
     for path in (certificate, key):
         if not path.exists():
             raise UsageError(f"{path}: there is no such file; make one where the authority is: {_renewal(name)}")
@@ -240,23 +240,8 @@ def _stem(name: str) -> str:
     return name.replace("/", ".")
 
 
-def _certificate(path: Path) -> x509.Certificate:
-    try:
-        return read_certificate(path.read_bytes())
-    except FileNotFoundError as error:
-        raise UsageError(f"{path}: there is no such certificate; dynpf keys init makes an authority") from error
-    except (OSError, ValueError) as error:
-        raise UsageError(f"{path}: no certificate can be read from it: {error}") from error
-
-
 def _read(folder: Path, stem: str) -> Identity:
-    certificate, key = folder / f"{stem}.pem", folder / f"{stem}.key"
-    _certificate(certificate)
-    try:
-        return Identity.from_pem(certificate.read_bytes(), key.read_bytes())
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise UsageError(f"{key}: no key of {certificate} can be read from it: {reason}") from error
+    return load_identity(folder / f"{stem}.pem", folder / f"{stem}.key")
 
 
 def _make(folder: Path) -> None:

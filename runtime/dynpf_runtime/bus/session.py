@@ -26,10 +26,11 @@ __all__ = ["Bus", "open_router"]
 LEASE_MS = 1500
 """Zenoh drops a peer that has been silent for this long, ms."""
 
-HOLD_US = 500_000
-"""The hub drops a client that takes nothing for so long, microseconds: until then it holds up all who send to that.
+HOLD_US = 200_000
+"""The hub drops a client that takes nothing for so long, microseconds, after the buffers of its link are full.
 
-Clients wait longer for the hub, so that they do not drop it meanwhile.
+Until then it holds up all who send to that, and does so up to three times in a row before it is rid of the client:
+less than LEASE_MS in all, or the hub would lose the others. They wait longer for the hub, so as not to drop it.
 """
 
 RECEIVERS = 16

@@ -12,6 +12,7 @@ from dynpf_protocol.errors import BROKEN_OFF
 from dynpf_protocol.keys import ROUTER
 
 from dynpf_runtime.bus.pulse import Reading
+from dynpf_runtime.machines.heartbeats import STEP_NS, WEDGED_NS
 
 __all__ = ["Act", "Asked", "Finish", "Kill", "Say", "Seen", "Supervision", "Terminate"]
 
@@ -20,14 +21,8 @@ SECOND_NS = 1_000_000_000
 STOPPED_NS = 1_000_000_000
 """How long the system may keep a process stopped before the run cannot go on."""
 
-WEDGED_NS = 2_500_000_000
-"""How long a main loop, which goes round twice a second, may stand still outside of steps, files and the bus."""
-
 HELD_NS = 10_000_000_000
 """How long a process may wait for the bus: longer than the bus itself waits for anybody."""
-
-STEP_NS = 600_000_000_000
-"""How long a step, or the disk, may take. A step that never ends cannot be told from a long one before."""
 
 NOTICE_NS = 10_000_000_000
 """After this, and then ever twice as long, a notice says who is still starting."""

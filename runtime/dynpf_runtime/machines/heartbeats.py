@@ -11,13 +11,13 @@ __all__ = ["BEAT_NS", "SILENT_NS", "STEP_NS", "WEDGED_NS", "Heartbeats"]
 BEAT_NS = 500_000_000
 
 WEDGED_NS = 2_500_000_000
-"""How long a peer's main loop may stand still outside of steps, as its heartbeats say."""
+"""How long a main loop, which goes round twice a second, may stand still outside of steps, files and the bus."""
 
 SILENT_NS = 15_000_000_000
 """How long a peer may say nothing and be connected: a library that it calls may keep its other threads from running."""
 
 STEP_NS = 600_000_000_000
-"""How long a step may take. A step that never ends cannot be told from a long one before."""
+"""How long a step, or the disk, may take. A step that never ends cannot be told from a long one before."""
 
 NOTICE_NS = 5_000_000_000
 """After this, and then ever twice as long, a notice says that a peer is silent or in a step."""

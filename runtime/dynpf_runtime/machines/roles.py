@@ -19,7 +19,7 @@ from dynpf_protocol.errors import (
 )
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
 from dynpf_protocol.keys import JOURNAL, SHARED, TICK, data_key, topic_of
-from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, MOST_BYTES, Topic
+from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, MOST_BYTES, Topic, is_record
 from dynpf_protocol.topics import topic as row_of
 
 from dynpf_runtime.machines.events import Arrived
@@ -71,7 +71,7 @@ class Roles:
         """
         if name in SHARED:
             return False
-        return name in self._may_promise[sender] or (sender == self.source and self._is_record(name))
+        return name in self._may_promise[sender] or (self._plays_log and sender == self.source and is_record(name))
 
     def written(self, node: str) -> frozenset[str]:
         """Return the topics that a node itself writes, unlike its host."""
@@ -123,20 +123,11 @@ class Roles:
         A played log may have records that no node reads, of any robots.
         """
         row = self.topics.get(name)
-        if row is None and self._is_record(name):
-            row = row_of(name)
-        if row is None or (row.publishers == (LOG_NODE,) and not self._plays_log):
+        if is_record(name):
+            row = (row or row_of(name)) if self._plays_log else None
+        if row is None:
             raise UnknownTopicError(f"topic {name!r} is not in the topic table")
         return row
-
-    def _is_record(self, name: str) -> bool:
-        """Return whether a topic is one of the log that this run plays."""
-        if not self._plays_log:
-            return False
-        try:
-            return row_of(name).publishers == (LOG_NODE,)
-        except UnknownTopicError:
-            return False
 
     def entry(self, arrival: Arrived) -> tuple[Envelope, JournalEntry]:
         """Return a journal entry with its envelope; raises ProtocolError."""

@@ -137,7 +137,7 @@ def test_what_will_not_do_is_told(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="is the certificate of vision, not of estimator"):
         load(folder, "estimator", NOW)
     (folder / "sensors.key").write_bytes((folder / "estimator.key").read_bytes())
-    with pytest.raises(UsageError, match="the certificate is of another key"):
+    with pytest.raises(UsageError, match="it is another key than the certificate"):
         load(folder, "sensors", NOW)
     for broken in (b"", b"\xff\x00", (folder / "ca.pem").read_bytes()):
         (folder / "sensors.key").write_bytes(broken)

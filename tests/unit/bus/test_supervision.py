@@ -9,9 +9,7 @@ from dynpf_protocol.errors import BROKEN_OFF
 from dynpf_runtime.bus.pulse import Reading
 from dynpf_runtime.bus.supervision import (
     STALLED_NS,
-    STEP_NS,
     STOPPED_NS,
-    WEDGED_NS,
     Act,
     Asked,
     Finish,
@@ -21,6 +19,7 @@ from dynpf_runtime.bus.supervision import (
     Supervision,
     Terminate,
 )
+from dynpf_runtime.machines.heartbeats import STEP_NS, WEDGED_NS
 
 NAMES = ("router", "recorder", "simulator", "estimator")
 STEP = 20_000_000  # of the test's clock, nanoseconds

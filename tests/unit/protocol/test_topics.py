@@ -2,10 +2,13 @@
 
 import pytest
 from dynpf_formats.shipped import known_topics, listed, load
+from dynpf_protocol.errors import UnknownTopicError
 from dynpf_protocol.journal import JOURNAL_PREFIX
 from dynpf_protocol.messages import Message
-from dynpf_protocol.topics import HOST_NODES, LOG_NODE, NODES, Delivery, Topic, topic
+from dynpf_protocol.topics import HOST_NODES, LOG_NODE, NODES, Delivery, Topic, is_record, topic
 from dynpf_protocol.topics import TOPICS as TOPICS_OF_ANY
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tests.unit.protocol.built_messages import plainest
 
@@ -82,3 +85,12 @@ def test_of_an_imported_log_all_but_the_reference_and_what_the_scanner_says_begi
     assert log.pop("log/truth") is log.pop("log/scanner") is False
     assert log
     assert all(log.values())
+
+
+@given(st.sampled_from([*TOPICS, "no/topic"]), st.sampled_from(["", "r1/", "a/b/", "r1", "catalog/"]))
+def test_the_records_of_a_log_are_those_of_the_table_for_any_robot(name: str, robot: str) -> None:
+    try:
+        expected = topic(robot + name).publishers == (LOG_NODE,)
+    except UnknownTopicError:
+        expected = False
+    assert is_record(robot + name) == expected

@@ -1,5 +1,6 @@
 """A signature holds for the bytes that were signed, and says whose key it was."""
 
+import os
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -79,7 +80,7 @@ def test_every_changed_byte_is_found(tmp_path, keys):
     signature_file(path).write_bytes(b"{" * 100_000)
     signed = read_signature(path, None, NOW)
     assert signed is not None
-    assert "is no signature" in signed.problem
+    assert "more than 65536 bytes" in signed.problem
 
 
 def test_a_signature_of_a_time_without_a_valid_certificate_is_not_trusted(tmp_path, keys):
@@ -91,10 +92,25 @@ def test_a_signature_of_a_time_without_a_valid_certificate_is_not_trusted(tmp_pa
     assert "when the certificate was not valid" in signed.problem
 
 
+@pytest.mark.parametrize("what", ["signature", "key", "authority"])
+def test_what_is_no_regular_file_is_not_waited_for(what, tmp_path, keys):
+    path = write(tmp_path / "run.mcap", lockstep())
+    pipe = {"signature": signature_file(path), "key": keys / "recorder.key", "authority": keys / "ca.pem"}[what]
+    pipe.unlink(missing_ok=True)
+    os.mkfifo(pipe)
+    if what == "signature":
+        signed = read_signature(path, None, NOW)
+        assert signed is not None
+        assert "a pipe or a device" in signed.problem
+        return
+    with pytest.raises(UsageError, match="a pipe or a device"):
+        load_signer(pipe, NOW) if what == "key" else read_signature(path, pipe, NOW)
+
+
 def test_a_key_without_its_certificate_is_refused(keys):
-    with pytest.raises(UsageError, match="is not the certificate of"):
+    with pytest.raises(UsageError, match="another key than the certificate's"):
         load_signer(keys / "stranger.key", NOW)
-    with pytest.raises(UsageError, match="cannot be read"):
+    with pytest.raises(UsageError, match="there is no such certificate"):
         load_signer(keys / "nobody.key", NOW)
 
 

@@ -1,8 +1,12 @@
-"""X.509 certificates of an authority of one's own and of the processes that it vouches for; their keys are ed25519."""
+"""X.509 certificates of an authority of one's own and of the processes that it vouches for; their keys are ed25519.
+
+By them processes prove on the bus who they are, and recordings are signed.
+"""
 
 import ipaddress
 from collections.abc import Sequence
 from datetime import datetime, timedelta
+from pathlib import Path
 from typing import NamedTuple, Self
 
 from cryptography import x509
@@ -10,13 +14,19 @@ from cryptography.exceptions import InternalError, InvalidSignature, Unsupported
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+from dynpf_protocol.errors import UsageError
+
+from dynpf_formats.regular_files import read_regular
 
 __all__ = [
     "AUTHORITY_DAYS",
     "DAYS",
     "Identity",
     "common_name",
+    "is_authority",
     "issued_by",
+    "load_certificate",
+    "load_identity",
     "new_authority",
     "new_identity",
     "read_certificate",
@@ -25,6 +35,9 @@ __all__ = [
 AUTHORITY_DAYS = 365.0
 DAYS = 7.0
 """How long a process's certificate holds: Zenoh has no revocation lists, so none holds for long."""
+
+_LARGEST = 2**16  # bytes of a file with a certificate or a key
+_UNREADABLE = (ValueError, TypeError, UnsupportedAlgorithm, InternalError)  # what cryptography raises of bad PEM
 
 SLACK = timedelta(minutes=5)
 """How far the clocks of two machines may differ when a certificate is new."""
@@ -53,15 +66,13 @@ class Identity(NamedTuple):
         """Return the identity in two PEM texts; raises ValueError if they are unreadable or do not belong together."""
         try:
             private = serialization.load_pem_private_key(key, password=None)
-        except (TypeError, UnsupportedAlgorithm) as error:
-            raise ValueError(str(error)) from error
-        except InternalError as error:
-            raise ValueError("OpenSSL cannot read it") from error
+        except _UNREADABLE as error:
+            raise ValueError("it is no private key in PEM without a password") from error
         if not isinstance(private, Ed25519PrivateKey):
-            raise ValueError("the key is no ed25519 key")
+            raise ValueError("it is no ed25519 key")
         identity = cls(read_certificate(certificate), private)
         if identity.certificate.public_key() != private.public_key():
-            raise ValueError("the certificate is of another key")
+            raise ValueError("it is another key than the certificate's")
         return identity
 
 
@@ -101,13 +112,35 @@ def read_certificate(pem: bytes) -> x509.Certificate:
         certificate.public_key()
         names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
         ends = certificate.not_valid_before_utc < certificate.not_valid_after_utc
-    except (TypeError, UnsupportedAlgorithm) as error:
-        raise ValueError(str(error)) from error
-    except InternalError as error:
-        raise ValueError("OpenSSL cannot read it") from error
+    except _UNREADABLE as error:
+        raise ValueError("it is no certificate in PEM") from error
     if len(names) != 1 or not ends:
         raise ValueError("it does not say, once, whose it is, and from when to when it holds")
     return certificate
+
+
+def load_certificate(path: Path) -> x509.Certificate:
+    """Return the certificate in a file; raises UsageError if none can be read from it."""
+    try:
+        return read_certificate(read_regular(path, _LARGEST))
+    except FileNotFoundError as error:
+        text = "there is no such certificate; dynpf keys init makes an authority, dynpf keys issue the others"
+        raise UsageError(f"{path}: {text}") from error
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise UsageError(f"{path}: no certificate can be read from it: {error}") from error
+
+
+def load_identity(certificate: Path, key: Path) -> Identity:
+    """Return a certificate and its key in two files; raises UsageError if they are unreadable or do not fit."""
+    load_certificate(certificate)
+    try:
+        return Identity.from_pem(read_regular(certificate, _LARGEST), read_regular(key, _LARGEST))
+    except OSError as error:
+        raise UsageError(f"{key}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise UsageError(f"{key}: no key of {certificate} can be read from it: {error}") from error
 
 
 def common_name(certificate: x509.Certificate) -> str:
@@ -120,9 +153,17 @@ def issued_by(certificate: x509.Certificate, authority: x509.Certificate) -> boo
     """Return whether ``authority`` has signed ``certificate``."""
     try:
         certificate.verify_directly_issued_by(authority)
-    except (ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm, InternalError):
+    except (*_UNREADABLE, InvalidSignature):
         return False
     return True
+
+
+def is_authority(certificate: x509.Certificate) -> bool:
+    """Return whether a certificate is an authority's, which vouches for others."""
+    try:
+        return certificate.extensions.get_extension_for_class(x509.BasicConstraints).value.ca
+    except (*_UNREADABLE, x509.ExtensionNotFound, x509.DuplicateExtension):
+        return False
 
 
 def _name(common_name: str) -> x509.Name:
