@@ -45,6 +45,9 @@ __all__ = ["Happened", "Network", "Simulation"]
 _EPOCH_NS = 1_700_000_000 * 10**9
 _LEASE_NS = 1_500_000_000
 _THREAD_NS = 200_000  # longest time from a message's arrival until the thread of its subscription has passed it on
+_RECONNECT_NS = 200_000_000  # longest time until a process has found a router that was started again
+_RETRY_NS = 50_000_000  # how often a new process looks for the router
+_UNANSWERED_NS = 1_000_000_000  # how long a process waits for an answer
 _CUT_NS = 20_000_000  # longest time from the loss of the others' tokens until a process knows that the router is gone
 
 
@@ -94,6 +97,9 @@ class _Process:
         self.subscribed: list[str] = []
         self.registered: list[str] = []  # its subscriptions that the router knows
         self.watched: list[str] = []
+        self.watches: list[str] = []
+        self.declared: list[str] = []
+        self.router = 0  # the start of the router to which it is connected
         self.busy_ns = 0
         self.planned_ns = NEVER_NS
         self.running = True  # it was not killed, and its machine has not ended
@@ -105,7 +111,8 @@ class Simulation:
     """Processes by name, connected through the one named ``router``.
 
     ``story`` lists what has happened so far, ``ended`` the processes that have ended, each with its error. ``lost``
-    decides for each message from the router to a process whether it is lost.
+    decides for each message from the router to a process whether it is lost. ``watch`` sees all that happens, and may
+    kill a process before it has done an effect.
     """
 
     def __init__(self, seed: int, router: str, network: Network = _NETWORK) -> None:
@@ -114,6 +121,7 @@ class Simulation:
         self.ended: dict[str, BaseException | None] = {}
         self.published: Counter[str] = Counter()
         self.lost: Callable[[str, Arrived], bool] = lambda _process, _arrived: False
+        self.watch: Callable[[Happened], None] = lambda _happened: None
         self._random = Random(seed)
         self._router = router
         self._network = network
@@ -121,6 +129,7 @@ class Simulation:
         self._agenda: list[tuple[int, int, Callable[[], None]]] = []
         self._count = 0
         self._open = True  # whether the router runs
+        self._routers = 0  # how often the router has been started again
         self._tokens: dict[str, _Process] = {}
         self._answers: defaultdict[str, list[bytes]] = defaultdict(list)
         self._routes: dict[str, list[tuple[_Process, str]]] = {}  # key -> who subscribes to it, and by which pattern
@@ -129,11 +138,46 @@ class Simulation:
         """Start a process after a random delay; ``perform`` carries out effects that do not concern the bus."""
         if name in self._processes:
             raise ValueError(f"there is a process {name!r} already; give the second one another name")
+        self._start(name, machine, perform)
+
+    def restart(self, name: str, machine: Machine, perform: Callable[[Effect], Event | None] | None = None) -> None:
+        """Start a process again, after ending the one that has its name; clients connect to a new router again."""
+        before = self._processes[name]
+        if before.running:
+            self.kill(name)
+        self.ended.pop(name, None)
+        if name == self._router:
+            self._routers += 1
+            self._open = True
+            self._answers.clear()
+            for process in self._processes.values():
+                if process.running and process is not before:
+                    self._at(self.now_ns + self._draw(_RECONNECT_NS), partial(self._reconnect, process, self._routers))
+        self._start(name, machine, perform)
+
+    def _reconnect(self, process: _Process, router: int) -> None:
+        """Connect a process to the router again, which learns anew of its subscriptions and tokens."""
+        if not process.running or process.hangs or router != self._routers:
+            return
+        process.linked, process.router = True, router
+        for key in process.subscribed:
+            self._send(process, partial(self._subscribe, process, key))
+        for key in process.watches:
+            self._send(process, partial(self._watch, process, key))
+        for key in process.declared:
+            self._send(process, partial(self._declare, process, key))
+
+    def _start(self, name: str, machine: Machine, perform: Callable[[Effect], Event | None] | None) -> None:
         delay_ns = 0 if name == self._router else self._network.delay_ns
         links = [_Link(self._random, delay_ns) for _ in range(2)]
         process = self._processes[name] = _Process(name, machine, perform or _refuse, links)
+        process.router = self._routers
         process.busy_ns = self.now_ns + self._draw(self._network.start_ns)
         self._plan(process)
+
+    def later(self, delay_ns: int, act: Callable[[], None]) -> None:
+        """Do something after a delay."""
+        self._at(self.now_ns + delay_ns, act)
 
     def run(self, until: Callable[[], bool] | None = None, limit_ns: int = 600 * 10**9) -> None:
         """Run until every process has ended or hangs, or ``until`` is true; raises TimeoutError at ``limit_ns``."""
@@ -160,7 +204,7 @@ class Simulation:
         process.hangs = True
         if name == self._router:
             self._open = False
-            self._at(self.now_ns + _LEASE_NS, self._close)
+            self._at(self.now_ns + _LEASE_NS, partial(self._close_if, self._routers))
         else:
             self._at(self.now_ns + _LEASE_NS, lambda: self._forget(process))
 
@@ -188,6 +232,12 @@ class Simulation:
     def _serve(self, process: _Process, planned_ns: int) -> None:
         if not process.running or process.hangs or planned_ns != process.planned_ns:
             return  # it has been rescheduled
+        if not self._open and process.inbox and type(process.inbox[0]) is Started and process.name != self._router:
+            process.planned_ns, process.busy_ns = NEVER_NS, self.now_ns + _RETRY_NS
+            self._plan(process)  # it waits for the router
+            return
+        if process.inbox and type(process.inbox[0]) is Started:
+            process.router = self._routers
         process.planned_ns = NEVER_NS
         if process.inbox:
             self._handle(process, process.inbox.popleft())
@@ -201,15 +251,21 @@ class Simulation:
     def _handle(self, process: _Process, event: Event) -> None:
         if not process.running:
             return
-        self.story.append(Happened(self.now_ns, process.name, event))
+        self._note(process, event)
         try:
             for effect in process.machine.handle(event, Now(self.now_ns, _EPOCH_NS + self.now_ns)):
-                self.story.append(Happened(self.now_ns, process.name, effect))
-                self._do(process, effect)
+                self._note(process, effect)
+                if process.running:
+                    self._do(process, effect)
                 if not process.running:
                     return
         except Exception as error:  # it would end a real process, too
             self._end(process, error)
+
+    def _note(self, process: _Process, what: Event | Effect) -> None:
+        happened = Happened(self.now_ns, process.name, what)
+        self.story.append(happened)
+        self.watch(happened)
 
     def _do(self, process: _Process, effect: Effect) -> None:
         match effect:
@@ -223,15 +279,17 @@ class Simulation:
                 process.subscribed.append(key)
                 self._send(process, lambda: self._subscribe(process, key))
             case Watch(key):
+                process.watches.append(key)
                 self._send(process, lambda: self._watch(process, key))
             case Declare(key):
+                process.declared.append(key)
                 self._send(process, lambda: self._declare(process, key))
             case Answer(key, payload):
                 self._answers[key].append(payload)
             case Ask(key, wanted):
-                self._send(process, lambda: self._reply(process, Answered(self._answer(key, wanted))))
+                self._send(process, lambda: self._reply(process, Answered(self._answer(key, wanted))), Answered(None))
             case Count(key):
-                self._send(process, lambda: self._reply(process, Counted(tuple(sorted(self._matching(key))))))
+                self._send(process, lambda: self._reply(process, Counted(tuple(sorted(self._matching(key))))), Counted(()))
             case _:
                 if (event := process.perform(effect)) is not None:
                     process.inbox.appendleft(event)
@@ -259,9 +317,20 @@ class Simulation:
     def _draw(self, most_ns: int) -> int:
         return int(self._random.random() * most_ns)
 
-    def _send(self, process: _Process, act: Callable[[], None]) -> None:
-        """Schedule an action of the router for when the process's message arrives there."""
-        self._at(process.to_router.arrival_ns(self.now_ns), lambda: act() if self._open else None)
+    def _send(self, process: _Process, act: Callable[[], None], otherwise: Event | None = None) -> None:
+        """Schedule an action of the router for when the process's message arrives there.
+
+        If it is lost, because the router is gone, the process waits for an answer until that is ``otherwise``.
+        """
+        router = process.router
+
+        def arrive() -> None:
+            if self._open and router == self._routers:
+                act()
+            elif otherwise is not None:
+                self._at(self.now_ns + _UNANSWERED_NS, lambda: self._arrive(process, otherwise))
+
+        self._at(process.to_router.arrival_ns(self.now_ns), arrive)
 
     def _reply(self, process: _Process, event: Event, pattern: str = "") -> None:
         """Send an event from the router to a process, where the thread of the subscription ``pattern`` takes it."""
@@ -326,14 +395,22 @@ class Simulation:
             del self._tokens[token]
             self._tell_token(Token(token, False))
 
+    def _close_if(self, router: int) -> None:
+        if router == self._routers:
+            self._close()
+
     def _close(self) -> None:
         """End the router: processes see the others' tokens disappear, and a moment later lose their connection."""
         for token in self._tokens:
             self._tell_token(Token(token, False))
         for process in self._processes.values():
-            self._at(process.from_router.arrival_ns(self.now_ns) + self._draw(_CUT_NS), partial(_cut, process))
+            cut_ns = process.from_router.arrival_ns(self.now_ns) + self._draw(_CUT_NS)
+            self._at(cut_ns, partial(_cut, process, self._routers))
+            process.registered.clear()
+            process.watched.clear()
         self._open = False
         self._tokens.clear()
+        self._routes.clear()
 
 
 def _first_match(patterns: list[str], key: str) -> str | None:
@@ -341,8 +418,10 @@ def _first_match(patterns: list[str], key: str) -> str | None:
     return next((pattern for pattern in patterns if matches(pattern, key)), None)
 
 
-def _cut(process: _Process) -> None:
-    process.linked = False
+def _cut(process: _Process, router: int) -> None:
+    """Have a process notice that the router has gone, unless it is connected to another one by now."""
+    if process.router == router:
+        process.linked = False
 
 
 @cache
