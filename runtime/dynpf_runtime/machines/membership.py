@@ -346,11 +346,11 @@ class Membership:
         missing = self.peers - self._roster.ready
         if self._leads and missing and not self.began:
             yield from self._notify_missing("waiting until ready:", missing, now_ns)
-        elif not (self._leads and self.recovers and not self.began and self._strange):
+        elif not (self._leads and self.recovers and not self.began and self.strange):
             self._stage = _Stage.RUNNING
 
     @property
-    def _strange(self) -> bool:
+    def strange(self) -> bool:
         """Whether a peer has not said that it knows this start: it may still have a predecessor in mind."""
         return any(self._named.get(peer) not in self._starts for peer in self.peers)
 
@@ -410,7 +410,7 @@ class Membership:
 
     def _take_beat(self, beat: Beat, now_ns: int) -> Iterator[Effect]:
         known = self.starts | self._others.starts
-        if beat.node not in known:  # its first beat may come before its token
+        if beat.node not in known or follows(beat.boot, known[beat.node]):  # its first beat may come before its token
             return
         check_boot(beat.node, beat.boot, known)
         self._heartbeats.take(beat, now_ns)
