@@ -8,7 +8,7 @@ is alive when those are gone, and ready when it has caught up with them; the pee
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import IntEnum
 
 from dynpf_protocol.control import Beat, Recorded, Stop, decode_control, encode_control
@@ -288,8 +288,12 @@ class Membership:
         yield Declare(f"{ALIVE}{self.name}/{self.start}")
         yield Count(f"{ALIVE}{self.name}/*")
 
-    def _succeed(self, before: str) -> Iterator[Effect]:
-        """Take over from the start ``before``, if nobody has done that and this process has not begun on its own."""
+    def _succeed(self, before: str, starts: Mapping[str, str]) -> Iterator[Effect]:
+        """Take over from the start ``before``, if nobody has done that and this process has not begun on its own.
+
+        Who knows of it knows by which ``starts`` the peers have begun the run; others may have come lately, as this
+        process has.
+        """
         if before in self._starts or follows(self.start, before) or self._stage is _Stage.ASKING:
             return
         other = boot_of(before) != self.boot
@@ -299,6 +303,8 @@ class Membership:
         self._starts.add(self.start)
         if other:
             self.successor, self.caught_up, self.absence.resumed = True, False, True
+            for peer in self.peers & starts.keys():
+                self._roster.correct(peer, starts[peer])
         if self._stage is _Stage.LISTENING:
             yield from self._join()
             return
@@ -418,7 +424,7 @@ class Membership:
             return
         if (named := beat.starts.get(self.name)) is not None:
             self._named[beat.node] = named
-            yield from self._succeed(named)
+            yield from self._succeed(named, beat.starts)
         if self.successor:
             for peer in self.peers & beat.starts.keys():
                 self._roster.know(peer, beat.starts[peer])
