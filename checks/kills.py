@@ -84,7 +84,10 @@ def main() -> int:
             print(f"\r{what} {trial + 1} of {count} ", end="", file=sys.stderr, flush=True)
             outcomes[what].append(outcome)
             for fault in outcome.faults:
-                print(f"{what} ({target}, {then}) after {after_s:.2f} s of {undisturbed.lasts_s:.2f} s: {fault}", flush=True)
+                print(
+                    f"{what} ({target}, {then}) after {after_s:.2f} s of {undisturbed.lasts_s:.2f} s: {fault}",
+                    flush=True,
+                )
     _print_table(outcomes, undisturbed.lasts_s)
     faults = sum(len(outcome.faults) for rows in outcomes.values() for outcome in rows)
     return int(faults + _cold(options.cold) > 0)
@@ -92,7 +95,10 @@ def main() -> int:
 
 def _print_table(outcomes: dict[str, list[Outcome]], lasts_s: float) -> None:
     print(f"an undisturbed run: {lasts_s:.2f} s")
-    print(f"{'signal to':20} {'runs':>5} {'same bytes':>11} {'named':>6} {'after at most':>14} {'end at most':>12} {'faults':>7}")
+    print(
+        f"{'signal to':20} {'runs':>5} {'same bytes':>11} {'named':>6} "
+        f"{'after at most':>14} {'end at most':>12} {'faults':>7}"
+    )
     for what, rows in sorted(outcomes.items()):
         named = [row.named_s for row in rows if row.named_s is not None]
         longest = f"{max(named):12.2f} s" if named else f"{'-':>14}"

@@ -7,12 +7,13 @@ its order. Two simulations of the same machines under the same seed give the sam
 """
 
 import heapq
-from collections import Counter, defaultdict, deque
+from collections import Counter, defaultdict
 from collections.abc import Callable
-from functools import cache, partial
+from functools import partial
 from random import Random
 from typing import NamedTuple
 
+from dynpf_runtime.key_expressions import first_match, matches
 from dynpf_runtime.machines.effects import (
     NEVER_NS,
     Answer,
@@ -39,6 +40,7 @@ from dynpf_runtime.machines.events import (
     Token,
     Woke,
 )
+from dynpf_runtime.simulated_process import Link, Process
 
 __all__ = ["Happened", "Network", "Simulation"]
 
@@ -70,43 +72,6 @@ class Network(NamedTuple):
 _NETWORK = Network()
 
 
-class _Link:
-    """One direction of a process's connection to the router, which keeps the order of messages."""
-
-    def __init__(self, random: Random, delay_ns: int) -> None:
-        self._random = random
-        self._delay_ns = delay_ns
-        self._last_ns = 0
-
-    def arrival_ns(self, now_ns: int) -> int:
-        """Return the time of arrival of a message sent at ``now_ns``."""
-        self._last_ns = max(self._last_ns, now_ns + 1 + int(self._random.random() * self._delay_ns))
-        return self._last_ns
-
-
-class _Process:
-    """A machine, and the state of its simulated process."""
-
-    def __init__(self, name: str, machine: Machine, perform: Callable[[Effect], Event | None], links: list[_Link]):
-        self.name = name
-        self.machine = machine
-        self.perform = perform
-        self.to_router, self.from_router = links
-        self.threads: dict[str, _Link] = {}  # by subscribed or watched key
-        self.inbox: deque[Event] = deque([Started()])
-        self.subscribed: list[str] = []
-        self.registered: list[str] = []  # its subscriptions that the router knows
-        self.watched: list[str] = []
-        self.watches: list[str] = []
-        self.declared: list[str] = []
-        self.router = 0  # the start of the router to which it is connected
-        self.busy_ns = 0
-        self.planned_ns = NEVER_NS
-        self.running = True  # it was not killed, and its machine has not ended
-        self.hangs = False
-        self.linked = True  # whether it takes itself to be connected
-
-
 class Simulation:
     """Processes by name, connected through the one named ``router``.
 
@@ -125,14 +90,14 @@ class Simulation:
         self._random = Random(seed)
         self._router = router
         self._network = network
-        self._processes: dict[str, _Process] = {}
+        self._processes: dict[str, Process] = {}
         self._agenda: list[tuple[int, int, Callable[[], None]]] = []
         self._count = 0
         self._open = True  # whether the router runs
         self._routers = 0  # how often the router has been started again
-        self._tokens: dict[str, _Process] = {}
+        self._tokens: dict[str, Process] = {}
         self._answers: defaultdict[str, list[bytes]] = defaultdict(list)
-        self._routes: dict[str, list[tuple[_Process, str]]] = {}  # key -> who subscribes to it, and by which pattern
+        self._routes: dict[str, list[tuple[Process, str]]] = {}  # key -> who subscribes to it, and by which pattern
 
     def add(self, name: str, machine: Machine, perform: Callable[[Effect], Event | None] | None = None) -> None:
         """Start a process after a random delay; ``perform`` carries out effects that do not concern the bus."""
@@ -155,7 +120,7 @@ class Simulation:
                     self._at(self.now_ns + self._draw(_RECONNECT_NS), partial(self._reconnect, process, self._routers))
         self._start(name, machine, perform)
 
-    def _reconnect(self, process: _Process, router: int) -> None:
+    def _reconnect(self, process: Process, router: int) -> None:
         """Connect a process to the router again, which learns anew of its subscriptions and tokens."""
         if not process.running or process.hangs or router != self._routers:
             return
@@ -169,8 +134,8 @@ class Simulation:
 
     def _start(self, name: str, machine: Machine, perform: Callable[[Effect], Event | None] | None) -> None:
         delay_ns = 0 if name == self._router else self._network.delay_ns
-        links = [_Link(self._random, delay_ns) for _ in range(2)]
-        process = self._processes[name] = _Process(name, machine, perform or _refuse, links)
+        links = [Link(self._random, delay_ns) for _ in range(2)]
+        process = self._processes[name] = Process(name, machine, perform or _refuse, links)
         process.router = self._routers
         process.busy_ns = self.now_ns + self._draw(self._network.start_ns)
         self._plan(process)
@@ -221,7 +186,7 @@ class Simulation:
         effects = (happened.what for happened in self.story if happened.process == name)
         return [effect.text for effect in effects if type(effect) is Tell]
 
-    def _plan(self, process: _Process) -> None:
+    def _plan(self, process: Process) -> None:
         """Schedule a process for when it is free and has something to do."""
         due_ns = process.busy_ns if process.inbox else max(process.busy_ns, process.machine.wake_ns)
         if not process.running or process.hangs or due_ns >= process.planned_ns:
@@ -229,7 +194,7 @@ class Simulation:
         process.planned_ns = due_ns
         self._at(due_ns, lambda: self._serve(process, due_ns))
 
-    def _serve(self, process: _Process, planned_ns: int) -> None:
+    def _serve(self, process: Process, planned_ns: int) -> None:
         if not process.running or process.hangs or planned_ns != process.planned_ns:
             return  # it has been rescheduled
         if not self._open and process.inbox and type(process.inbox[0]) is Started and process.name != self._router:
@@ -248,7 +213,7 @@ class Simulation:
         process.busy_ns = self.now_ns + 1 + self._draw(self._network.work_ns)
         self._plan(process)
 
-    def _handle(self, process: _Process, event: Event) -> None:
+    def _handle(self, process: Process, event: Event) -> None:
         if not process.running:
             return
         self._note(process, event)
@@ -262,12 +227,12 @@ class Simulation:
         except Exception as error:  # it would end a real process, too
             self._end(process, error)
 
-    def _note(self, process: _Process, what: Event | Effect) -> None:
+    def _note(self, process: Process, what: Event | Effect) -> None:
         happened = Happened(self.now_ns, process.name, what)
         self.story.append(happened)
         self.watch(happened)
 
-    def _do(self, process: _Process, effect: Effect) -> None:
+    def _do(self, process: Process, effect: Effect) -> None:
         match effect:
             case Put():
                 self._put(process, Arrived(*effect))
@@ -289,23 +254,25 @@ class Simulation:
             case Ask(key, wanted):
                 self._send(process, lambda: self._reply(process, Answered(self._answer(key, wanted))), Answered(None))
             case Count(key):
-                self._send(process, lambda: self._reply(process, Counted(tuple(sorted(self._matching(key))))), Counted(()))
+                self._send(
+                    process, lambda: self._reply(process, Counted(tuple(sorted(self._matching(key))))), Counted(())
+                )
             case _:
                 if (event := process.perform(effect)) is not None:
                     process.inbox.appendleft(event)
 
-    def _end(self, process: _Process, error: BaseException | None) -> None:
+    def _end(self, process: Process, error: BaseException | None) -> None:
         self.ended[process.name] = error
         self._leave(process)
 
-    def _leave(self, process: _Process) -> None:
+    def _leave(self, process: Process) -> None:
         process.running = False
         if process.name == self._router:
             self._close()
         else:
             self._send(process, lambda: self._forget(process))
 
-    def _arrive(self, process: _Process, event: Event) -> None:
+    def _arrive(self, process: Process, event: Event) -> None:
         if process.running:
             process.inbox.append(event)
             self._plan(process)
@@ -317,7 +284,7 @@ class Simulation:
     def _draw(self, most_ns: int) -> int:
         return int(self._random.random() * most_ns)
 
-    def _send(self, process: _Process, act: Callable[[], None], otherwise: Event | None = None) -> None:
+    def _send(self, process: Process, act: Callable[[], None], otherwise: Event | None = None) -> None:
         """Schedule an action of the router for when the process's message arrives there.
 
         If it is lost, because the router is gone, the process waits for an answer until that is ``otherwise``.
@@ -332,26 +299,26 @@ class Simulation:
 
         self._at(process.to_router.arrival_ns(self.now_ns), arrive)
 
-    def _reply(self, process: _Process, event: Event, pattern: str = "") -> None:
+    def _reply(self, process: Process, event: Event, pattern: str = "") -> None:
         """Send an event from the router to a process, where the thread of the subscription ``pattern`` takes it."""
         if pattern not in process.threads:
-            process.threads[pattern] = _Link(self._random, _THREAD_NS)
+            process.threads[pattern] = Link(self._random, _THREAD_NS)
         at_ns = process.threads[pattern].arrival_ns(process.from_router.arrival_ns(self.now_ns))
         self._at(at_ns, lambda: self._arrive(process, event))
 
-    def _put(self, process: _Process, arrived: Arrived) -> None:
+    def _put(self, process: Process, arrived: Arrived) -> None:
         self.published[arrived.key] += 1
         if any(matches(pattern, arrived.key) for pattern in process.subscribed):
             self._arrive(process, arrived)  # as in Zenoh, a process's own messages come back at once
         self._send(process, lambda: self._route(arrived, but=process))
 
-    def _route(self, arrived: Arrived, but: _Process | None) -> None:
+    def _route(self, arrived: Arrived, but: Process | None) -> None:
         receivers = self._routes.get(arrived.key)
         if receivers is None:
             receivers = [
                 (process, pattern)
                 for process in self._processes.values()
-                if (pattern := _first_match(process.registered, arrived.key)) is not None
+                if (pattern := first_match(process.registered, arrived.key)) is not None
             ]
             self._routes[arrived.key] = receivers
         for receiver, pattern in receivers:
@@ -365,28 +332,28 @@ class Simulation:
             return wanted if answers else None
         return self._random.choice(answers)
 
-    def _subscribe(self, process: _Process, key: str) -> None:
+    def _subscribe(self, process: Process, key: str) -> None:
         process.registered.append(key)
         self._routes.clear()
 
-    def _watch(self, process: _Process, key: str) -> None:
+    def _watch(self, process: Process, key: str) -> None:
         process.watched.append(key)
         for token in self._matching(key):
             self._reply(process, Token(token, True), key)
 
-    def _declare(self, process: _Process, key: str) -> None:
+    def _declare(self, process: Process, key: str) -> None:
         self._tokens[key] = process
         self._tell_token(Token(key, True))
 
     def _tell_token(self, token: Token) -> None:
         for watcher in self._processes.values():
-            if (pattern := _first_match(watcher.watched, token.key)) is not None:
+            if (pattern := first_match(watcher.watched, token.key)) is not None:
                 self._reply(watcher, token, pattern)
 
     def _matching(self, key: str) -> list[str]:
         return [token for token in self._tokens if matches(key, token)]
 
-    def _forget(self, process: _Process) -> None:
+    def _forget(self, process: Process) -> None:
         """Remove a process's subscriptions and tokens from the router."""
         process.registered.clear()
         process.watched.clear()
@@ -413,29 +380,10 @@ class Simulation:
         self._routes.clear()
 
 
-def _first_match(patterns: list[str], key: str) -> str | None:
-    """Return the first pattern that matches a key."""
-    return next((pattern for pattern in patterns if matches(pattern, key)), None)
-
-
-def _cut(process: _Process, router: int) -> None:
+def _cut(process: Process, router: int) -> None:
     """Have a process notice that the router has gone, unless it is connected to another one by now."""
     if process.router == router:
         process.linked = False
-
-
-@cache
-def matches(pattern: str, key: str) -> bool:
-    """Return whether ``key`` matches ``pattern``, in which ``*`` is one part and ``**`` any number of parts."""
-    return _match(pattern.split("/"), key.split("/"))
-
-
-def _match(pattern: list[str], key: list[str]) -> bool:
-    if not pattern:
-        return not key
-    if pattern[0] == "**":
-        return any(_match(pattern[1:], key[skipped:]) for skipped in range(len(key) + 1))
-    return bool(key) and pattern[0] in ("*", key[0]) and _match(pattern[1:], key[1:])
 
 
 def _refuse(effect: Effect) -> Event | None:

@@ -104,7 +104,7 @@ def _publishers(recording: Recording) -> dict[str, tuple[str, ...]]:
     for node, topics in recording.header.writes.items():
         for name in (EVENT_PREFIX + node, *topics):
             found[name] = (*found.get(name, ()), node)
-    own = {name: ("recorder",) for name in ("recorder/gap", "recorder/restart")}
+    own = dict.fromkeys(("recorder/gap", "recorder/restart"), ("recorder",))
     return {**found, "log": (*nodes, "recorder"), "diagnostics": nodes, **own}
 
 

@@ -94,6 +94,7 @@ def _run(options: argparse.Namespace) -> int:
     endpoint = endpoint_of(options, "listen" if options.name == "router" else "connect")
     keys = credentials_of(options, options.name, quiet=options.quiet)
     pulse = Pulse.private() if options.pulse is None else Pulse.shared(options.pulse)
+    shared = {"pulse": pulse, "keys": keys, "patience_s": options.patience}
     with StopSignal.installed(options.parent) as stop:
         if options.name == "router":
             from dynpf_services.router.host import run_router
@@ -112,16 +113,7 @@ def _run(options: argparse.Namespace) -> int:
             if options.sign is not None:
                 check_key(options.sign)
             try:
-                end = run_recorder(
-                    plan_of(scenario),
-                    endpoint,
-                    path,
-                    attachments,
-                    stop,
-                    pulse=pulse,
-                    keys=keys,
-                    patience_s=options.patience,
-                )
+                end = run_recorder(plan_of(scenario), endpoint, path, attachments, stop, **shared)
             finally:
                 if options.sign is not None and path.is_file():
                     sign_recording(path, options.sign)
@@ -131,14 +123,5 @@ def _run(options: argparse.Namespace) -> int:
             from dynpf_runtime.bus.host import run_node
 
             records = log.records if log else []
-            run_node(
-                options.name,
-                plan_of(scenario),
-                endpoint,
-                records,
-                stop,
-                pulse=pulse,
-                keys=keys,
-                patience_s=options.patience,
-            )
+            run_node(options.name, plan_of(scenario), endpoint, records, stop, **shared)
     return 0

@@ -46,7 +46,7 @@ class Restart(Message, frozen=True, kw_only=True):
 
 
 class Diagnostics(Message, frozen=True, kw_only=True):
-    """Timings and counters of one process; besides how long a process was gone, no other message has wall-clock times."""
+    """Timings and counters of one process, by the wall clock."""
 
     schema_name = "dynpf.Diagnostics"
     node: str

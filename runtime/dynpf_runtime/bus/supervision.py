@@ -116,19 +116,8 @@ class Supervision:
             yield Finish(self._verdict(seen, asked))
             return
         yield from self._hangs(seen, now_ns)
-        if not asked.reason and self._over(seen):
-            if self._deadline_ns is None:
-                self._deadline_ns = now_ns + GRACE_NS
-            elif now_ns > self._deadline_ns:
-                yield Finish()
-                return
-        elif not asked.reason:
-            again = [name for name, one in seen.items() if (one.exit_code or 0) < 0 and self._may_again(name, one)]
-            for name in again:
-                yield from self._again(name, seen[name])
-            if again:
-                return
-            yield from self._breaks(seen, running, now_ns)
+        if not asked.reason:
+            yield from self._watch(seen, running, now_ns)
         elif not self._asked:
             self._asked, self._moved_ns = True, now_ns
             yield Say(f"{asked.reason}: ending the run (again to end it at once)")
@@ -141,9 +130,21 @@ class Supervision:
         if asked.at_once:
             yield Finish(f"{self._failed or asked.reason}; killed what was left: {left}")
         elif self._deadline_ns is not None and now_ns > self._deadline_ns:
-            yield Finish(f"{self._failed or 'the run has broken off'}; killed what was left: {left}")
+            over = not asked.reason and self._over(seen)
+            yield Finish("" if over else f"{self._failed or 'the run has broken off'}; killed what was left: {left}")
         elif self._asked and self._stalls(seen, running, now_ns):
             yield Finish(f"{self._failed or asked.reason}; the run did not go on, killed what was left: {left}")
+
+    def _watch(self, seen: Mapping[str, Seen], running: list[str], now_ns: int) -> Iterator[Act]:
+        """Start again who was killed, or find that the run has failed."""
+        if self._over(seen):
+            self._deadline_ns = self._deadline_ns or now_ns + GRACE_NS
+            return
+        again = [name for name, one in seen.items() if (one.exit_code or 0) < 0 and self._may_again(name, one)]
+        for name in again:
+            yield from self._again(name, seen[name])
+        if not again:
+            yield from self._breaks(seen, running, now_ns)
 
     def _hangs(self, seen: Mapping[str, Seen], now_ns: int) -> Iterator[Act]:
         """Name and kill a process that hangs, and tell of one that takes long."""
@@ -178,7 +179,9 @@ class Supervision:
         """Return whether a process that was killed by a signal is to be started again."""
         died = -(one.exit_code or 0) in _BY_ITSELF and one.pulse.doing is Doing.STEP
         if died and self._died_in.get(name) == one.pulse.tick:
-            self._failed = f"{name} has died twice in the step of tick {one.pulse.tick} by signal {-(one.exit_code or 0)}"
+            self._failed = (
+                f"{name} has died twice in the step of tick {one.pulse.tick} by signal {-(one.exit_code or 0)}"
+            )
         if died:
             self._died_in[name] = one.pulse.tick
         return not self._failed and self._started[name] < self._restarts

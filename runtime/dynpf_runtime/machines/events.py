@@ -115,4 +115,6 @@ class Found(NamedTuple):
     messages: Iterator[FoundMessage]
 
 
-Event = Started | Arrived | Dropped | Token | Answered | Counted | StopAsked | RouterGone | Woke | Closed | Flushed | Found
+Event = (
+    Started | Arrived | Dropped | Token | Answered | Counted | StopAsked | RouterGone | Woke | Closed | Flushed | Found
+)

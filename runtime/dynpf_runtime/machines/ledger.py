@@ -6,7 +6,7 @@ run, the first is kept, and the run is *doubtful*: somebody speaks in a node's n
 """
 
 import hashlib
-from collections import Counter, defaultdict, deque
+from collections import Counter
 from collections.abc import Iterator
 from typing import NamedTuple, NoReturn
 
@@ -16,65 +16,20 @@ from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import OrderError, ProtocolError, RepeatError, TooLargeError
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry
 
-from dynpf_runtime.inbox import SeenNumbers
 from dynpf_runtime.machines.consumption import Consumption
 from dynpf_runtime.machines.effects import Record
 from dynpf_runtime.machines.roles import MOST_BYTES_OF_A_TICK, MOST_OF_A_TICK, Roles
+from dynpf_runtime.machines.steps import NodeSteps, OpenStep, PastStep, PlaceInTopic
 from dynpf_runtime.machines.window import Window
 from dynpf_runtime.plan import Plan
 
 __all__ = ["Ledger", "Place"]
-
-_WINDOW = 1000
-"""How many steps of each node are remembered, to tell a late claim from a repetition."""
 
 _CLAIMS = 16
 """How many different ends or entries of one step are kept at most."""
 
 _EARLY = 10_000
 """How many messages that came too early are remembered at most."""
-
-_Place = tuple[str, int]
-"""Topic and sequence of a message."""
-
-
-class _Step:
-    """What has come for a step that is not written yet."""
-
-    def __init__(self) -> None:
-        self.messages: dict[_Place, Record] = {}
-        self.bytes = 0  # of all that has been taken, kept or not
-        self.ends: list[TickDone] = []
-        self.entries: list[Record] = []
-
-
-class _Past:
-    """What was written of a step, as digests, and what has come of it again."""
-
-    def __init__(self, messages: dict[_Place, bytes], end: TickDone | None, entry: Record | None) -> None:
-        self.messages = messages
-        self.end = end
-        self.entry = None if entry is None else entry.payload
-        self.differs = self.ended_again = False
-
-
-class _Node:
-    """The steps of one node."""
-
-    def __init__(self) -> None:
-        self.written = 0  # steps
-        self.ended = False
-        self.next: defaultdict[str, int] = defaultdict(int)  # topic -> first sequence of the step not yet written
-        self.open: defaultdict[int, _Step] = defaultdict(_Step)
-        self.past: deque[_Past] = deque(maxlen=_WINDOW)
-        self.missing: set[_Place] = set()  # messages that written steps have promised, and that have not come
-        self.early: dict[_Place, bytes] = {}  # digests of what has been refused because its step was still to come
-        self.seen: defaultdict[str, SeenNumbers] = defaultdict(SeenNumbers)  # of what no end of a tick counts
-
-    def past_of(self, step: int) -> _Past | None:
-        """Return what is remembered of a written step."""
-        index = step - (self.written - len(self.past))
-        return self.past[index] if 0 <= index < len(self.past) else None
 
 
 class Dropped(NamedTuple):
@@ -104,7 +59,7 @@ class Ledger:
 
     def __init__(self, plan: Plan, roles: Roles) -> None:
         self._roles = roles
-        self._nodes = {name: _Node() for name in plan.graph.nodes}
+        self._nodes = {name: NodeSteps() for name in plan.graph.nodes}
         self._consumption = Consumption(plan)
         self._realtime = plan.clock == "realtime"
         self.window = Window(plan.graph)
@@ -243,7 +198,7 @@ class Ledger:
         """Return how many messages were promised and have not come, by topic."""
         return dict(Counter(topic for node in self._nodes.values() for topic, _ in node.missing))
 
-    def _check_open(self, name: str, node: _Node, step: int) -> None:
+    def _check_open(self, name: str, node: NodeSteps, step: int) -> None:
         """A node is in the step that is to be written, or in the next one if that has an end or an entry."""
         current, here = node.written, node.open.get(node.written)
         begun = here is not None and bool(here.ends or here.entries)
@@ -251,7 +206,7 @@ class Ledger:
             at = "its last step is over" if node.ended else f"expected {current}, the one that {name} is in"
             raise OrderError(f"tick {step}; {at}")
 
-    def _note_early(self, node: _Node, record: Record) -> None:
+    def _note_early(self, node: NodeSteps, record: Record) -> None:
         """Remember a message that is refused here, and that a node may have taken: in realtime it knows of no ticks."""
         place = record.topic, record.envelope.sequence
         if self._realtime and len(node.early) < _EARLY and place[1] >= node.next[place[0]]:
@@ -284,7 +239,7 @@ class Ledger:
         self.doubt = self.doubt or text
         return text
 
-    def _again(self, node: _Node, record: Record) -> NoReturn:
+    def _again(self, node: NodeSteps, record: Record) -> NoReturn:
         """Raise OrderError for a message of a step that is written."""
         envelope = record.envelope
         past = node.past_of(envelope.tick)
@@ -293,7 +248,7 @@ class Ledger:
             past.differs = True
         raise RepeatError(f"sequence {envelope.sequence} of tick {envelope.tick}, which has ended")
 
-    def _entered_again(self, name: str, node: _Node, record: Record) -> NoReturn:
+    def _entered_again(self, name: str, node: NodeSteps, record: Record) -> NoReturn:
         """Raise OrderError for an entry of a step that is written.
 
         What a node sends comes in order: if a stranger was faster, then all of the true step comes again, its end and
@@ -306,7 +261,7 @@ class Ledger:
             self.split = self.split or node.ended
         raise RepeatError(f"entry of step {step} again")
 
-    def _write_complete(self, name: str, node: _Node) -> Iterator[Record]:
+    def _write_complete(self, name: str, node: NodeSteps) -> Iterator[Record]:
         """Write the steps that are whole, and those whose rest is lost: then the next one is here."""
         while step := node.open.get(node.written):
             pairs = [(end, entry) for end in step.ends for entry in step.entries if self._agree(node, end, entry)]
@@ -322,7 +277,7 @@ class Ledger:
             else:
                 return
 
-    def _agree(self, node: _Node, end: TickDone, record: Record) -> bool:
+    def _agree(self, node: NodeSteps, end: TickDone, record: Record) -> bool:
         """Return whether an entry has what the end of the tick promises of the topics that the node itself writes."""
         entry = record.entry
         assert entry is not None
@@ -344,7 +299,7 @@ class Ledger:
         """Return how many messages on each topic belong to the step."""
         return {name: count for name, count in end.counts.items() if self._roles.promised(name, end.node)}
 
-    def _lacking(self, node: _Node, step: _Step, end: TickDone) -> int:
+    def _lacking(self, node: NodeSteps, step: OpenStep, end: TickDone) -> int:
         return sum(
             (name, node.next[name] + index) not in step.messages
             for name, count in self._counts(end).items()
@@ -352,7 +307,7 @@ class Ledger:
         )
 
     def _write(
-        self, name: str, node: _Node, number: int, end: TickDone | None, entry: Record | None
+        self, name: str, node: NodeSteps, number: int, end: TickDone | None, entry: Record | None
     ) -> Iterator[Record]:
         """Write a step, note what of it is missing, and go on to the next one."""
         step = node.open.pop(number)
@@ -362,7 +317,7 @@ class Ledger:
             promised = ((topic, sequence) for sequence in range(first, first + count))
             node.missing.update(place for place in promised if place not in step.messages)
             node.next[topic] = first + count
-        written: dict[_Place, bytes] = {}
+        written: dict[PlaceInTopic, bytes] = {}
         belonging: list[Record] = []
         for place, record in step.messages.items():
             if 0 < node.next[place[0]] - place[1] <= counts.get(place[0], 0):
@@ -387,7 +342,7 @@ class Ledger:
             node.ended = end.last
             self.outcome = end.outcome or self.outcome
             (self.over.add if end.last else self.over.discard)(name)
-        node.past.append(_Past(written, end, entry))
+        node.past.append(PastStep(written, end, entry))
         node.written = number + 1
         self.written += 1
         self.ticks = min(other.written for other in self._nodes.values())
@@ -401,10 +356,10 @@ def _digest(payload: bytes) -> bytes:
     return hashlib.blake2b(payload, digest_size=16).digest()
 
 
-def _first(step: _Step) -> tuple[TickDone | None, Record | None]:
+def _first(step: OpenStep) -> tuple[TickDone | None, Record | None]:
     return next(iter(step.ends), None), next(iter(step.entries), None)
 
 
-def _counts_of(step: _Step) -> dict[str, int]:
+def _counts_of(step: OpenStep) -> dict[str, int]:
     """Return counts that leave no message out, for a step of which no end has come."""
     return Counter(topic for topic, _ in step.messages)

@@ -7,7 +7,6 @@ In lockstep a process may be started again in mid-run. It learns from its peers'
 is alive when those are gone, and ready when it has caught up with them; the peers wait for it.
 """
 
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import IntEnum
 
@@ -16,28 +15,25 @@ from dynpf_protocol.errors import (
     BrokenOffError,
     OrderError,
     ProtocolError,
-    RunError,
     UnknownSenderError,
     UsageError,
 )
-from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, OPERATOR, READY, RECORDED, RECORDER, ROUTER, SCENARIO, STOP
+from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, OPERATOR, READY, RECORDED, RECORDER, ROUTER, STOP
 from dynpf_protocol.printable import printable
 
 from dynpf_runtime.machines.absence import Absence
-from dynpf_runtime.machines.agreement import first_difference
-from dynpf_runtime.machines.effects import NEVER_NS, Ask, Count, Declare, Effect, Put, Subscribe, Tell, Watch
+from dynpf_runtime.machines.admission import Admission
+from dynpf_runtime.machines.effects import NEVER_NS, Count, Declare, Effect, Put, Subscribe, Tell, Watch
 from dynpf_runtime.machines.events import Answered, Arrived, Counted, Event, RouterGone, Started, StopAsked, Token, Woke
 from dynpf_runtime.machines.heartbeats import BEAT_NS, Heartbeats
 from dynpf_runtime.machines.refusals import Refusals, known_names
+from dynpf_runtime.machines.rivals import Rivals
 from dynpf_runtime.machines.roles import check_boot, check_named
-from dynpf_runtime.machines.roster import MOST_STARTS, Change, Roster, boot_of, follows, holder, next_start
+from dynpf_runtime.machines.roster import Change, Roster, boot_of, follows, holder, next_start
 from dynpf_runtime.plan import Plan
 
 __all__ = ["Membership"]
 
-_ANSWER_NS = 5_000_000_000
-_ASK_AGAIN_NS = 20_000_000  # Zenoh reports at once that no one answers yet
-_DIFFERS_NS = 3_000_000_000  # how long another scenario has to be the answer, and ours not among the answers
 _PATIENCE_NS = 1_000_000_000  # after that a notice lists the missing peers
 
 _LINGER_NS = 2_000_000_000
@@ -100,29 +96,21 @@ class Membership:
         self._own = start
         self._starts = {start}  # all by which it has been known
         self._named: dict[str, str] = {}  # a peer -> the start by which it knows this process
-        self._text = plan.text
+        self._admission = Admission(name, plan.text, endpoint)
         self._endpoint = endpoint
         self._prepare = prepare
-        self._leads = leads
-        self._listens = listens
+        self._leads, self._listens = leads, listens
         self._stage = _Stage.ASKING
         self._stop_sent = False
         self._roster = Roster(self.peers)
+        self.starts, self.boots = self._roster.starts, self._roster.boots  # of each peer; they change in place
         self._others = Roster({ROUTER, OPERATOR})
-        self._rivals: set[str] = set()
-        self._ready_rivals: deque[str] = deque(maxlen=MOST_STARTS)
-        self._heartbeats = Heartbeats()
+        self._rivals = Rivals()
+        self.heartbeats = Heartbeats()
         self._next_beat_ns = 0
-        self._ask_at_ns = self._ask_until_ns = self._differ_at_ns = NEVER_NS
         self._look_at_ns = self._listen_until_ns = NEVER_NS
         self._linger_until_ns: int | None = None
-        self._notify_at_ns = 0
-        self._notified: set[str] = set()
-
-    @property
-    def boot(self) -> str:
-        """The boot of this process's messages."""
-        return boot_of(self.start)
+        self._notify_at_ns, self._notified = 0, set[str]()
 
     @property
     def joined(self) -> bool:
@@ -140,41 +128,26 @@ class Membership:
         return self._stage is _Stage.RUNNING
 
     @property
-    def boots(self) -> dict[str, str]:
-        """The boot of each peer's messages; changes in place."""
-        return self._roster.boots
-
-    @property
-    def starts(self) -> dict[str, str]:
-        """The start of each peer that counts; changes in place."""
-        return self._roster.starts
-
-    @property
     def present(self) -> set[str]:
         """The peers that are alive."""
         return self._roster.present
 
     def behind(self, peer: str) -> int:
         """Return how many ticks ``peer`` had ended at its last heartbeat."""
-        return self._heartbeats.ticks(peer)
-
-    @property
-    def confirmed(self) -> int:
-        """How many ticks the recorder has in its file, by its last heartbeat."""
-        return self._heartbeats.kept(RECORDER)
+        return self.heartbeats.ticks(peer)
 
     def handle(self, event: Event, now_ns: int) -> Iterator[Effect]:
         """Yield the effects of an event; of arrivals, only heartbeats and control messages matter here.
 
-        Raises UsageError if the process does not fit into the run, RunError when a peer or the router is gone, and
-        KeyboardInterrupt when this process is to end at once.
+        Raises UsageError if the process does not fit into the run, RunError when a peer or the router is gone for too
+        long, and KeyboardInterrupt when this process is to end at once.
         """
         match event:
             case Started():
-                self._ask_until_ns = now_ns + _ANSWER_NS
-                yield Ask(SCENARIO, self._text.encode())
+                yield self._admission.ask(now_ns)
             case Answered(payload):
-                yield from self._answered(payload, now_ns)
+                if self._admission.answered(payload, now_ns):
+                    yield Count(f"{ALIVE}{self.name}/*")
             case Counted(keys):
                 yield from self._counted(keys, now_ns)
             case Token():
@@ -197,9 +170,8 @@ class Membership:
 
     def _look(self, now_ns: int) -> Iterator[Effect]:
         """Do what is due while this process is not alive: ask again, look again, or stop to listen."""
-        if self._stage is _Stage.ASKING and now_ns >= self._ask_at_ns:
-            self._ask_at_ns = NEVER_NS
-            yield Ask(SCENARIO, self._text.encode())
+        if self._stage is _Stage.ASKING and now_ns >= self._admission.wake_ns:
+            yield self._admission.ask(now_ns)
         if self._stage is _Stage.ASKING and now_ns >= self._look_at_ns:
             self._look_at_ns = NEVER_NS
             yield Count(f"{ALIVE}{self.name}/*")
@@ -208,41 +180,13 @@ class Membership:
 
     def _due_ns(self, now_ns: int) -> int:
         if self._stage is _Stage.ASKING:
-            return min(self._ask_at_ns, self._look_at_ns)
+            return min(self._admission.wake_ns, self._look_at_ns)
         if self._stage is _Stage.LISTENING:
             return self._listen_until_ns
         due_ns = self._next_beat_ns
         if self._stage < _Stage.RUNNING and self._notify_at_ns > now_ns:
             due_ns = min(due_ns, self._notify_at_ns)
         return min(due_ns, self.absence.due_ns())
-
-    def _answered(self, theirs: bytes | None, now_ns: int) -> Iterator[Effect]:
-        router = f"the router at {self._endpoint}"
-        if theirs is None:
-            if now_ns > self._ask_until_ns:
-                raise RunError(
-                    f"{router} does not say which scenario it runs; is it a dynpf router, and is {self.name}'s key "
-                    "not revoked?"
-                )
-            self._ask_at_ns = now_ns + _ASK_AGAIN_NS
-            return
-        if theirs != self._text.encode() and now_ns < self._differ_at_ns:
-            # It may be a stranger's, who was there before the router had begun to answer.
-            self._differ_at_ns = min(self._differ_at_ns, now_ns + _DIFFERS_NS)
-            self._ask_at_ns = now_ns + _ASK_AGAIN_NS
-            return
-        try:
-            difference = first_difference(self._text, theirs.decode())
-        except (ValueError, RecursionError) as error:  # the text is only compared: user code in it is never imported
-            reason = printable(str(error))
-            raise RunError(f"{router} sent a scenario that cannot be read: {reason}") from error
-        if difference is not None:
-            key, here, there = difference
-            raise UsageError(
-                f"refused: this scenario differs from the router's in {printable(key)}: "
-                f"here {printable(repr(here))}, there {printable(repr(there))}"
-            )
-        yield Count(f"{ALIVE}{self.name}/*")
 
     def _counted(self, keys: Sequence[str], now_ns: int) -> Iterator[Effect]:
         """Become alive if the name is free; then look again, because a rival may have joined at the same moment.
@@ -297,7 +241,7 @@ class Membership:
         """
         if before in self._starts or follows(self.start, before) or self._stage is _Stage.ASKING:
             return
-        other = boot_of(before) != self.boot
+        other = boot_of(before) != boot_of(self.start)
         if other and self.ticks:
             return  # it speaks of another run
         self.before, self.start = before, next_start(before, self._own)
@@ -316,21 +260,12 @@ class Membership:
             yield Declare(f"{READY}{self.name}/{self.start}")
 
     def _rival(self, start: str, *, ready: bool, present: bool) -> None:
-        """Give way to a rival of the same name that is ready or has the smaller start, so that exactly one stays."""
-        if self._stage >= _Stage.READY:  # the rival gives way, unless it has come when this process was taken for gone
-            if present and self.absence.was_cut and follows(start, self.start):
-                raise BrokenOffError(f"another {self.name} has taken over, since this one was cut off")
-            return
-        if not present:
-            if not ready:
-                self._rivals.discard(start)
-            return
-        if ready:
-            self._ready_rivals.append(start)  # its token of life may still come, by another subscription
-        else:
-            self._rivals.add(start)
-        if start in self._rivals and (start in self._ready_rivals or start < self.start):
-            raise self._taken(start)
+        """Give way to a rival, or have it give way: by who of them is ready."""
+        if self._stage < _Stage.READY:
+            if self._rivals.take(start, self.start, ready=ready, present=present):
+                raise self._taken(start)
+        elif present and self.absence.was_cut and follows(start, self.start):
+            raise BrokenOffError(f"another {self.name} has taken over, since this one was cut off")
 
     def _taken(self, start: str) -> UsageError:
         return UsageError(f"{self.name} already runs at {self._endpoint} (boot {start}); stop it first")
@@ -342,7 +277,7 @@ class Membership:
         """
         if self._stage is _Stage.ALIVE:
             missing = set() if self.successor else self.peers - self._roster.present
-            if missing or self._rivals or not self.caught_up:
+            if missing or self._rivals.present or not self.caught_up:
                 yield from self._notify_missing("waiting for", missing, now_ns)
                 return
             yield Declare(f"{READY}{self.name}/{self.start}")
@@ -374,7 +309,7 @@ class Membership:
         yield Put(f"{BEAT}{self.name}", encode_control(beat))
         if not self.leaving:
             patience_ns = self.absence.patience_ns
-            for text in self._heartbeats.look({**self.starts, **self._others.starts}, now_ns, patience_ns):
+            for text in self.heartbeats.look({**self.starts, **self._others.starts}, now_ns, patience_ns):
                 if self.name == RECORDER:  # once is enough, and it is never in a step itself
                     yield Tell(text)
 
@@ -420,7 +355,7 @@ class Membership:
         if beat.node not in known or follows(beat.boot, known[beat.node]):  # its first beat may come before its token
             return
         check_boot(beat.node, beat.boot, known)
-        self._heartbeats.take(beat, now_ns)
+        self.heartbeats.take(beat, now_ns)
         if beat.node not in self.peers or not self.recovers or not beat.starts:
             return
         if (named := beat.starts.get(self.name)) is not None:
@@ -460,5 +395,6 @@ class Membership:
             self._stop_sent = True
             self.stop_reason = self.stop_reason or event.reason
             yield Put(f"{STOP}{self.name}", encode_control(Stop(self.name, self.start, event.reason)))
+
 
 _LISTEN = (Subscribe(f"{CONTROL}**"), Subscribe(f"{BEAT}**"), Watch(f"{ALIVE}**"), Watch(f"{READY}**"))

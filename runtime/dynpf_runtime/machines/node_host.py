@@ -21,6 +21,7 @@ from dynpf_runtime.machines.intake import Intake, Refusal
 from dynpf_runtime.machines.membership import Membership
 from dynpf_runtime.machines.recollection import Recollection
 from dynpf_runtime.machines.roles import Roles
+from dynpf_runtime.machines.roster import boot_of
 from dynpf_runtime.machines.turns import FollowLockstep, FollowRealtime, LeadLockstep, LeadRealtime, Turn, Turns
 from dynpf_runtime.machines.unconfirmed import MOST_UNCONFIRMED, Unconfirmed
 from dynpf_runtime.node import Node
@@ -134,7 +135,7 @@ class NodeHost:
             yield Ended(error)
 
     def _prepare(self) -> list[Effect]:
-        return [Subscribe(key) for key in self._keys if self._member.recovers or not key.startswith(RECALLED)]
+        return [Subscribe(key) for key in self._keys]
 
     def _handle(self, event: Event, now: Now) -> Iterator[Effect]:
         member = self._member
@@ -169,8 +170,8 @@ class NodeHost:
         elif type(event) is Arrived and event.key.startswith(RUN):
             past.put_off(event)
         elif member.alive and (past.wake_ns == NEVER_NS or now.monotonic_ns >= past.wake_ns):
-            if self._executor.boot != member.boot:
-                self._executor.boot, self._unconfirmed = member.boot, Unconfirmed()
+            if self._executor.boot != boot_of(member.start):
+                self._executor.boot, self._unconfirmed = boot_of(member.start), Unconfirmed()
             if self._turns is None:
                 self._turns, self._running = self._turns_of(now), True
             yield past.ask(now.monotonic_ns)
@@ -213,13 +214,13 @@ class NodeHost:
     def _repeat(self, now: Now) -> Iterator[Effect]:
         """Make the steps again whose inputs are here."""
         past, turns = self._recollection, self._turns
-        assert turns is not None
+        assert isinstance(turns, FollowLockstep | LeadLockstep)
         while self._running and self._member.ticks < past.written:
             turn = turns.repeat(stopping=self._member.ticks == past.last)
             if turn is None:
                 return
             yield from self._step(turn, now)
-            self._unconfirmed.confirm(min(self._member.confirmed, self._member.ticks - 1))
+            self._unconfirmed.confirm(min(self._member.heartbeats.kept(RECORDER), self._member.ticks - 1))
 
     def _say_again(self, now: Now) -> Iterator[Effect]:
         """Say again what the recorder has not confirmed, if somebody has come back who may have missed it."""
@@ -227,7 +228,9 @@ class NodeHost:
         if not member.recovers:
             return
         over = self._turns is not None and not self._running  # the last step is confirmed by the recorder's last word
-        unconfirmed.confirm(min(member.confirmed, member.ticks - 1) if over else member.confirmed)
+        unconfirmed.confirm(
+            min(member.heartbeats.kept(RECORDER), member.ticks - 1) if over else member.heartbeats.kept(RECORDER)
+        )
         if member.absence.returns != self._returns:
             self._returns = member.absence.returns
             unconfirmed.rouse(now.monotonic_ns, member.ticks)

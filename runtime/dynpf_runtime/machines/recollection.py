@@ -73,7 +73,11 @@ class Recollection:
         """Keep a message of another that is ahead of this process; they say it again if it is lost."""
         try:
             key, payload = arrived.key, arrived.payload
-            tick = decode_control(payload, TickDone).tick if key.startswith(TICK) else decode_envelope(arrived.attachment).tick
+            tick = (
+                decode_control(payload, TickDone).tick
+                if key.startswith(TICK)
+                else decode_envelope(arrived.attachment).tick
+            )
         except ProtocolError:
             return
         self._bytes += len(arrived.payload)

@@ -26,7 +26,19 @@ from dynpf_runtime.machines.effects import (
     Subscribe,
     Tell,
 )
-from dynpf_runtime.machines.events import Arrived, Closed, Dropped, Event, Flushed, Found, Now, Started, StopAsked, Token, Woke
+from dynpf_runtime.machines.events import (
+    Arrived,
+    Closed,
+    Dropped,
+    Event,
+    Flushed,
+    Found,
+    Now,
+    Started,
+    StopAsked,
+    Token,
+    Woke,
+)
 from dynpf_runtime.machines.ledger import Ledger
 from dynpf_runtime.machines.membership import Membership
 from dynpf_runtime.machines.rebuilding import rebuilt
@@ -134,48 +146,62 @@ class RecorderMachine:
             yield Ended(error)
 
     def _handle(self, event: Event, now: Now) -> Iterator[Effect]:
-        stage, member = self._stage, self._member
-        if type(event) is Arrived and event.key.startswith(RECALL):
-            yield from self._recall(event, now)
-        elif type(event) is Arrived and event.key.startswith(RUN):
-            if stage is _Stage.ASSEMBLING:  # it comes from a stranger: others send nothing before all are ready
-                yield from self._refuse(event.key, OrderError("the run has not begun"), now)
-            elif stage in (_Stage.RECORDING, _Stage.BROKEN):
-                yield from self._take(event, now)
-            if now.monotonic_ns >= member.wake_ns and stage is not _Stage.BROKEN:
-                yield from member.handle(event, now.monotonic_ns)
-        elif type(event) is Dropped:
-            yield from self._refuse(event.key, event.error, now)
-        elif type(event) is Closed:
-            yield from self._confirm(event.end, now)
-        elif type(event) is Started:
-            self._began_ns = now.monotonic_ns
-            yield from member.handle(event, now.monotonic_ns)
-        elif type(event) is Flushed:
-            member.kept = self._ledger.ticks if not self._ledger.missing() else member.kept
-        elif type(event) is Found:
-            yield from self._rebuild(event, now)
-        elif stage is _Stage.BROKEN:
-            if type(event) is Woke:
-                self._stage = _Stage.CLOSING
-                began = self._ledger.ticks or self._ledger.messages
-                stopped = "stopped by the user" if began else "stopped before the run began"
-                yield from self._ledger.rest()
-                yield Close(False, str(self._error) or stopped)
-        elif stage is not _Stage.SEEING_OFF or type(event) is not StopAsked:
-            yield from member.handle(event, now.monotonic_ns)
-            if type(event) is Token:
-                restart = self._restarts.take(event, now.monotonic_ns)
-                if restart is not None:
-                    yield from self._note(restart, now)
-                for asked in [self._asked_early.pop(name) for name in list(self._asked_early)]:
-                    yield from self._recall(asked, now)
-        if self._stage is _Stage.ASSEMBLING and member.running:
+        yield from self._react(event, now)
+        if self._stage is _Stage.ASSEMBLING and self._member.running:
             self._stage = _Stage.RECORDING
         if self._stage is _Stage.RECORDING:
             yield from self._record(now)
         elif self._stage is _Stage.SEEING_OFF:
             yield from self._see_off(now)
+
+    def _react(self, event: Event, now: Now) -> Iterator[Effect]:
+        member = self._member
+        match event:
+            case Arrived(key) if key.startswith(RECALL):
+                yield from self._recall(event, now)
+            case Arrived(key) if key.startswith(RUN):
+                yield from self._hear(event, now)
+            case Dropped(key):
+                yield from self._refuse(key, event.error, now)
+            case Closed(end):
+                yield from self._confirm(end, now)
+            case Flushed():
+                member.kept = self._ledger.ticks if not self._ledger.missing() else member.kept
+            case Found():
+                yield from self._rebuild(event, now)
+            case _ if self._stage is _Stage.BROKEN:
+                if type(event) is Woke:
+                    yield from self._close_broken()
+            case _ if self._stage is not _Stage.SEEING_OFF or type(event) is not StopAsked:
+                self._began_ns = now.monotonic_ns if type(event) is Started else self._began_ns
+                yield from member.handle(event, now.monotonic_ns)
+                if type(event) is Token:
+                    yield from self._greet(event, now)
+
+    def _hear(self, arrived: Arrived, now: Now) -> Iterator[Effect]:
+        stage, member = self._stage, self._member
+        if stage is _Stage.ASSEMBLING:  # it comes from a stranger: others send nothing before all are ready
+            yield from self._refuse(arrived.key, OrderError("the run has not begun"), now)
+        elif stage in (_Stage.RECORDING, _Stage.BROKEN):
+            yield from self._take(arrived, now)
+        if now.monotonic_ns >= member.wake_ns and stage is not _Stage.BROKEN:
+            yield from member.handle(arrived, now.monotonic_ns)
+
+    def _close_broken(self) -> Iterator[Effect]:
+        """Close the recording of a run that has broken off."""
+        self._stage = _Stage.CLOSING
+        began = self._ledger.ticks or self._ledger.messages
+        stopped = "stopped by the user" if began else "stopped before the run began"
+        yield from self._ledger.rest()
+        yield Close(False, str(self._error) or stopped)
+
+    def _greet(self, token: Token, now: Now) -> Iterator[Effect]:
+        """Note who was started again, and answer who has asked before its token came."""
+        restart = self._restarts.take(token, now.monotonic_ns)
+        if restart is not None:
+            yield from self._note(restart, now)
+        for asked in [self._asked_early.pop(name) for name in list(self._asked_early)]:
+            yield from self._recall(asked, now)
 
     def _rebuild(self, found: Found, now: Now) -> Iterator[Effect]:
         """Go on with the recording of another start of the recorder."""

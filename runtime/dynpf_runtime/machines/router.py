@@ -7,10 +7,10 @@ from dynpf_protocol.errors import BrokenOffError, ProtocolError
 from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, READY, RECORDED, RECORDER, ROUTER, SCENARIO, STOP
 from dynpf_protocol.printable import printable
 
+from dynpf_runtime.machines.absence import LAST_WORD_NS
 from dynpf_runtime.machines.effects import NEVER_NS, Answer, Declare, Effect, Ended, Put, Subscribe, Tell, Watch
 from dynpf_runtime.machines.events import Arrived, Dropped, Event, Now, Started, StopAsked, Token
 from dynpf_runtime.machines.heartbeats import BEAT_NS
-from dynpf_runtime.machines.absence import LAST_WORD_NS
 from dynpf_runtime.machines.refusals import Refusals, known_names
 from dynpf_runtime.machines.roles import check_boot
 from dynpf_runtime.machines.roster import Roster, holder

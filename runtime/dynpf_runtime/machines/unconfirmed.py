@@ -37,7 +37,7 @@ class Unconfirmed:
         self.bytes += len(put.payload)
 
     def confirm(self, ticks: int) -> None:
-        """Forget what was said in the first ``ticks`` ticks, which the recorder has; it has nothing if somebody lacks it."""
+        """Forget what was said in the first ``ticks`` ticks: the recorder has them in its file; nobody lacks them."""
         said = self._said
         while said and said[0][0] < ticks:
             self.bytes -= len(said.popleft()[1].payload)

@@ -1,4 +1,4 @@
-"""The recorder's window: what it has written of late, as a node's new start needs it to go on where the last one was."""
+"""The recorder's window: what it has written, as a node's new start needs it to go on where the last one was."""
 
 import hashlib
 from collections import Counter

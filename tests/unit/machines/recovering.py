@@ -17,7 +17,7 @@ from dynpf_services.recorder.host import RecorderFile
 
 from tests.unit.machines.simulated_run import ENDPOINT, host_of, simulated
 
-__all__ = ["PATIENCE_NS", "Kill", "NETWORK", "recovered"]
+__all__ = ["NETWORK", "PATIENCE_NS", "Kill", "recovered"]
 
 PATIENCE_NS = 30 * 10**9
 NETWORK = Network(start_ns=30_000_000)

@@ -8,10 +8,10 @@ import pytest
 from dynpf_protocol.control import Beat, Doing, Recorded, Stop, encode_control
 from dynpf_protocol.errors import BrokenOffError, DynpfError, UsageError
 from dynpf_protocol.keys import ALIVE, BEAT, READY, RECORDED, SCENARIO, STOP
+from dynpf_runtime.machines.absence import LAST_WORD_NS, SURE_NS
 from dynpf_runtime.machines.effects import Ask, Count, Declare, Effect, Put, Subscribe, Tell
 from dynpf_runtime.machines.events import Answered, Arrived, Counted, Event, RouterGone, Started, Token, Woke
 from dynpf_runtime.machines.heartbeats import BEAT_NS, WEDGED_NS
-from dynpf_runtime.machines.absence import LAST_WORD_NS, SURE_NS
 from dynpf_runtime.machines.membership import Membership
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import load_scenario
@@ -27,7 +27,9 @@ class Scripted:
     """A membership of the simulator, given one event after the other at a time that the script sets."""
 
     def __init__(self, boot: str = "mine", *, leads: bool = True) -> None:
-        self.machine = Membership("simulator", plan_of(SCENARIO_HERE), boot, "tcp/here:1", lambda: [PREPARED], leads=leads)
+        self.machine = Membership(
+            "simulator", plan_of(SCENARIO_HERE), boot, "tcp/here:1", lambda: [PREPARED], leads=leads
+        )
         self.now_ns = 0
         self.effects: list[Effect] = []
 

@@ -12,7 +12,6 @@ from dynpf_lab.cli.main import main
 from dynpf_protocol.errors import BrokenOffError, RunError
 from dynpf_protocol.keys import RECORDER, ROUTER
 from dynpf_protocol.messages import Command
-from dynpf_runtime.machines.effects import Ended, Put, Tell
 from dynpf_runtime.node import Result
 from dynpf_runtime.simulation import Network, Simulation
 from dynpf_services.scenario.build import plan_of
@@ -20,7 +19,6 @@ from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import record_inline
 
 from tests.unit.machines.recovering import NETWORK, PATIENCE_NS, Kill, recovered
-from tests.unit.machines.simulated_run import host_of, simulated
 from tests.unit.services.toy_nodes import ToyNode, graph_of, says
 
 SCENARIO = load_scenario("landmark-room", overrides=["max_ticks=8", "estimator.n=10"])
@@ -114,7 +112,7 @@ def test_a_node_that_does_not_do_the_same_again_is_not_believed(tmp_path: Path) 
         "simulator", writes=["controller/command"], act=lambda _: says("controller/command", Command(vx=next(calls)))
     )
     follower = ToyNode("estimator", reads=["controller/command"], act=lambda _: Result())
-    plan = PLAN._replace(graph=graph_of([source, follower]), max_ticks=30)
+    plan = PLAN._replace(graph=graph_of([source, follower]), max_ticks=30, state_digest_ticks=1)
     simulation = recovered(plan, tmp_path / "run.mcap", 1, [Kill("simulator", 60)])
     error = simulation.ended["simulator"]
     assert type(error) is RunError

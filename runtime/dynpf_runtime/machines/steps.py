@@ -1,0 +1,57 @@
+"""Steps: what a ledger holds of each node, of steps that are open and of those that are written."""
+
+from collections import defaultdict, deque
+
+from dynpf_protocol.control import TickDone
+
+from dynpf_runtime.inbox import SeenNumbers
+from dynpf_runtime.machines.effects import Record
+
+__all__ = ["NodeSteps", "OpenStep", "PastStep", "PlaceInTopic"]
+
+_WINDOW = 1000
+"""How many steps of each node are remembered, to tell a late claim from a repetition."""
+
+PlaceInTopic = tuple[str, int]
+"""Topic and sequence of a message."""
+
+
+class OpenStep:
+    """What has come for a step that is not written yet."""
+
+    def __init__(self) -> None:
+        self.messages: dict[PlaceInTopic, Record] = {}
+        self.bytes = 0  # of all that has been taken, kept or not
+        self.ends: list[TickDone] = []
+        self.entries: list[Record] = []
+
+
+class PastStep:
+    """What was written of a step, as digests, and what has come of it again."""
+
+    def __init__(self, messages: dict[PlaceInTopic, bytes], end: TickDone | None, entry: Record | None) -> None:
+        self.messages = messages
+        self.end = end
+        self.entry = None if entry is None else entry.payload
+        self.differs = self.ended_again = False
+
+
+class NodeSteps:
+    """The steps of one node."""
+
+    def __init__(self) -> None:
+        self.written = 0  # steps
+        self.ended = False
+        self.next: defaultdict[str, int] = defaultdict(int)  # topic -> first sequence of the step not yet written
+        self.open: defaultdict[int, OpenStep] = defaultdict(OpenStep)
+        self.past: deque[PastStep] = deque(maxlen=_WINDOW)
+        self.missing: set[PlaceInTopic] = set()  # messages that written steps have promised, and that have not come
+        self.early: dict[
+            PlaceInTopic, bytes
+        ] = {}  # digests of what has been refused because its step was still to come
+        self.seen: defaultdict[str, SeenNumbers] = defaultdict(SeenNumbers)  # of what no end of a tick counts
+
+    def past_of(self, step: int) -> PastStep | None:
+        """Return what is remembered of a written step."""
+        index = step - (self.written - len(self.past))
+        return self.past[index] if 0 <= index < len(self.past) else None
