@@ -1,4 +1,4 @@
-"""Processes that are killed or hang in mid-run: the run ends, says who it was, and keeps what it had."""
+"""Processes that are killed or hang in mid-run: the run goes on, or ends, says who it was, and keeps what it had."""
 
 import json
 import os
@@ -9,6 +9,7 @@ import time
 from contextlib import contextmanager
 
 import pytest
+from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import read_recording
 
 from tests.integration.processes import processes_of, service_of, until, watch_run
@@ -37,10 +38,38 @@ def assert_valid_and_incomplete(path, here):
     assert info["ticks"] >= 30
 
 
+@pytest.mark.parametrize(
+    ("name", "number"),
+    [
+        ("estimator", signal.SIGKILL),
+        ("simulator", signal.SIGSTOP),
+        ("router", signal.SIGKILL),
+        ("recorder", signal.SIGKILL),
+    ],
+)  # anywhere in a run, and several: tests/unit/machines/test_recovery.py
+def test_a_process_that_is_killed_or_hangs_is_started_again_and_the_run_has_the_same_bytes(
+    name, number, tmp_path, dynpf, here
+):
+    path, undisturbed = tmp_path / "run.mcap", tmp_path / "inline.mcap"
+    settings = "landmark-room", "--set", "max_ticks=200"
+    assert here("run", *settings, "--runner", "inline", "-o", undisturbed).code == 0
+    run = dynpf("run", *settings, "-o", path)
+    await_mid_run(tmp_path, run)
+    kill(tmp_path, name, number)
+    assert run.wait() == 0, run.stderr
+    assert f"dynpf run: {name} was killed by signal 9; starting it again (1 of at most 3)" in run.stderr
+    assert "Traceback" not in run.stderr
+    assert content_digest(read_recording(path)) == content_digest(read_recording(undisturbed))
+    told = json.loads(here("info", path, "--json").out)["restarts"]
+    assert [one["node"] for one in told] == [name]
+    assert here("doctor", path).code == 0
+    assert here("replay", path).code == 0
+
+
 @pytest.mark.parametrize("name", ["estimator", "router"])  # all others: tests/unit/machines/test_breaking_off.py
-def test_a_killed_process_ends_the_run_and_is_named(name, tmp_path, dynpf, here):
+def test_a_killed_process_ends_the_run_and_is_named_if_it_is_not_started_again(name, tmp_path, dynpf, here):
     path = tmp_path / "run.mcap"
-    run = dynpf("run", "parts-3-tracked", "-o", path)
+    run = dynpf("run", "parts-3-tracked", "--restarts", "0", "-o", path)
     await_mid_run(tmp_path, run)
     kill(tmp_path, name)
     assert run.wait() == 1
@@ -53,7 +82,7 @@ def test_a_killed_process_ends_the_run_and_is_named(name, tmp_path, dynpf, here)
 
 def test_what_a_killed_recorder_had_is_recovered_up_to_half_a_second_before(tmp_path, dynpf, here):
     path, mended = tmp_path / "run.mcap", tmp_path / "mended.mcap"
-    run = dynpf("run", "parts-3-tracked", "-o", path)
+    run = dynpf("run", "parts-3-tracked", "--restarts", "0", "-o", path)
     await_mid_run(tmp_path, run, 150)
     killed_ns = time.time_ns()
     kill(tmp_path, "recorder")
@@ -77,7 +106,7 @@ def test_what_a_killed_recorder_had_is_recovered_up_to_half_a_second_before(tmp_
 @pytest.mark.parametrize("name", ["estimator", "router"])  # all others: tests/unit/bus/test_supervision.py
 def test_a_process_that_a_signal_stops_ends_the_run_and_is_named(name, tmp_path, dynpf, here):
     path = tmp_path / "run.mcap"
-    run = dynpf("run", "parts-3-tracked", "-o", path)
+    run = dynpf("run", "parts-3-tracked", "--restarts", "0", "-o", path)
     await_mid_run(tmp_path, run)
     kill(tmp_path, name, signal.SIGSTOP)
     assert run.wait() == 1

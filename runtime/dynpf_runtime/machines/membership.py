@@ -41,8 +41,8 @@ _LINGER_NS = 2_000_000_000
 
 _LOOK_AGAIN_NS = 100_000_000
 
-_LISTEN_NS = 1_200_000_000
-"""How long to listen for a heartbeat that says that this process was there before: two heartbeats of everybody."""
+_LISTEN_NS = 2_500_000_000
+"""How long to listen for a heartbeat that says that this process was there before: five heartbeats of everybody."""
 
 
 class _Stage(IntEnum):
@@ -276,7 +276,7 @@ class Membership:
         Who takes over is ready when it has caught up, and waits for nobody if the run had begun.
         """
         if self._stage is _Stage.ALIVE:
-            missing = set() if self.successor else self.peers - self._roster.present
+            missing = frozenset() if self.successor else self.peers - self._roster.present
             if missing or self._rivals.present or not self.caught_up:
                 yield from self._notify_missing("waiting for", missing, now_ns)
                 return

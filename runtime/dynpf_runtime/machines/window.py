@@ -42,7 +42,7 @@ def entry_digest(payload: bytes) -> bytes:
 
 def end_of(envelope: Envelope, entry: JournalEntry) -> TickDone:
     """Return a node's word that a step has ended, by its journal entry; only why the run's last one was is unknown."""
-    counts = Counter(made.topic for made in (*entry.hosted, *entry.produced))
+    counts = Counter(made.topic for made in entry.hosted) + Counter(made.topic for made in entry.produced)
     return TickDone(envelope.node, envelope.boot, entry.step, entry.tick, entry.stamp_ns, dict(counts), entry.last)
 
 
