@@ -1,0 +1,431 @@
+"""The network: processes around one router, connected as by Zenoh, under a seed and a clock of their own.
+
+Every message goes to the router and from there to the subscribers, each connection keeps the order and delays messages
+at random. Liveliness tokens and queries take the same connections. In a process each subscription has a thread of its
+own, so that only what comes by one subscription keeps its order. Two simulations of the same machines under the same
+seed give the same story.
+"""
+
+import heapq
+from collections import Counter, defaultdict
+from collections.abc import Callable
+from functools import partial
+from random import Random
+from typing import NamedTuple
+
+from dynpf_runtime.machines.effects import (
+    NEVER_NS,
+    Answer,
+    Ask,
+    Count,
+    Declare,
+    Effect,
+    Ended,
+    Machine,
+    Put,
+    Subscribe,
+    Tell,
+    Watch,
+)
+from dynpf_runtime.machines.events import (
+    Answered,
+    Arrived,
+    Counted,
+    Event,
+    Now,
+    RouterGone,
+    StopAsked,
+    Woke,
+)
+from dynpf_runtime.simulation.hub import Hub
+from dynpf_runtime.simulation.keys import matches
+from dynpf_runtime.simulation.process import KILLED, Killed, Link, Network, Perform, Process
+
+__all__ = ["EPOCH_NS", "LEASE_NS", "Happened", "Network", "Simulation"]
+
+EPOCH_NS = 1_700_000_000 * 10**9
+"""The wall clock's time at the beginning, ns."""
+
+LEASE_NS = 1_500_000_000
+"""After so long without a word a connection is given up."""
+
+_ANSWER_NS = 1_000_000_000  # after so long a query has no answer
+_THREAD_NS = 200_000  # longest time from a message's arrival until the thread of its subscription has passed it on
+_CUT_NS = 20_000_000  # longest time from the loss of the others' tokens until a process knows that the router is gone
+_AGAIN_NS = 1_000_000_000  # longest time until a process that has lost the router finds it again
+
+
+class Happened(NamedTuple):
+    """One event or effect of a process, or what befell it as a text, and its time."""
+
+    at_ns: int
+    process: str
+    what: Event | Effect | str
+
+
+_NETWORK = Network()
+_ONCE = ((0, 0),)
+
+
+class Simulation:
+    """Processes by name, connected through the one named ``router``.
+
+    ``story`` lists what has happened so far, ``ended`` the processes that have ended by themselves, each with its
+    error. ``lost`` decides for each message from the router to a process whether it is lost. ``wall_ns`` is how far the
+    wall clock has been put forward.
+    """
+
+    def __init__(self, seed: int, router: str, network: Network = _NETWORK) -> None:
+        self.now_ns = 0
+        self.story: list[Happened] = []
+        self.ended: dict[str, BaseException | None] = {}
+        self.published: Counter[str] = Counter()
+        self.lost: Callable[[str, Arrived], bool] = lambda _process, _arrived: False
+        self.wall_ns = 0
+        self.processes: dict[str, Process] = {}
+        self._random = Random(seed)
+        self._router = router
+        self._network = network
+        self._agenda: list[tuple[int, int, Callable[[], None]]] = []
+        self._count = 0
+        self._hub = Hub(self.processes, self._reply, self._random)
+        self._befalls: defaultdict[tuple[str, int], list[Callable[[], None]]] = defaultdict(list)
+        self._late: dict[tuple[str, int], tuple[tuple[int, int], ...]] = {}
+
+    def add(
+        self,
+        name: str,
+        machine: Machine,
+        perform: Perform | None = None,
+        closing: Callable[[BaseException | None], None] | None = None,
+    ) -> None:
+        """Start a process after a random delay; ``perform`` carries out effects that do not concern the bus.
+
+        ``closing`` is called with the process's error, or None, when it ends by itself.
+        """
+        if name in self.processes:
+            raise ValueError(f"there is a process {name!r} already; give the second one another name")
+        delay_ns = 0 if name == self._router else self._network.delay_ns
+        links = [Link(self._random, delay_ns) for _ in range(2)]
+        process = self.processes[name] = Process(name, machine, perform or _refuse, links, closing)
+        process.busy_ns = process.began_ns = process.turned_ns = self.now_ns + self._draw(self._network.start_ns)
+        self._plan(process)
+
+    def run(self, until: Callable[[], bool] | None = None, limit_ns: int = 600 * 10**9) -> None:
+        """Run until every process has ended or hangs, or ``until`` is true; raises TimeoutError at ``limit_ns``."""
+        while self._agenda and not (until is not None and until()):
+            if not any(process.alive for process in self.processes.values()):
+                return
+            at_ns, _, act = heapq.heappop(self._agenda)
+            if at_ns > limit_ns:
+                raise TimeoutError(f"the run has not ended after {limit_ns / 1e9:g} simulated seconds")
+            if at_ns > self.now_ns:
+                self.now_ns = at_ns
+            act()
+
+    def befall(self, name: str, event: int, act: Callable[[], None]) -> None:
+        """Call ``act`` just before a process handles its event with this number, from 0."""
+        self._befalls[name, event].append(act)
+
+    def deliver(self, name: str, message: int, *copies: tuple[int, int]) -> None:
+        """Deliver the message with this number, from 0, to a process once for each of ``copies``.
+
+        A copy is by how many nanoseconds the connection is late, and by how many the thread of its subscription.
+        """
+        self._late[name, message] = copies
+
+    def after(self, delay_ns: int, act: Callable[[], None]) -> None:
+        """Call ``act`` after a time."""
+        self._at(self.now_ns + delay_ns, act)
+
+    def tell(self, name: str, text: str) -> None:
+        """Add to the story what befalls a process."""
+        self.story.append(Happened(self.now_ns, name, text))
+
+    def kill(self, name: str, effects: int = 0, unsent: int = 0) -> None:
+        """End a process at once, or after as many effects of the event that it is about to handle.
+
+        Messages that it has already sent still arrive, but for the last ``unsent``, which are still in its memory.
+        """
+        process = self.processes[name]
+        if effects:
+            process.doomed = effects, unsent
+        elif process.running:
+            for sending in list(process.unsent)[len(process.unsent) - min(unsent, len(process.unsent)) :]:
+                sending.clear()
+            process.exit_code = KILLED
+            self.tell(name, "is killed")
+            self._leave(process)
+
+    def hang(self, name: str, for_ns: int = NEVER_NS) -> None:
+        """Make a process stop handling events, for ever or for a time, while it stays connected."""
+        process = self.processes[name]
+        if not process.running or process.hangs:
+            return
+        process.hangs = True
+        self.tell(name, "hangs")
+        if for_ns < NEVER_NS:
+            process.resumes_ns = self.now_ns + for_ns
+            self._at(process.resumes_ns, lambda: self._resume(process))
+
+    def freeze(self, name: str, for_ns: int = NEVER_NS) -> None:
+        """Stop a process as SIGSTOP does: it does nothing any more, and its connection is dropped after the lease."""
+        process = self.processes[name]
+        if not process.running or process.hangs:
+            return
+        self.hang(name, for_ns)
+        process.stopped = True
+        self._hub.stopped = self._hub.stopped or name == self._router
+        if for_ns >= LEASE_NS:
+            self._at(self.now_ns + LEASE_NS, self._close if name == self._router else lambda: self._part(process))
+
+    def cut(self, name: str, for_ns: int) -> None:
+        """Cut a process off from the router; nothing is lost if the connection is there again within the lease."""
+        process = self.processes[name]
+        if not process.running or name == self._router:
+            return
+        self.tell(name, "is cut off")
+        process.cut_ns = self.now_ns + for_ns
+        for link in (process.to_router, process.from_router):
+            link.stall(process.cut_ns)
+        if for_ns >= LEASE_NS:
+            self._at(self.now_ns + LEASE_NS, lambda: self._part(process))
+
+    def slow(self, name: str, events: int, each_ns: int) -> None:
+        """Make a process take longer for its next events."""
+        self.processes[name].slow = events, each_ns
+
+    def ask_to_stop(self, name: str, reason: str, *, at_once: bool = False) -> None:
+        """Act like a signal to a process."""
+        self._arrive(self.processes[name], StopAsked(reason, at_once))
+
+    def publish(self, key: str, payload: bytes, attachment: bytes = b"") -> None:
+        """Publish as a stranger, not as a process of the run."""
+        self._hub.route(Arrived(key, payload, attachment), but=None)
+
+    def notices(self, name: str) -> list[str]:
+        """Return the texts that a process has printed for the user."""
+        effects = (happened.what for happened in self.story if happened.process == name)
+        return [effect.text for effect in effects if type(effect) is Tell]
+
+    def _plan(self, process: Process) -> None:
+        """Schedule a process for when it is free and has something to do."""
+        due_ns = process.busy_ns if process.inbox else max(process.busy_ns, process.machine.wake_ns)
+        if not process.running or process.hangs or due_ns >= process.planned_ns:
+            return
+        process.planned_ns = due_ns
+        self._at(due_ns, lambda: self._serve(process, due_ns))
+
+    def _serve(self, process: Process, planned_ns: int) -> None:
+        if not process.running or process.hangs or planned_ns != process.planned_ns:
+            return  # it has been rescheduled
+        process.planned_ns = NEVER_NS
+        if self._befalls and (acts := self._befalls.pop((process.name, process.events), None)) is not None:
+            for act in acts:
+                act()
+            if not process.running or process.hangs:
+                return
+        if process.inbox:
+            self._handle(process, process.inbox.popleft())
+        elif self.now_ns >= process.machine.wake_ns:
+            if not process.linked:
+                self._handle(process, RouterGone())
+            self._handle(process, Woke())
+        process.busy_ns = self.now_ns + 1 + self._draw(self._network.work_ns)
+        if process.slow[0]:
+            process.busy_ns += process.slow[1]
+            process.slow = process.slow[0] - 1, process.slow[1]
+        self._plan(process)
+
+    def _handle(self, process: Process, event: Event) -> None:
+        if not process.running:
+            return
+        process.events += 1
+        process.turned_ns = self.now_ns
+        self.story.append(Happened(self.now_ns, process.name, event))
+        try:
+            for effect in process.machine.handle(event, Now(self.now_ns, EPOCH_NS + self.wall_ns + self.now_ns)):
+                self.story.append(Happened(self.now_ns, process.name, effect))
+                self._do(process, effect)
+                if process.doomed is not None:
+                    self._doom(process, process.doomed)
+                if not process.running:
+                    return
+        except Killed:
+            self.kill(process.name)
+        except Exception as error:  # it would end a real process, too
+            self._end(process, error)
+        if process.doomed is not None and process.running:
+            self.kill(process.name, unsent=process.doomed[1])
+
+    def _doom(self, process: Process, doomed: tuple[int, int]) -> None:
+        effects, unsent = doomed
+        process.doomed = effects - 1, unsent
+        if effects == 1:
+            self.kill(process.name, unsent=unsent)
+
+    def _do(self, process: Process, effect: Effect) -> None:
+        match effect:
+            case Put():
+                self._put(process, Arrived(*effect))
+            case Tell():
+                pass  # the story has it
+            case Ended(error):
+                self._end(process, error)
+            case Subscribe(key):
+                process.subscribed.append(key)
+                self._send(process, lambda: self._hub.subscribe(process, key))
+            case Watch(key):
+                process.watches.append(key)
+                self._send(process, lambda: self._hub.watch(process, key))
+            case Declare(key):
+                process.declared.append(key)
+                self._send(process, lambda: self._hub.declare(process, key))
+            case Answer(key, payload):
+                self._hub.offer(key, payload)
+            case Ask(key, wanted):
+                self._query(process, lambda: Answered(self._hub.answer(key, wanted)), Answered(None))
+            case Count(key):
+                self._query(process, lambda: Counted(tuple(sorted(self._hub.matching(key)))), Counted(()))
+            case _:
+                if (event := process.perform(effect)) is not None:
+                    process.inbox.appendleft(event)
+
+    def _end(self, process: Process, error: BaseException | None) -> None:
+        self.ended[process.name] = error
+        process.end(error)
+        if process.closing is not None:
+            process.closing(error)
+        self._leave(process)
+
+    def _leave(self, process: Process) -> None:
+        process.running = False
+        if process.name == self._router:
+            self._close()
+        else:
+            self._send(process, lambda: self._hub.forget(process))
+
+    def _resume(self, process: Process) -> None:
+        """Let a process that hung go on."""
+        if not process.running:
+            return
+        self.tell(process.name, "goes on")
+        process.hangs = process.stopped = False
+        process.resumes_ns = process.planned_ns = NEVER_NS
+        if process.name == self._router:
+            self._hub.go_on()
+            if self._hub.gone:
+                self._reopen()
+        elif not process.linked:
+            self._link_again(process)
+        self._plan(process)
+
+    def _part(self, process: Process) -> None:
+        """Give up a connection that has been silent for the lease, on both sides."""
+        if not process.running or self._hub.gone or not (process.stopped or process.cut_ns > self.now_ns):
+            return
+        self._hub.hide(process)
+        self._hub.forget(process)
+        process.linked = False
+        if not process.stopped:
+            self._at(process.cut_ns, lambda: self._link_again(process))
+
+    def _close(self) -> None:
+        """End the router: processes see the others' tokens disappear, and a moment later lose their connection."""
+        if self._hub.gone or (self.processes[self._router].running and not self._hub.stopped):
+            return
+        self._hub.close()
+        for process in self.processes.values():
+            if process.name != self._router:
+                process.registered.clear()
+                process.watched.clear()
+            self._at(process.from_router.arrival_ns(self.now_ns) + self._draw(_CUT_NS), partial(_cut, process))
+
+    def _reopen(self) -> None:
+        """Let those connect again who have lost the router."""
+        self._hub.gone = False
+        router = self.processes[self._router]
+        for token in router.declared:
+            self._hub.declare(router, token)
+        for process in self.processes.values():
+            if process is not router:
+                self._link_again(process)
+        router.linked = True
+
+    def _link_again(self, process: Process) -> None:
+        """Connect a process again after a while, and tell the router of its subscriptions and tokens."""
+        self._at(self.now_ns + _CUT_NS + self._draw(_AGAIN_NS), lambda: self._declare_again(process))
+
+    def _declare_again(self, process: Process) -> None:
+        if not process.running or process.hangs or self._hub.gone or process.linked:
+            return
+        process.linked = True
+        for key in process.subscribed:
+            self._send(process, partial(self._hub.subscribe, process, key))
+        for key in process.watches:
+            self._send(process, partial(self._hub.watch, process, key))
+        for key in process.declared:
+            self._send(process, partial(self._hub.declare, process, key))
+
+    def _arrive(self, process: Process, event: Event) -> None:
+        if process.running:
+            process.inbox.append(event)
+            self._plan(process)
+
+    def _at(self, at_ns: int, act: Callable[[], None]) -> None:
+        self._count += 1
+        heapq.heappush(self._agenda, (at_ns, self._count, act))
+
+    def _draw(self, most_ns: int) -> int:
+        return int(self._random.random() * most_ns)
+
+    def _send(self, process: Process, act: Callable[[], None]) -> None:
+        """Schedule what the router does for a process for when the process's word arrives there."""
+        sending = [act]
+        process.unsent.append(sending)
+        self._at(process.to_router.arrival_ns(self.now_ns), lambda: self._hub.take(sending[0]) if sending else None)
+
+    def _reply(self, process: Process, event: Event, pattern: str = "") -> None:
+        """Send an event from the router to a process, where the thread of the subscription ``pattern`` takes it."""
+        copies = _ONCE
+        if type(event) is Arrived:
+            if self.lost(process.name, event):
+                return
+            if self._late:
+                copies = self._late.pop((process.name, process.arrivals), _ONCE)
+            process.arrivals += 1
+        if pattern not in process.threads:
+            process.threads[pattern] = Link(self._random, _THREAD_NS)
+        for link_ns, thread_ns in copies:
+            on_link_ns = process.from_router.arrival_ns(self.now_ns, link_ns)
+            self._at(process.threads[pattern].arrival_ns(on_link_ns, thread_ns), lambda: self._arrive(process, event))
+
+    def _query(self, process: Process, reply: Callable[[], Event], none: Event) -> None:
+        """Ask the router, and answer with ``none`` if it does not answer in time."""
+        waiting = [True]
+
+        def answer(event: Event) -> None:
+            if waiting:
+                waiting.clear()
+                self._arrive(process, event)
+
+        def answered() -> None:
+            event = reply()
+            self._at(process.from_router.arrival_ns(self.now_ns), lambda: answer(event))
+
+        self._send(process, answered)
+        self._at(self.now_ns + _ANSWER_NS, lambda: answer(none))
+
+    def _put(self, process: Process, arrived: Arrived) -> None:
+        self.published[arrived.key] += 1
+        if any(matches(pattern, arrived.key) for pattern in process.subscribed):
+            self._arrive(process, arrived)  # as in Zenoh, a process's own messages come back at once
+        self._send(process, lambda: self._hub.route(arrived, process))
+
+
+def _cut(process: Process) -> None:
+    process.linked = False
+
+
+def _refuse(effect: Effect) -> Event | None:
+    raise TypeError(f"no one carries out {effect!r} here")
