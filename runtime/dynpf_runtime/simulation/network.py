@@ -38,7 +38,6 @@ from dynpf_runtime.machines.events import (
     Woke,
 )
 from dynpf_runtime.simulation.hub import Hub
-from dynpf_runtime.simulation.keys import matches
 from dynpf_runtime.simulation.process import KILLED, Killed, Link, Network, Perform, Process
 
 __all__ = ["EPOCH_NS", "LEASE_NS", "Happened", "Network", "Simulation"]
@@ -65,6 +64,7 @@ class Happened(NamedTuple):
 
 _NETWORK = Network()
 _ONCE = ((0, 0),)
+_OF_THE_BUS = frozenset((Subscribe, Watch, Declare, Answer, Ask, Count))
 
 
 class Simulation:
@@ -82,12 +82,14 @@ class Simulation:
         self.published: Counter[str] = Counter()
         self.lost: Callable[[str, Arrived], bool] = lambda _process, _arrived: False
         self.wall_ns = 0
+        self.watched = False  # whether somebody kills those that hang
         self.processes: dict[str, Process] = {}
         self._random = Random(seed)
         self._router = router
         self._network = network
         self._agenda: list[tuple[int, int, Callable[[], None]]] = []
         self._count = 0
+        self._changed = True  # whether a process has ended, hangs, or goes on since ``going`` was looked at
         self._hub = Hub(self.processes, self._reply, self._random)
         self._befalls: defaultdict[tuple[str, int], list[Callable[[], None]]] = defaultdict(list)
         self._late: dict[tuple[str, int], tuple[tuple[int, int], ...]] = {}
@@ -114,14 +116,21 @@ class Simulation:
     def run(self, until: Callable[[], bool] | None = None, limit_ns: int = 600 * 10**9) -> None:
         """Run until every process has ended or hangs, or ``until`` is true; raises TimeoutError at ``limit_ns``."""
         while self._agenda and not (until is not None and until()):
-            if not any(process.alive for process in self.processes.values()):
-                return
+            if self._changed:
+                if not self.going:
+                    return
+                self._changed = False
             at_ns, _, act = heapq.heappop(self._agenda)
             if at_ns > limit_ns:
                 raise TimeoutError(f"the run has not ended after {limit_ns / 1e9:g} simulated seconds")
             if at_ns > self.now_ns:
                 self.now_ns = at_ns
             act()
+
+    @property
+    def going(self) -> bool:
+        """Whether some process is still to do something, or to be killed by the one that watches it."""
+        return any(process.running if self.watched else process.alive for process in self.processes.values())
 
     def befall(self, name: str, event: int, act: Callable[[], None]) -> None:
         """Call ``act`` just before a process handles its event with this number, from 0."""
@@ -162,7 +171,7 @@ class Simulation:
         process = self.processes[name]
         if not process.running or process.hangs:
             return
-        process.hangs = True
+        process.hangs = self._changed = True
         self.tell(name, "hangs")
         if for_ns < NEVER_NS:
             process.resumes_ns = self.now_ns + for_ns
@@ -265,15 +274,21 @@ class Simulation:
             self.kill(process.name, unsent=unsent)
 
     def _do(self, process: Process, effect: Effect) -> None:
+        if type(effect) is Put:
+            self._put(process, Arrived(*effect))
+        elif type(effect) in _OF_THE_BUS:
+            self._ask(process, effect)
+        elif type(effect) is Ended:
+            self._end(process, effect.error)
+        elif type(effect) is not Tell and (event := process.perform(effect)) is not None:  # the story has what is told
+            process.inbox.appendleft(event)
+
+    def _ask(self, process: Process, effect: Effect) -> None:
+        """Carry out an effect that concerns the router."""
         match effect:
-            case Put():
-                self._put(process, Arrived(*effect))
-            case Tell():
-                pass  # the story has it
-            case Ended(error):
-                self._end(process, error)
             case Subscribe(key):
                 process.subscribed.append(key)
+                process.hears.clear()
                 self._send(process, lambda: self._hub.subscribe(process, key))
             case Watch(key):
                 process.watches.append(key)
@@ -287,9 +302,6 @@ class Simulation:
                 self._query(process, lambda: Answered(self._hub.answer(key, wanted)), Answered(None))
             case Count(key):
                 self._query(process, lambda: Counted(tuple(sorted(self._hub.matching(key)))), Counted(()))
-            case _:
-                if (event := process.perform(effect)) is not None:
-                    process.inbox.appendleft(event)
 
     def _end(self, process: Process, error: BaseException | None) -> None:
         self.ended[process.name] = error
@@ -299,7 +311,7 @@ class Simulation:
         self._leave(process)
 
     def _leave(self, process: Process) -> None:
-        process.running = False
+        process.running, self._changed = False, True
         if process.name == self._router:
             self._close()
         else:
@@ -311,6 +323,7 @@ class Simulation:
             return
         self.tell(process.name, "goes on")
         process.hangs = process.stopped = False
+        self._changed = True
         process.resumes_ns = process.planned_ns = NEVER_NS
         if process.name == self._router:
             self._hub.go_on()
@@ -393,6 +406,8 @@ class Simulation:
                 return
             if self._late:
                 copies = self._late.pop((process.name, process.arrivals), _ONCE)
+                if copies is not _ONCE:
+                    self.tell("fault", f"{event.key} to {process.name} {_how(copies)}")
             process.arrivals += 1
         if pattern not in process.threads:
             process.threads[pattern] = Link(self._random, _THREAD_NS)
@@ -418,9 +433,17 @@ class Simulation:
 
     def _put(self, process: Process, arrived: Arrived) -> None:
         self.published[arrived.key] += 1
-        if any(matches(pattern, arrived.key) for pattern in process.subscribed):
+        if process.hears_itself(arrived.key):
             self._arrive(process, arrived)  # as in Zenoh, a process's own messages come back at once
         self._send(process, lambda: self._hub.route(arrived, process))
+
+
+def _how(copies: tuple[tuple[int, int], ...]) -> str:
+    """Return what happens to a message that comes as these copies."""
+    if not copies:
+        return "is lost"
+    late_ns = max(map(sum, copies))
+    return f"comes {'twice' if len(copies) > 1 else 'late'}, by {late_ns / 1e6:g} ms"
 
 
 def _cut(process: Process) -> None:

@@ -9,6 +9,7 @@ from dynpf_protocol.errors import DynpfError
 
 from dynpf_runtime.machines.effects import NEVER_NS, Effect, Machine
 from dynpf_runtime.machines.events import Event, Started
+from dynpf_runtime.simulation.keys import first_match
 
 __all__ = ["KILLED", "Killed", "Link", "Network", "Perform", "Process"]
 
@@ -72,6 +73,7 @@ class Process:
         self.threads: dict[str, Link] = {}  # by subscribed or watched key
         self.inbox: deque[Event] = deque([Started()])
         self.subscribed: list[str] = []
+        self.hears: dict[str, bool] = {}  # key -> whether it is among those subscribed
         self.registered: list[str] = []  # its subscriptions that the router knows
         self.watches: list[str] = []
         self.watched: list[str] = []  # what it watches, as far as the router knows
@@ -92,6 +94,13 @@ class Process:
         self.unsent: deque[list[Callable[[], None]]] = deque(maxlen=16)  # the last sendings, emptied if they are lost
         self.arrivals = 0  # messages that the router has sent to it
         self.slow: tuple[int, int] = (0, 0)  # events, and how much longer each takes, ns
+
+    def hears_itself(self, key: str) -> bool:
+        """Return whether the process subscribes to a key under which it publishes."""
+        hears = self.hears.get(key)
+        if hears is None:
+            hears = self.hears[key] = first_match(self.subscribed, key) is not None
+        return hears
 
     @property
     def alive(self) -> bool:

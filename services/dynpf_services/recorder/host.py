@@ -1,7 +1,7 @@
 """The recorder process: the recorder's machine on the bus, and its file."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Self
 
@@ -55,8 +55,16 @@ class RecorderFile:
     If an error leaves the context while the file is open, the recording's end names the error.
     """
 
-    def __init__(self, plan: Plan, boot: str, path: Path, attachments: Sequence[Attachment] = ()) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        boot: str,
+        path: Path,
+        attachments: Sequence[Attachment] = (),
+        open_writer: Callable[..., RecordingWriter] = RecordingWriter,
+    ) -> None:
         self.end: RunEnd | None = None
+        self._open_writer = open_writer
         self._plan, self._boot, self._path, self._attachments = plan, boot, path, tuple(attachments)
         self._writer: RecordingWriter | None = None
         self._progress = Progress()
@@ -75,7 +83,7 @@ class RecorderFile:
             case Record():
                 self._open.message(*effect)
             case Open():
-                self._writer = RecordingWriter(
+                self._writer = self._open_writer(
                     self._path,
                     run_header(self._plan),
                     self._attachments,

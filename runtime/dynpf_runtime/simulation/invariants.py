@@ -1,0 +1,191 @@
+"""Invariants: what holds of every run, whatever befalls it.
+
+The run ends. It has the content of the undisturbed run, or it is known to be incomplete, to whoever watched it and by
+its recording; and what an incomplete recording has is true. What befalls every run now and then, such as late messages,
+a process that stops for a moment or a clock that is put right, changes nothing.
+"""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from dynpf_formats.recording.digest import StepKey, StepLine, content_digest, steps
+from dynpf_formats.recording.doctor import altered, diagnose
+from dynpf_formats.recording.errors import RecordingError
+from dynpf_formats.recording.findings import Severity
+from dynpf_formats.recording.reader import Recording, load
+from dynpf_protocol.errors import DynpfError, UsageError
+from dynpf_protocol.keys import RECORDER, ROUTER
+from dynpf_protocol.topics import is_compared
+
+from dynpf_runtime.machines.effects import Tell
+from dynpf_runtime.replay import replay_node
+from dynpf_runtime.replay_hosts import replay_hosts
+from dynpf_runtime.simulation.faults import (
+    Clock,
+    Cut,
+    Delay,
+    Drop,
+    Duplicate,
+    Fault,
+    Freeze,
+    FullDisk,
+    Hang,
+    PowerLoss,
+    Reorder,
+    Slow,
+    Tear,
+)
+from dynpf_runtime.simulation.trial import LIMIT_NS, Run, Trial
+
+__all__ = ["Reference", "broken", "is_harmless", "reference_of"]
+
+SECOND = 1_000_000_000
+
+_Place = tuple[str, str, int]
+"""Node, topic and sequence of a message."""
+
+
+class Reference(NamedTuple):
+    """The undisturbed run: its content digest, and the stamps, payloads and steps of which that is made."""
+
+    digest: str
+    messages: Mapping[_Place, tuple[int, bytes]]
+    steps: Mapping[StepKey, StepLine]
+
+
+def reference_of(recording: Recording) -> Reference:
+    """Return what the recording of an undisturbed run says."""
+    messages = {
+        (record.node, record.topic, record.sequence): (record.stamp_ns, record.payload)
+        for record in recording.messages()
+        if is_compared(record.topic)
+    }
+    return Reference(content_digest(recording), messages, steps(recording))
+
+
+def is_harmless(fault: Fault) -> bool:
+    """Return whether a run has to be whole though this befalls it."""
+    match fault:
+        case Delay() | Reorder() | Duplicate() | Slow() | Clock():
+            return True
+        case Freeze(_, _, for_ns):
+            return 0 < for_ns <= 0.9 * SECOND
+        case Hang(_, _, for_ns):
+            return 0 < for_ns <= 2 * SECOND
+        case Cut(_, _, for_ns):
+            return for_ns <= 1.2 * SECOND
+    return False
+
+
+def broken(run: Run, reference: Reference | None, trial: Trial, folder: Path, *, replay: bool) -> list[str]:
+    """Return the invariants that a run has broken, as sentences.
+
+    Its recording is put into ``folder`` to be read by those who read recordings, and executed again if ``replay``.
+    Without a ``reference``, which a realtime run lacks, the content is compared with itself alone.
+    """
+    found = [*_ends(trial)]
+    data = trial.file
+    path = folder / "run.mcap"
+    if data is not None:
+        path.write_bytes(data)
+    whole, problems = _recording(run, reference, trial, path if data is not None else None, replay=replay)
+    found += problems
+    if not whole:
+        found += _called_whole(trial)
+        if all(map(is_harmless, trial.schedule.faults)):
+            found.append("the run is not whole, though nothing befell it that could harm it")
+    return found
+
+
+def _ends(trial: Trial) -> Iterator[str]:
+    """Yield how a run has not ended as it should."""
+    simulation = trial.simulation
+    if trial.hung:
+        left = [name for name, process in simulation.processes.items() if process.alive]
+        yield f"the run hangs: after {LIMIT_NS // SECOND} s {', '.join(left)} still wait"
+    elif trial.asked and not any(type(happened.what) is Tell for happened in simulation.story):
+        yield "the run stood still, and nobody said why"
+    for name, error in simulation.ended.items():
+        if not isinstance(error, DynpfError | KeyboardInterrupt | RecordingError | None):
+            yield f"{name} raised {type(error).__name__}: {error}"
+
+
+def _called_whole(trial: Trial) -> Iterator[str]:
+    """Yield who says of a run that is not whole that it is."""
+    ended = trial.simulation.ended
+    for name in (RECORDER, ROUTER):
+        if name in ended and ended[name] is None:
+            yield f"the {name} says that the run is whole, and it is not"
+    if trial.failure == "":
+        yield "dynpf run says that the run is whole, and it is not"
+
+
+def _recording(
+    run: Run, reference: Reference | None, trial: Trial, path: Path | None, *, replay: bool
+) -> tuple[bool, list[str]]:
+    """Return whether the recording is that of a whole run, and what is wrong with it that it does not say."""
+    if path is None:
+        return False, []
+    spoilt = any(isinstance(fault, PowerLoss | Tear | FullDisk) for fault in trial.schedule.faults)
+    found = []
+    try:
+        recording, damage = load(path)
+    except RecordingError as error:
+        lost = trial.simulation.processes[RECORDER].exit_code == 0
+        return False, [] if spoilt and not lost else [f"the recording cannot be read: {error}"]
+    errors = [item.what for item in diagnose(path).findings if item.severity is not Severity.WARNING]
+    whole = not errors
+    if whole and (recording.end is None or not recording.end.complete):
+        found.append("the recording says that it is not whole, and the doctor finds nothing")
+    if not damage and recording.end is not None:
+        found += _says(recording, errors)
+    if whole and reference is not None and not trial.asked and content_digest(recording) != reference.digest:
+        found.append("the recording is called whole, and has not the content of the undisturbed run")
+    if not whole and reference is not None and not damage:
+        found += _untrue(recording, reference)
+    if not damage and replay:
+        found += _replayed(run, recording)
+    return whole, found
+
+
+def _says(recording: Recording, errors: list[str]) -> Iterator[str]:
+    """Yield what the end of a recording says and what is not so."""
+    assert recording.end is not None
+    if recording.end.complete and errors:
+        yield f"the recording is called whole, and the doctor finds: {errors[0]}"
+    if not recording.end.complete and not recording.end.reason:
+        yield "the recording is not whole, and does not say why"
+    if not recording.end.missing and not recording.end.unresolved:  # else the chain of digests has to break
+        for item in altered(recording):
+            yield f"the recording says what is not so: {item.where}: {item.what}"
+            return
+
+
+def _untrue(recording: Recording, reference: Reference) -> Iterator[str]:
+    """Yield the first message and the first step that the undisturbed run does not have."""
+    for record in recording.messages():
+        if is_compared(record.topic):
+            expected = reference.messages.get((record.node, record.topic, record.sequence))
+            if expected != (record.stamp_ns, record.payload):
+                yield f"{record.topic} {record.sequence} of {record.node} is not that of the undisturbed run"
+                break
+    for key, line in steps(recording).items():
+        expected_line = reference.steps.get(key)
+        if expected_line is None or line._replace(state=expected_line.state) != expected_line:
+            yield f"step {key.number} of {key.node} is not that of the undisturbed run"
+            break
+
+
+def _replayed(run: Run, recording: Recording) -> Iterator[str]:
+    """Yield where a replay of what was recorded differs from it."""
+    for mismatch in replay_hosts(recording, run.plan):
+        yield f"a replay of the hosts differs: {mismatch}"
+        break
+    for name in run.plan.graph.nodes:
+        try:
+            outcome = replay_node(recording, run.plan, name)
+        except UsageError:  # it says that the recording lacks what the step has read, and what
+            continue
+        if outcome.mismatch is not None:
+            yield f"a replay of {name} differs: {outcome.mismatch}"
