@@ -42,7 +42,7 @@ class Campaign:
         self._reference = reference
         self._seed = seed
         self._folder = folder
-        self._size = play(run, Schedule(seed, -1, (), Network(), watched=True)).size
+        self._size = play(run, Schedule(seed, -1, (), Network(), watched=True), folder).size
 
     @property
     def source(self) -> str:
@@ -58,8 +58,8 @@ class Campaign:
 
     def judge(self, schedule: Schedule, *, replay: bool) -> tuple[Verdict, Trial]:
         """Play a schedule; say what became of it, by a replay of the recording too if that is wanted, or if it broke."""
-        trial = play(self._run, schedule)
-        found = broken(self._run, self._reference, trial, self._folder, replay=replay)
+        trial = play(self._run, schedule, self._folder)
+        found = broken(self._run, self._reference, trial, replay=replay)
         whole = trial.simulation.ended.get(RECORDER, trial) is None
         verdict = Verdict(
             schedule.number, whole, len(schedule.faults), trial.simulation.now_ns, tuple(found)

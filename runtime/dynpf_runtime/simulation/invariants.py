@@ -6,7 +6,6 @@ a process that stops for a moment or a clock that is put right, changes nothing.
 """
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import NamedTuple
 
 from dynpf_formats.recording.digest import StepKey, StepLine, content_digest, steps
@@ -15,10 +14,10 @@ from dynpf_formats.recording.errors import RecordingError
 from dynpf_formats.recording.findings import Severity
 from dynpf_formats.recording.reader import Recording, load
 from dynpf_protocol.errors import DynpfError, UsageError
-from dynpf_protocol.keys import RECORDER, ROUTER
+from dynpf_protocol.keys import RECORDER, ROUTER, TICK
 from dynpf_protocol.topics import is_compared
 
-from dynpf_runtime.machines.effects import Tell
+from dynpf_runtime.machines.effects import Ended, Put, Tell
 from dynpf_runtime.replay import replay_node
 from dynpf_runtime.replay_hosts import replay_hosts
 from dynpf_runtime.simulation.faults import (
@@ -36,7 +35,7 @@ from dynpf_runtime.simulation.faults import (
     Slow,
     Tear,
 )
-from dynpf_runtime.simulation.trial import LIMIT_NS, Run, Trial
+from dynpf_runtime.simulation.trial import LIMIT_NS, PATIENCE_NS, Run, Trial
 
 __all__ = ["Reference", "broken", "is_harmless", "reference_of"]
 
@@ -78,18 +77,13 @@ def is_harmless(fault: Fault) -> bool:
     return False
 
 
-def broken(run: Run, reference: Reference | None, trial: Trial, folder: Path, *, replay: bool) -> list[str]:
-    """Return the invariants that a run has broken, as sentences.
+def broken(run: Run, reference: Reference | None, trial: Trial, *, replay: bool) -> list[str]:
+    """Return the invariants that a run has broken, as sentences; its recording is executed again if ``replay``.
 
-    Its recording is put into ``folder`` to be read by those who read recordings, and executed again if ``replay``.
     Without a ``reference``, which a realtime run lacks, the content is compared with itself alone.
     """
     found = [*_ends(trial)]
-    data = trial.file
-    path = folder / "run.mcap"
-    if data is not None:
-        path.write_bytes(data)
-    whole, problems = _recording(run, reference, trial, path if data is not None else None, replay=replay)
+    whole, problems = _recording(run, reference, trial, replay=replay)
     found += problems
     if not whole:
         found += _called_whole(trial)
@@ -104,11 +98,34 @@ def _ends(trial: Trial) -> Iterator[str]:
     if trial.hung:
         left = [name for name, process in simulation.processes.items() if process.alive]
         yield f"the run hangs: after {LIMIT_NS // SECOND} s {', '.join(left)} still wait"
-    elif trial.asked and not any(type(happened.what) is Tell for happened in simulation.story):
+    elif trial.asked and not _told(trial):
         yield "the run stood still, and nobody said why"
+    elif trial.asked and _began(trial) and not _may_stand_still(trial):
+        yield f"the run stood still for {PATIENCE_NS // SECOND} s"
     for name, error in simulation.ended.items():
         if not isinstance(error, DynpfError | KeyboardInterrupt | RecordingError | None):
             yield f"{name} raised {type(error).__name__}: {error}"
+
+
+def _began(trial: Trial) -> bool:
+    """Return whether the run has begun; before, it waits for a process that is not there."""
+    return any(key.startswith(TICK) for key in trial.simulation.published)
+
+
+def _may_stand_still(trial: Trial) -> bool:
+    """Return whether a message was lost that a step waits for, or a process hangs and nobody watches it."""
+    hangs = any(process.hangs for process in trial.simulation.processes.values())
+    return hangs or any(type(fault) is Drop for fault in trial.schedule.faults)
+
+
+def _told(trial: Trial) -> bool:
+    """Return whether a process has said something since the last step of any."""
+    for _, _, what in reversed(trial.simulation.story):
+        if type(what) is Tell or (type(what) is Ended and what.error is not None):
+            return True
+        if type(what) is Put and what.key.startswith(TICK):
+            return False
+    return False
 
 
 def _called_whole(trial: Trial) -> Iterator[str]:
@@ -122,10 +139,11 @@ def _called_whole(trial: Trial) -> Iterator[str]:
 
 
 def _recording(
-    run: Run, reference: Reference | None, trial: Trial, path: Path | None, *, replay: bool
+    run: Run, reference: Reference | None, trial: Trial, *, replay: bool
 ) -> tuple[bool, list[str]]:
     """Return whether the recording is that of a whole run, and what is wrong with it that it does not say."""
-    if path is None:
+    path = trial.path
+    if not path.exists():
         return False, []
     spoilt = any(isinstance(fault, PowerLoss | Tear | FullDisk) for fault in trial.schedule.faults)
     found = []
@@ -144,7 +162,8 @@ def _recording(
         found.append("the recording is called whole, and has not the content of the undisturbed run")
     if not whole and reference is not None and not damage:
         found += _untrue(recording, reference)
-    if not damage and replay:
+    lacking = recording.end is not None and recording.end.missing
+    if not damage and not lacking and replay:
         found += _replayed(run, recording)
     return whole, found
 
@@ -171,9 +190,9 @@ def _untrue(recording: Recording, reference: Reference) -> Iterator[str]:
                 yield f"{record.topic} {record.sequence} of {record.node} is not that of the undisturbed run"
                 break
     for key, line in steps(recording).items():
-        expected_line = reference.steps.get(key)
+        expected_line = reference.steps.get(key._replace(number=line.step))
         if expected_line is None or line._replace(state=expected_line.state) != expected_line:
-            yield f"step {key.number} of {key.node} is not that of the undisturbed run"
+            yield f"step {line.step} of {key.node} is not that of the undisturbed run"
             break
 
 

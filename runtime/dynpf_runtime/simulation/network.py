@@ -120,9 +120,9 @@ class Simulation:
                 if not self.going:
                     return
                 self._changed = False
-            at_ns, _, act = heapq.heappop(self._agenda)
-            if at_ns > limit_ns:
+            if self._agenda[0][0] > limit_ns:
                 raise TimeoutError(f"the run has not ended after {limit_ns / 1e9:g} simulated seconds")
+            at_ns, _, act = heapq.heappop(self._agenda)
             if at_ns > self.now_ns:
                 self.now_ns = at_ns
             act()

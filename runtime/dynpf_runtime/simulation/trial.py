@@ -37,12 +37,12 @@ from dynpf_runtime.simulation.schedule import Schedule, Size
 from dynpf_runtime.simulation.watch import Watch
 from dynpf_runtime.source import LogRecord
 
-__all__ = ["ENDPOINT", "FILE", "LIMIT_NS", "Run", "Trial", "play"]
+__all__ = ["ENDPOINT", "FILE", "LIMIT_NS", "PATIENCE_NS", "Run", "Trial", "play"]
 
 ENDPOINT = "tls/simulated:1"
 
-FILE = Path("run.mcap")
-"""What the recording is called on the simulated disk."""
+FILE = "run.mcap"
+"""What the recording is called."""
 
 PATIENCE_NS = 60_000_000_000
 """After so long the user asks a run to end that stands still."""
@@ -91,10 +91,9 @@ class Trial(NamedTuple):
     failure: str | None
 
     @property
-    def file(self) -> bytes | None:
-        """The bytes of the recording; None if none was begun."""
-        file = self.disk.files.get(FILE)
-        return None if file is None else bytes(file.data)
+    def path(self) -> Path:
+        """Where the recording is, if one was begun."""
+        return self.disk.folder / FILE
 
     @property
     def size(self) -> Size:
@@ -128,14 +127,22 @@ class _Gauges:
         return 0
 
 
-def play(run: Run, schedule: Schedule) -> Trial:
-    """Simulate a run under a schedule until all of its processes have ended."""
-    plan, disk = run.plan, Disk()
+def play(run: Run, schedule: Schedule, folder: Path) -> Trial:
+    """Simulate a run under a schedule until all of its processes have ended; its disk is ``folder``."""
+    disk = Disk(folder)
+    try:
+        return _play(run, schedule, disk)
+    finally:
+        disk.close()
+
+
+def _play(run: Run, schedule: Schedule, disk: Disk) -> Trial:
+    plan = run.plan
     simulation = Simulation(schedule.network_seed, ROUTER, schedule.network)
     ticks: dict[str, int] = {}
     simulation.add(ROUTER, RouterMachine(plan, "router-1"))
-    recording = run.open_recording(plan, "recorder-1", FILE, partial(RecordingWriter, open_file=disk.open))
-    machine = RecorderMachine(plan, "recorder-1", ENDPOINT, str(FILE))
+    recording = run.open_recording(plan, "recorder-1", disk.folder / FILE, partial(RecordingWriter, open_file=disk.open))
+    machine = RecorderMachine(plan, "recorder-1", ENDPOINT, FILE)
     simulation.add(RECORDER, machine, recording.perform, partial(_leave, recording))
     for name in plan.graph.nodes:
         node = plan.graph.specs[name].build()

@@ -37,4 +37,6 @@ def campaign_of(scenario: Scenario, seed: int, log: Log | None = None, *, memory
             path = folder / "reference.mcap"
             record_inline(scenario, path, LogContent(records, log.attachments))
             reference = reference_of(read_recording(path))
-        yield Campaign(run, reference, seed, folder)
+        disk = folder / "disk"
+        disk.mkdir()
+        yield Campaign(run, reference, seed, disk)
