@@ -51,13 +51,19 @@ class Doing(IntEnum):
 
 
 class Beat(msgspec.Struct, frozen=True, array_like=True):
-    """A heartbeat: the process has ended ``ticks`` ticks, and its main loop has been ``doing`` this for ``for_ns``."""
+    """A heartbeat: the process has ended ``ticks`` ticks, and its main loop has been ``doing`` this for ``for_ns``.
+
+    ``boot`` is the sender's start. A recorder says of how many ticks all is in its file, ``kept``. Once a process is
+    ready it says which start of each process of the run counts.
+    """
 
     node: Name
     boot: Name
     ticks: Count63
     doing: Doing = Doing.TURNING
     for_ns: Count63 = 0
+    kept: Count63 = 0
+    starts: dict[Name, Name] = {}
 
 
 class Recorded(msgspec.Struct, frozen=True, array_like=True):

@@ -8,6 +8,7 @@ __all__ = [
     "DynpfError",
     "OrderError",
     "ProtocolError",
+    "RepeatError",
     "RunError",
     "ScenarioError",
     "StepError",
@@ -40,6 +41,10 @@ class UnknownSenderError(ProtocolError):
 
 class OrderError(ProtocolError):
     """A message is not one of those that its sender may send next: a repetition, or ahead of its sender."""
+
+
+class RepeatError(OrderError):
+    """A message has come before: a process that has been cut off, or started again, says once more what it had said."""
 
 
 class TooLargeError(BadMessageError):

@@ -9,6 +9,8 @@ __all__ = [
     "OBSERVER",
     "OPERATOR",
     "READY",
+    "RECALL",
+    "RECALLED",
     "RECORDED",
     "RECORDER",
     "ROUTER",
@@ -28,6 +30,8 @@ DATA = "dynpf/run/data/"  # + topic, and of those that several processes write +
 SAID_BY = "/-/"  # which stands in no topic
 JOURNAL = "dynpf/run/journal/"  # + node
 TICK = "dynpf/run/tick/"  # + node
+RECALL = "dynpf/run/recall/"  # + node that asks the recorder for what it has read
+RECALLED = "dynpf/recalled/"  # + node that has asked, by the recorder alone
 BEAT = "dynpf/beat/"  # + process
 CONTROL = "dynpf/control/"
 STOP = "dynpf/control/stop/"  # + process that asks for the end of the run

@@ -153,6 +153,10 @@ class Executor:
         self._sequences[topic] = sequence + 1
         return Unsent(topic, Envelope(self.spec.name, self.boot, sequence, tick, stamp_ns, 0), message)
 
+    def number_from(self, topic: str, sequence: int) -> None:
+        """Give the topic's next message this sequence number, because those before have been sent."""
+        self._sequences[topic] = sequence
+
     def _result(self, tick: int, stamp_ns: int, inputs: Sequence[Received]) -> Result:
         """Run the node's step, translating topics to its own names and back."""
         reads, writes = self.spec.reads, self.spec.writes

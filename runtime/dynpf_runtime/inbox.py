@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from dynpf_protocol.control import TickDone
 from dynpf_protocol.envelope import Envelope
-from dynpf_protocol.errors import OrderError
+from dynpf_protocol.errors import OrderError, RepeatError
 from dynpf_protocol.topics import LOG_NODE, Delivery, Topic
 
 from dynpf_runtime.faults import FaultyLink
@@ -68,16 +68,16 @@ class LockstepInbox:
         self._admit(sender, tick)
         ahead = envelope.sequence - self._next[name]
         if not 0 <= ahead < _AHEAD:
-            raise OrderError(f"sequence {envelope.sequence} in tick {tick}; expected {self._next[name]} or the next")
+            raise _order(ahead)(f"sequence {envelope.sequence} in tick {tick}; expected {self._next[name]} or the next")
         here = self._messages.get((sender, tick))
         if here is not None and here.get((name, envelope.sequence)) is not None:
-            raise OrderError(f"sequence {envelope.sequence} again in tick {tick}")
+            raise RepeatError(f"sequence {envelope.sequence} again in tick {tick}")
 
     def admit_end(self, done: TickDone) -> None:
         """Raise OrderError for the end of a tick that its node does not end now."""
         self._admit(done.node, done.tick)
         if done in self._ends.get((done.node, done.tick), ()):
-            raise OrderError(f"the end of tick {done.tick} again")
+            raise RepeatError(f"the end of tick {done.tick} again")
 
     def _admit(self, sender: str, tick: int) -> None:
         """Raise OrderError for a tick that is over, or that ``sender`` cannot be in before this node has made its step.
@@ -88,7 +88,8 @@ class LockstepInbox:
         if lag is None:
             raise OrderError(f"no step waits for {sender}")
         if not max(0, self.tick - lag) <= tick <= self.tick:
-            raise OrderError(f"tick {tick}; expected {max(0, self.tick - lag)}, which {sender} is in")
+            error = _order(tick - max(0, self.tick - lag))
+            raise error(f"tick {tick}; expected {max(0, self.tick - lag)}, which {sender} is in")
 
     def deliver(self, received: Received, tick: int, _now_ns: int = 0) -> None:
         """Add a message of a tick."""
@@ -188,6 +189,15 @@ class SeenNumbers:
         self._next = 0
         self._open: set[int] = set()  # before _next, and yet to come
 
+    @property
+    def following(self) -> int:
+        """The number after the greatest that has come."""
+        return self._next
+
+    def came(self, number: int) -> bool:
+        """Return whether a number has come before."""
+        return number < self._next and number not in self._open
+
     def take(self, number: int) -> None:
         """Note a number; raises OrderError for one that has come before, or is far ahead of the last."""
         if number >= self._next + _LEAD:
@@ -200,7 +210,7 @@ class SeenNumbers:
         elif number in self._open:
             self._open.discard(number)
         else:
-            raise OrderError(f"number {number} again; expected {self._next} or later")
+            raise RepeatError(f"number {number} again; expected {self._next} or later")
 
 
 class RealtimeInbox:
@@ -275,6 +285,11 @@ class RealtimeInbox:
         self._stamp_ns = max([self._stamp_ns, *(received.stamp_ns for received in inputs)])
         self.tick += 1
         return Ready(self.tick - 1, self._stamp_ns, inputs, last)
+
+
+def _order(ahead: int) -> type[OrderError]:
+    """Return the error for a message that is so far ahead of what is expected."""
+    return RepeatError if ahead < 0 else OrderError
 
 
 def _check_read(name: str, reads: Container[str]) -> None:

@@ -102,6 +102,7 @@ class RecordingWriter:
         attachments: tuple[Attachment, ...] = (),
         *,
         overwrite: bool = False,
+        draft: Path | None = None,
         boot: str = "recorder",
         topics: Mapping[str, Topic] | None = None,
         schemas: Mapping[str, RecordedSchema] = {},
@@ -109,6 +110,7 @@ class RecordingWriter:
     ) -> None:
         """Open the file and write the header and the attachments.
 
+        All goes into the file ``draft``, if one is given, until ``place`` moves that to ``path``.
         ``topics`` are the run's, by default those that come with dynpf. ``schemas`` are those of another recording of
         the run, for topics whose types are not available. ``open_file`` opens the file, and is told whether it may
         replace one; it raises OSError.
@@ -129,9 +131,10 @@ class RecordingWriter:
         for attachment in attachments:
             _check_size(self.path, f"attachment {attachment.name!r}", len(attachment.data))
         try:
-            self._file = open_file(self.path, overwrite)
+            self._draft = draft
+            self._file = open_file(draft or self.path, overwrite or draft is not None)
         except FileExistsError:
-            raise RecordingExistsError(f"{self.path}: the file exists; choose another name or overwrite it") from None
+            raise _exists(self.path) from None
         except OSError as error:
             raise _unwritable(self.path, error) from error
         self._mcap = Writer(self._file, chunk_size=2 * CHUNK_BYTES, enable_data_crcs=True)  # type: ignore[arg-type]
@@ -198,19 +201,48 @@ class RecordingWriter:
             raise self._fail(error) from error
         self._account.add(source, envelope.sequence, envelope.stamp_ns, envelope.publish_ns, payload, entry=entry)
 
-    def flush_if_due(self, now_ns: int) -> None:
-        """Close the chunk and hand it to the operating system if the last flush is FLUSH_NS ago; call this often."""
+    def place(self, *, replace: bool) -> None:
+        """Hand all so far to the operating system, and move the draft to the recording's path.
+
+        A file that is there is replaced, or else RecordingExistsError raised.
+        """
+        assert self._draft is not None, "the recording is in its place"
+        try:
+            self._flush()
+            if replace:
+                self._draft.replace(self.path)
+            else:
+                _move_new(self._draft, self.path)
+        except FileExistsError:
+            raise _exists(self.path) from None
+        except OSError as error:
+            raise self._fail(error) from error
+        self._draft = None
+
+    def discard(self) -> None:
+        """Remove the draft: nothing more is written."""
+        assert self._draft is not None, "the recording is in its place"
+        self._closed = True
+        self._file.close()
+        self._draft.unlink(missing_ok=True)
+
+    def flush_if_due(self, now_ns: int) -> bool:
+        """Close the chunk and hand it to the operating system if the last flush is FLUSH_NS ago; call this often.
+
+        Returns whether it has.
+        """
         if self._failure is not None:
             raise self._failure
         if self._flushed_ns is None:
             self._flushed_ns = now_ns
         if now_ns - self._flushed_ns < FLUSH_NS:
-            return
+            return False
         self._flushed_ns = now_ns
         try:
             self._flush()
         except OSError as error:
             raise self._fail(error) from error
+        return True
 
     def close(self, complete: bool, reason: str, outcome: str = "") -> RunEnd:
         """End the recording and return the end that was written.
@@ -289,6 +321,24 @@ def _unwritable(path: Path, error: OSError) -> RecordingError:
             f"{path}: no room left to write ({os.strerror(error.errno)}); what was written can be recovered"
         )
     return RecordingError(f"{path}: cannot be written: {error.strerror}")
+
+
+def _exists(path: Path) -> RecordingExistsError:
+    return RecordingExistsError(f"{path}: the file exists; choose another name or overwrite it")
+
+
+def _move_new(source: Path, target: Path) -> None:
+    """Move a file to a path at which there is none; raises FileExistsError."""
+    try:
+        target.hardlink_to(source)
+    except FileExistsError:
+        raise
+    except OSError:  # not on this file system
+        if target.exists():
+            raise FileExistsError from None
+        source.replace(target)
+    else:
+        source.unlink()
 
 
 def _check_size(path: Path, what: str, size: int) -> None:

@@ -19,6 +19,7 @@ __all__ = [
     "Ended",
     "Flush",
     "Machine",
+    "Mend",
     "Open",
     "Put",
     "Record",
@@ -85,7 +86,13 @@ class Tell(NamedTuple):
 
 
 class Open(NamedTuple):
-    """Open the recording."""
+    """Open the recording; Found follows if it is to be gone on with, and there is one."""
+
+    again: bool = False
+
+
+class Mend(NamedTuple):
+    """Put the recording that has been written since Found in the place of the found one."""
 
 
 class Record(NamedTuple):
@@ -98,7 +105,7 @@ class Record(NamedTuple):
 
 
 class Flush(NamedTuple):
-    """Hand the open chunk to the operating system if it is old enough."""
+    """Hand the open chunk to the operating system if it is old enough; then Flushed follows."""
 
     now_ns: int
 
@@ -124,7 +131,23 @@ class Ended(NamedTuple):
     error: BaseException | None = None
 
 
-Effect = Put | Subscribe | Watch | Declare | Answer | Ask | Count | Tell | Open | Record | Flush | Close | Show | Ended
+Effect = (
+    Put
+    | Subscribe
+    | Watch
+    | Declare
+    | Answer
+    | Ask
+    | Count
+    | Tell
+    | Open
+    | Mend
+    | Record
+    | Flush
+    | Close
+    | Show
+    | Ended
+)
 
 
 class Machine(Protocol):

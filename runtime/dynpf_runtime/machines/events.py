@@ -1,8 +1,10 @@
 """Events: everything that can happen to a process of a run."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from dynpf_formats.recording.header import RunEnd
+from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import ProtocolError, TooLargeError
 
 __all__ = [
@@ -12,6 +14,9 @@ __all__ = [
     "Counted",
     "Dropped",
     "Event",
+    "Flushed",
+    "Found",
+    "FoundMessage",
     "Now",
     "RouterGone",
     "Started",
@@ -92,4 +97,22 @@ class Closed(NamedTuple):
     end: RunEnd
 
 
-Event = Started | Arrived | Dropped | Token | Answered | Counted | StopAsked | RouterGone | Woke | Closed
+class Flushed(NamedTuple):
+    """The answer to Flush: all that has been recorded so far is handed to the operating system."""
+
+
+class FoundMessage(NamedTuple):
+    """A message of a recording; the envelope's tick is of no meaning."""
+
+    topic: str
+    envelope: Envelope
+    payload: bytes
+
+
+class Found(NamedTuple):
+    """The answer to Open: what another start of the recorder has recorded, in the order of the file."""
+
+    messages: Iterator[FoundMessage]
+
+
+Event = Started | Arrived | Dropped | Token | Answered | Counted | StopAsked | RouterGone | Woke | Closed | Flushed | Found

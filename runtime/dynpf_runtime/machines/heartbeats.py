@@ -50,23 +50,29 @@ class Heartbeats:
         heard = self._heard.get(peer)
         return 0 if heard is None else heard.beat.ticks
 
-    def look(self, boots: Mapping[str, str], now_ns: int) -> Iterator[str]:
-        """Yield notices on present peers, by their ``boots``; raises BrokenOffError that names one that hangs.
+    def kept(self, peer: str) -> int:
+        """Return how many ticks ``peer`` had in its file at its last heartbeat."""
+        heard = self._heard.get(peer)
+        return 0 if heard is None else heard.beat.kept
 
-        To be called at every heartbeat of this process.
+    def look(self, starts: Mapping[str, str], now_ns: int, patience_ns: int = 0) -> Iterator[str]:
+        """Yield notices on present peers, by their ``starts``; raises BrokenOffError that names one that hangs.
+
+        Whoever watches its process has ``patience_ns`` to start it again. To be called at every heartbeat of this
+        process.
         """
         before_ns, self._looked_ns = self._looked_ns, now_ns
         if before_ns is not None and now_ns - before_ns > BEAT_NS + HELD_UP_NS:
             self._heard = {peer: heard._replace(at_ns=now_ns) for peer, heard in self._heard.items()}
             return
         for peer, (beat, at_ns) in self._heard.items():
-            if boots.get(peer) == beat.boot:
-                yield from self._judge(peer, beat, now_ns - at_ns)
+            if starts.get(peer) == beat.boot:
+                yield from self._judge(peer, beat, now_ns - at_ns, patience_ns)
 
-    def _judge(self, peer: str, beat: Beat, silent_ns: int) -> Iterator[str]:
-        if beat.doing is Doing.TURNING and beat.for_ns > WEDGED_NS:
+    def _judge(self, peer: str, beat: Beat, silent_ns: int, patience_ns: int) -> Iterator[str]:
+        if beat.doing is Doing.TURNING and beat.for_ns > WEDGED_NS + patience_ns:
             raise _hangs(peer, f"its main loop has stood still for {beat.for_ns / SECOND_NS:.1f} s")
-        if silent_ns > SILENT_NS:
+        if silent_ns > SILENT_NS + patience_ns:
             raise _hangs(peer, f"it has said nothing for {silent_ns // SECOND_NS} s")
         lasted_ns = silent_ns
         what = "said nothing"

@@ -13,16 +13,17 @@ from typing import NamedTuple, NoReturn
 from dynpf_protocol.codec import decode
 from dynpf_protocol.control import TickDone
 from dynpf_protocol.envelope import Envelope
-from dynpf_protocol.errors import OrderError, ProtocolError, TooLargeError
+from dynpf_protocol.errors import OrderError, ProtocolError, RepeatError, TooLargeError
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry
 
 from dynpf_runtime.inbox import SeenNumbers
 from dynpf_runtime.machines.consumption import Consumption
 from dynpf_runtime.machines.effects import Record
 from dynpf_runtime.machines.roles import MOST_BYTES_OF_A_TICK, MOST_OF_A_TICK, Roles
+from dynpf_runtime.machines.window import Window
 from dynpf_runtime.plan import Plan
 
-__all__ = ["Ledger"]
+__all__ = ["Ledger", "Place"]
 
 _WINDOW = 1000
 """How many steps of each node are remembered, to tell a late claim from a repetition."""
@@ -83,6 +84,18 @@ class Dropped(NamedTuple):
     error: OrderError
 
 
+class Place(NamedTuple):
+    """How far a node has come: steps written, steps of which it has said that they have ended, and its last step.
+
+    ``numbers`` has the next one of each topic that its host writes at any time.
+    """
+
+    written: int
+    said: int
+    last: int | None
+    numbers: dict[str, int]
+
+
 class Ledger:
     """The steps of all nodes of a run of ``plan``; ``roles`` has checked what comes here.
 
@@ -94,6 +107,9 @@ class Ledger:
         self._nodes = {name: _Node() for name in plan.graph.nodes}
         self._consumption = Consumption(plan)
         self._realtime = plan.clock == "realtime"
+        self.window = Window(plan.graph)
+        self.patient = False  # whether what has not come will be said again
+        self.rebuilt = False  # from a recording, which does not have why the run's last step was the last
         self.ticks = 0  # written of every node
         self.written = 0  # steps of all nodes
         self.stamp_ns = 0
@@ -105,24 +121,49 @@ class Ledger:
         self.over: set[str] = set()  # the nodes of whose last step the end of the tick is here
 
     @property
+    def source(self) -> str:
+        """The node that is the run's clock."""
+        return self._roles.source
+
+    @property
     def ended(self) -> bool:
-        """Whether the last step of every node is written."""
-        return all(node.ended for node in self._nodes.values())
+        """Whether the last step of every node is written, and why it was the last is known."""
+        return all(node.ended for node in self._nodes.values()) and not (self.rebuilt and not self.outcome)
 
     @property
     def ending(self) -> bool:
         """Whether the last step of every node is written, or its end of that tick is here."""
         return len(self.over) == len(self._nodes)
 
+    @property
+    def finished(self) -> set[str]:
+        """The nodes whose last step is written."""
+        return {name for name, node in self._nodes.items() if node.ended}
+
+    def place(self, name: str) -> Place:
+        """Return how far a node has come."""
+        node = self._nodes[name]
+        said, last = node.written, node.written - 1 if node.ended else None
+        here = node.open.get(node.written)
+        if here is not None and here.ends:
+            said, last = said + 1, node.written if here.ends[0].last else None
+        written = node.written
+        if node.ended and self._roles.source == name and self.rebuilt and not self.outcome:
+            written -= 1  # it is to say once more why
+        numbers = {topic: seen.following for topic, seen in node.seen.items()}
+        return Place(written, said, last, numbers)
+
     def message(self, name: str, sender: str, envelope: Envelope, payload: bytes) -> tuple[Record, ...]:
         """Take a message; raises OrderError if it is not one that its sender may send now."""
         node, place, record = self._nodes[sender], (name, envelope.sequence), Record(name, envelope, payload)
         if not self._roles.promised(name, sender):
-            self._check_open(sender, node, max(envelope.tick, node.written))
+            if not node.seen[name].came(envelope.sequence):
+                self._check_open(sender, node, max(envelope.tick, node.written))
             node.seen[name].take(envelope.sequence)
             return (self._counted(record),)
         if place in node.missing:
             node.missing.discard(place)
+            self.window.found(record, sender)
             return (self._counted(record),)
         if envelope.tick < node.written:
             self._again(node, record)
@@ -151,11 +192,13 @@ class Ledger:
             if past is not None:
                 past.ended_again = True
                 past.differs = past.differs or past.end != done
-            raise OrderError(f"{what} again")
+            if done.last and self.rebuilt:
+                self.outcome = done.outcome or self.outcome
+            raise RepeatError(f"{what} again")
         self._check_open(name, node, done.tick)
         ends = node.open[done.tick].ends
         if done in ends:
-            raise OrderError(f"{what} again")
+            raise RepeatError(f"{what} again")
         if ends:
             self._doubt(what, name)
             self.split = self.split or any(one.last != done.last for one in ends)
@@ -178,12 +221,17 @@ class Ledger:
         self._check_open(name, node, entry.step)
         entries = node.open[entry.step].entries
         if any(one.payload == payload for one in entries):
-            raise OrderError(f"entry of step {entry.step} again")
+            raise RepeatError(f"entry of step {entry.step} again")
         if entries:
             self._doubt(f"entry of step {entry.step}", name)
         if len(entries) < _CLAIMS:
             entries.append(record)
         yield from self._write_complete(name, node)
+
+    def forget_open(self) -> None:
+        """Forget what has come of steps that are not written."""
+        for node in self._nodes.values():
+            node.open.clear()
 
     def rest(self) -> Iterator[Record]:
         """Yield what has come of steps that are not whole; nothing may follow."""
@@ -216,7 +264,7 @@ class Ledger:
         """
         what = f"message {record.envelope.sequence} on {name}"
         if held.payload == record.payload:
-            raise OrderError(f"{what} again")
+            raise RepeatError(f"{what} again")
         if not self._readable(record):
             raise OrderError(f"a second {what}, which cannot be read")
         if self._readable(held):
@@ -243,7 +291,7 @@ class Ledger:
         held = None if past is None else past.messages.get((record.topic, envelope.sequence))
         if past is not None and held is not None and held != _digest(record.payload):
             past.differs = True
-        raise OrderError(f"sequence {envelope.sequence} of tick {envelope.tick}, which has ended")
+        raise RepeatError(f"sequence {envelope.sequence} of tick {envelope.tick}, which has ended")
 
     def _entered_again(self, name: str, node: _Node, record: Record) -> NoReturn:
         """Raise OrderError for an entry of a step that is written.
@@ -256,7 +304,7 @@ class Ledger:
         if past is not None and past.ended_again and (past.differs or past.entry != record.payload):
             self.doubt = self.doubt or f"step {step} of {name} has come twice, and differs"
             self.split = self.split or node.ended
-        raise OrderError(f"entry of step {step} again")
+        raise RepeatError(f"entry of step {step} again")
 
     def _write_complete(self, name: str, node: _Node) -> Iterator[Record]:
         """Write the steps that are whole, and those whose rest is lost: then the next one is here."""
@@ -264,10 +312,10 @@ class Ledger:
             pairs = [(end, entry) for end in step.ends for entry in step.entries if self._agree(node, end, entry)]
             whole = [pair for pair in pairs if self._lacking(node, step, pair[0]) == 0]
             following = node.open.get(node.written + 1)
-            if whole or pairs:
+            if whole or (pairs and not self.patient):
                 end, entry = (whole or pairs)[0]
                 yield from self._write(name, node, node.written, end, entry)
-            elif following is not None and following.ends and following.entries:
+            elif not self.patient and following is not None and following.ends and following.entries:
                 if step.ends and step.entries:
                     self.doubt = self.doubt or f"end and entry of step {node.written} of {name} do not agree"
                 yield from self._write(name, node, node.written, *_first(step))
@@ -315,11 +363,13 @@ class Ledger:
             node.missing.update(place for place in promised if place not in step.messages)
             node.next[topic] = first + count
         written: dict[_Place, bytes] = {}
+        belonging: list[Record] = []
         for place, record in step.messages.items():
             if 0 < node.next[place[0]] - place[1] <= counts.get(place[0], 0):
                 written[place] = claim = _digest(record.payload)
                 if node.early.pop(place, claim) != claim:
                     self._doubt(f"message {place[1]} on {place[0]}", name)
+                belonging.append(record)
                 yield self._counted(record)
             else:
                 self._note_early(node, record)
@@ -331,6 +381,7 @@ class Ledger:
             yield entry
         else:
             node.missing.add((JOURNAL_PREFIX + name, number))
+        self.window.wrote(end, belonging, entry)
         if end is not None:
             self.stamp_ns = max(self.stamp_ns, end.stamp_ns)
             node.ended = end.last

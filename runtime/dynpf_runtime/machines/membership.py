@@ -2,10 +2,13 @@
 
 A process joins in two steps: *alive* when its subscriptions are in place, *ready* when it has seen every peer alive.
 The source begins when all are ready, so no message can precede its subscribers, and every sender is known by its boot.
+
+In lockstep a process may be started again in mid-run. It learns from its peers' heartbeats that it has predecessors,
+is alive when those are gone, and ready when it has caught up with them; the peers wait for it.
 """
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from enum import IntEnum
 
 from dynpf_protocol.control import Beat, Recorded, Stop, decode_control, encode_control
@@ -20,65 +23,87 @@ from dynpf_protocol.errors import (
 from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, OPERATOR, READY, RECORDED, RECORDER, ROUTER, SCENARIO, STOP
 from dynpf_protocol.printable import printable
 
+from dynpf_runtime.machines.absence import Absence
 from dynpf_runtime.machines.agreement import first_difference
 from dynpf_runtime.machines.effects import NEVER_NS, Ask, Count, Declare, Effect, Put, Subscribe, Tell, Watch
 from dynpf_runtime.machines.events import Answered, Arrived, Counted, Event, RouterGone, Started, StopAsked, Token, Woke
 from dynpf_runtime.machines.heartbeats import BEAT_NS, Heartbeats
 from dynpf_runtime.machines.refusals import Refusals, known_names
 from dynpf_runtime.machines.roles import check_boot, check_named
-from dynpf_runtime.machines.roster import MOST_STARTS, Change, Roster, holder
+from dynpf_runtime.machines.roster import MOST_STARTS, Change, Roster, boot_of, follows, holder, next_start
 from dynpf_runtime.plan import Plan
 
-__all__ = ["LAST_WORD_NS", "SURE_NS", "Membership"]
-
-SURE_NS = 50_000_000
-"""How long to wait after a peer's token disappears: if the router is gone, the peers' tokens disappear first."""
-
-LAST_WORD_NS = 500_000_000
-"""Tokens and messages come on ways of their own: the recorder's last word may come after its token has gone."""
+__all__ = ["Membership"]
 
 _ANSWER_NS = 5_000_000_000
 _ASK_AGAIN_NS = 20_000_000  # Zenoh reports at once that no one answers yet
 _DIFFERS_NS = 3_000_000_000  # how long another scenario has to be the answer, and ours not among the answers
 _PATIENCE_NS = 1_000_000_000  # after that a notice lists the missing peers
 
-_ROUTER_GONE = "the router is gone or hangs; the run cannot go on"
+_LINGER_NS = 2_000_000_000
+"""How long the token of a process may stay after its end: the router waits for who does not say that it ends."""
+
+_LOOK_AGAIN_NS = 100_000_000
+
+_LISTEN_NS = 1_200_000_000
+"""How long to listen for a heartbeat that says that this process was there before: two heartbeats of everybody."""
 
 
 class _Stage(IntEnum):
     ASKING = 0  # whether its scenario is the router's, and its name is free
-    JOINING = 1  # alive, but a rival of the same name may have joined at the same moment
-    ALIVE = 2
-    READY = 3  # it leads the run, and waits until all are ready
-    RUNNING = 4
+    LISTENING = 1  # whether others were ready before: then it may have had predecessors
+    JOINING = 2  # alive, but a rival of the same name may have joined at the same moment
+    ALIVE = 3
+    READY = 4  # it leads the run, and waits until all are ready
+    RUNNING = 5
 
 
 class Membership:
-    """The membership of the process ``name`` with its ``boot`` in a run of ``plan``.
+    """The membership of the process ``name`` with its ``start`` in a run of ``plan``.
 
-    ``prepare`` are the effects once it is known that the process fits, before it is alive. The process that ``leads``
-    is running when all are ready; the others as soon as they are ready themselves, because then the first messages may
-    come. ``endpoint`` only appears in texts.
+    ``prepare`` returns the effects once it is known that the process fits, before it is alive. The process that
+    ``leads`` is running when all are ready; the others as soon as they are ready themselves, because then the first
+    messages may come. A peer, or the router, that is gone is waited for ``patience_ns``. Who ``listens`` has a reason
+    to think that it was there before. ``endpoint`` only appears in texts.
     """
 
     def __init__(
-        self, name: str, plan: Plan, boot: str, endpoint: str, prepare: Sequence[Effect], *, leads: bool
+        self,
+        name: str,
+        plan: Plan,
+        start: str,
+        endpoint: str,
+        prepare: Callable[[], Sequence[Effect]],
+        *,
+        leads: bool,
+        patience_ns: int = 0,
+        listens: bool = False,
     ) -> None:
         self.name = name
-        self.boot = boot
+        self.start = start
+        self.recovers = patience_ns > 0 and plan.clock == "lockstep"
+        self.successor = False  # whether it takes over from another start
+        self.caught_up = True  # whether it has done again what that had done
+        self.began = False  # whether the run had begun before this start
         self.peers = frozenset({*plan.graph.nodes, RECORDER} - {name})
         self.ticks = 0  # how many this process has ended
+        self.kept = 0  # of the recorder: how many are in its file
         self.recorded: Recorded | None = None
         self.over: set[str] = set()  # peers of whose last step this process knows: they may go
-        self._closed_early = ""
         self.stop_reason = ""
         self.leaving = False  # the run is over: peers may go
         self.wake_ns = NEVER_NS
         self.refusals = Refusals(known_names(plan))
+        self.absence = Absence(patience_ns if self.recovers else 0, self._tells)
+        self._lockstep = plan.clock == "lockstep"
+        self._own = start
+        self._starts = {start}  # all by which it has been known
+        self._named: dict[str, str] = {}  # a peer -> the start by which it knows this process
         self._text = plan.text
         self._endpoint = endpoint
         self._prepare = prepare
         self._leads = leads
+        self._listens = listens
         self._stage = _Stage.ASKING
         self._stop_sent = False
         self._roster = Roster(self.peers)
@@ -88,14 +113,25 @@ class Membership:
         self._heartbeats = Heartbeats()
         self._next_beat_ns = 0
         self._ask_at_ns = self._ask_until_ns = self._differ_at_ns = NEVER_NS
+        self._look_at_ns = self._listen_until_ns = NEVER_NS
+        self._linger_until_ns: int | None = None
         self._notify_at_ns = 0
         self._notified: set[str] = set()
-        self._suspect: tuple[str, int] | None = None
+
+    @property
+    def boot(self) -> str:
+        """The boot of this process's messages."""
+        return boot_of(self.start)
 
     @property
     def joined(self) -> bool:
         """Whether the process fits into the run, and has prepared for it."""
-        return self._stage is not _Stage.ASKING
+        return self._stage >= _Stage.JOINING
+
+    @property
+    def alive(self) -> bool:
+        """Whether its peers may know that it is there, and it has no rival that it should give way to."""
+        return self._stage >= _Stage.ALIVE
 
     @property
     def running(self) -> bool:
@@ -104,8 +140,13 @@ class Membership:
 
     @property
     def boots(self) -> dict[str, str]:
-        """The boot of each present peer; changes in place."""
+        """The boot of each peer's messages; changes in place."""
         return self._roster.boots
+
+    @property
+    def starts(self) -> dict[str, str]:
+        """The start of each peer that counts; changes in place."""
+        return self._roster.starts
 
     @property
     def present(self) -> set[str]:
@@ -115,6 +156,11 @@ class Membership:
     def behind(self, peer: str) -> int:
         """Return how many ticks ``peer`` had ended at its last heartbeat."""
         return self._heartbeats.ticks(peer)
+
+    @property
+    def confirmed(self) -> int:
+        """How many ticks the recorder has in its file, by its last heartbeat."""
+        return self._heartbeats.kept(RECORDER)
 
     def handle(self, event: Event, now_ns: int) -> Iterator[Effect]:
         """Yield the effects of an event; of arrivals, only heartbeats and control messages matter here.
@@ -138,25 +184,36 @@ class Membership:
                 yield from self._stop(event)
             case RouterGone():
                 if not self.leaving:
-                    raise BrokenOffError(_ROUTER_GONE)
+                    self.absence.lose_router(now_ns)
             case Woke():
-                self._judge(now_ns)
-        if self._stage is _Stage.ASKING and now_ns >= self._ask_at_ns:
-            self._ask_at_ns = NEVER_NS
-            yield Ask(SCENARIO, self._text.encode())
+                yield from self.absence.judge(now_ns, self.ticks, self._may_go)
+        yield from self._look(now_ns)
         if self._stage >= _Stage.JOINING and now_ns >= self._next_beat_ns:
             yield from self._beat(now_ns)
         if _Stage.ALIVE <= self._stage < _Stage.RUNNING:
             yield from self._assemble(now_ns)
         self.wake_ns = self._due_ns(now_ns)
 
+    def _look(self, now_ns: int) -> Iterator[Effect]:
+        """Do what is due while this process is not alive: ask again, look again, or stop to listen."""
+        if self._stage is _Stage.ASKING and now_ns >= self._ask_at_ns:
+            self._ask_at_ns = NEVER_NS
+            yield Ask(SCENARIO, self._text.encode())
+        if self._stage is _Stage.ASKING and now_ns >= self._look_at_ns:
+            self._look_at_ns = NEVER_NS
+            yield Count(f"{ALIVE}{self.name}/*")
+        if self._stage is _Stage.LISTENING and now_ns >= self._listen_until_ns:
+            yield from self._join()
+
     def _due_ns(self, now_ns: int) -> int:
         if self._stage is _Stage.ASKING:
-            return self._ask_at_ns
+            return min(self._ask_at_ns, self._look_at_ns)
+        if self._stage is _Stage.LISTENING:
+            return self._listen_until_ns
         due_ns = self._next_beat_ns
         if self._stage < _Stage.RUNNING and self._notify_at_ns > now_ns:
             due_ns = min(due_ns, self._notify_at_ns)
-        return due_ns if self._suspect is None else min(due_ns, self._suspect[1])
+        return min(due_ns, self.absence.due_ns())
 
     def _answered(self, theirs: bytes | None, now_ns: int) -> Iterator[Effect]:
         router = f"the router at {self._endpoint}"
@@ -191,54 +248,111 @@ class Membership:
 
         Each of two rivals declares itself before it looks again, so at least one sees the other.
         """
-        others = [key.rpartition("/")[2] for key in keys if key != f"{ALIVE}{self.name}/{self.boot}"]
+        if self._stage is _Stage.LISTENING:
+            if self._listens or any(holder(Token(key, True))[0] in self.peers for key in keys):
+                self._listen_until_ns = now_ns + _LISTEN_NS
+            else:
+                yield from self._join()
+            return
+        others = [start for key in keys if (start := key.rpartition("/")[2]) not in self._starts]
         if self._stage is _Stage.ASKING:
             if others:
-                raise self._taken(others[0])
-            self._stage = _Stage.JOINING
-            yield from self._prepare
-            yield from (Subscribe(f"{CONTROL}**"), Subscribe(f"{BEAT}**"), Watch(f"{ALIVE}**"), Watch(f"{READY}**"))
-            yield Declare(f"{ALIVE}{self.name}/{self.boot}")
-            yield Count(f"{ALIVE}{self.name}/*")
+                self._await_end_of(others[0], now_ns)
+            elif self.recovers:
+                self._stage = _Stage.LISTENING
+                yield from _LISTEN
+                yield Count(f"{READY}**")
+            else:
+                yield from self._join()
             return
-        for boot in others:
-            self._rival(boot, ready=False, present=True)
-        self._stage = _Stage.ALIVE
+        for start in others:
+            self._rival(start, ready=False, present=True)
+        self._stage = max(self._stage, _Stage.ALIVE)
         self._notify_at_ns = now_ns + _PATIENCE_NS
 
-    def _rival(self, boot: str, *, ready: bool, present: bool) -> None:
-        """Give way to a rival of the same name that is ready or has the smaller boot, so that exactly one stays."""
-        if self._stage >= _Stage.READY:
-            return  # the rival gives way
+    def _await_end_of(self, other: str, now_ns: int) -> None:
+        """Look again in a moment whether the name is free; raises UsageError if it has not become so in time."""
+        if self._linger_until_ns is None:
+            self._linger_until_ns = now_ns + (_LINGER_NS if self.recovers else 0)
+        if now_ns >= self._linger_until_ns:
+            raise self._taken(other)
+        self._look_at_ns = now_ns + _LOOK_AGAIN_NS
+
+    def _join(self) -> Iterator[Effect]:
+        """Become alive."""
+        listening = self._stage is _Stage.LISTENING
+        self._stage = _Stage.JOINING
+        yield from self._prepare()
+        if not listening:
+            yield from _LISTEN
+        yield Declare(f"{ALIVE}{self.name}/{self.start}")
+        yield Count(f"{ALIVE}{self.name}/*")
+
+    def _succeed(self, before: str) -> Iterator[Effect]:
+        """Take over from the start ``before``, if nobody has done that and this process has not begun on its own."""
+        if before in self._starts or follows(self.start, before) or self._stage is _Stage.ASKING:
+            return
+        other = boot_of(before) != self.boot
+        if other and self.ticks:
+            return  # it speaks of another run
+        self.start = next_start(before, self._own)
+        self._starts.add(self.start)
+        if other:
+            self.successor, self.caught_up, self.absence.resumed = True, False, True
+        if self._stage is _Stage.LISTENING:
+            yield from self._join()
+            return
+        yield Declare(f"{ALIVE}{self.name}/{self.start}")
+        if other:
+            self._stage = min(self._stage, _Stage.ALIVE)
+        elif self._stage >= _Stage.READY:
+            yield Declare(f"{READY}{self.name}/{self.start}")
+
+    def _rival(self, start: str, *, ready: bool, present: bool) -> None:
+        """Give way to a rival of the same name that is ready or has the smaller start, so that exactly one stays."""
+        if self._stage >= _Stage.READY:  # the rival gives way, unless it has come when this process was taken for gone
+            if present and self.absence.was_cut and follows(start, self.start):
+                raise BrokenOffError(f"another {self.name} has taken over, since this one was cut off")
+            return
         if not present:
             if not ready:
-                self._rivals.discard(boot)
+                self._rivals.discard(start)
             return
         if ready:
-            self._ready_rivals.append(boot)  # its token of life may still come, by another subscription
+            self._ready_rivals.append(start)  # its token of life may still come, by another subscription
         else:
-            self._rivals.add(boot)
-        if boot in self._rivals and (boot in self._ready_rivals or boot < self.boot):
-            raise self._taken(boot)
+            self._rivals.add(start)
+        if start in self._rivals and (start in self._ready_rivals or start < self.start):
+            raise self._taken(start)
 
-    def _taken(self, boot: str) -> UsageError:
-        return UsageError(f"{self.name} already runs at {self._endpoint} (boot {boot}); stop it first")
+    def _taken(self, start: str) -> UsageError:
+        return UsageError(f"{self.name} already runs at {self._endpoint} (boot {start}); stop it first")
 
     def _assemble(self, now_ns: int) -> Iterator[Effect]:
-        """Become ready when every peer is alive, and begin; report missing peers if it takes long."""
+        """Become ready when every peer is alive, and begin; report missing peers if it takes long.
+
+        Who takes over is ready when it has caught up, and waits for nobody if the run had begun.
+        """
         if self._stage is _Stage.ALIVE:
-            missing = self.peers - self.boots.keys()
-            if missing or self._rivals:
+            missing = set() if self.successor else self.peers - self._roster.present
+            if missing or self._rivals or not self.caught_up:
                 yield from self._notify_missing("waiting for", missing, now_ns)
                 return
-            yield Declare(f"{READY}{self.name}/{self.boot}")
+            yield Declare(f"{READY}{self.name}/{self.start}")
             self._stage = _Stage.READY
             self._notified, self._notify_at_ns = set(), now_ns + _PATIENCE_NS
+            if self._lockstep:
+                yield from self._beat(now_ns)  # so that the source knows at once that it is known
         missing = self.peers - self._roster.ready
-        if self._leads and missing:
+        if self._leads and missing and not self.began:
             yield from self._notify_missing("waiting until ready:", missing, now_ns)
-        else:
+        elif not (self._leads and self.recovers and not self.began and self._strange):
             self._stage = _Stage.RUNNING
+
+    @property
+    def _strange(self) -> bool:
+        """Whether a peer has not said that it knows this start: it may still have a predecessor in mind."""
+        return any(self._named.get(peer) not in self._starts for peer in self.peers)
 
     def _notify_missing(self, what: str, names: set[str] | frozenset[str], now_ns: int) -> Iterator[Effect]:
         if names and now_ns >= self._notify_at_ns and names != self._notified:
@@ -247,50 +361,44 @@ class Membership:
 
     def _beat(self, now_ns: int) -> Iterator[Effect]:
         self._next_beat_ns = now_ns + BEAT_NS
-        yield Put(f"{BEAT}{self.name}", encode_control(Beat(self.name, self.boot, self.ticks)))
+        known = self._lockstep and self._stage >= _Stage.READY
+        starts = {**self.starts, self.name: self.start} if known else {}
+        beat = Beat(self.name, self.start, self.ticks, kept=self.kept, starts=starts)
+        yield Put(f"{BEAT}{self.name}", encode_control(beat))
         if not self.leaving:
-            for text in self._heartbeats.look({**self.boots, **self._others.boots}, now_ns):
+            patience_ns = self.absence.patience_ns
+            for text in self._heartbeats.look({**self.starts, **self._others.starts}, now_ns, patience_ns):
                 if self.name == RECORDER:  # once is enough, and it is never in a step itself
                     yield Tell(text)
 
     def _token(self, token: Token, now_ns: int) -> Iterator[Effect]:
-        node, boot, ready = holder(token)
-        if node == self.name and boot != self.boot:
-            self._rival(boot, ready=ready, present=token.present)
+        node, start, ready = holder(token)
+        if token.present:
+            self.absence.find_router()
+        if node == self.name and start not in self._starts:
+            self._rival(start, ready=ready, present=token.present)
         elif node in self._others.names:
             self._others.take(token)
         elif node in self.peers:
             change = self._roster.take(token)
             if change is Change.SECOND:
-                yield Tell(f"a second {node} (boot {boot}) is refused; this run's is {self.boots[node]}")
-            elif change is Change.GONE and self._suspect is None and not self._may_go(node):
-                self._suspect = node, now_ns + (LAST_WORD_NS if node == RECORDER else SURE_NS)
+                yield Tell(f"a second {node} (boot {start}) is refused; this run's is {self.starts[node]}")
+            elif change is Change.GONE and not self._may_go(node):
+                self.absence.left(node, now_ns)
+            elif change is Change.BACK:
+                self.absence.back(node)
 
     def _may_go(self, node: str) -> bool:
         return self.recorded is not None if node == RECORDER else self.leaving or node in self.over
 
-    def _judge(self, now_ns: int) -> None:
-        """Raise BrokenOffError for a peer whose token is gone, once it is clear that the router is not."""
-        if self._suspect is None or now_ns < self._suspect[1]:
-            return
-        node, _ = self._suspect
-        self._suspect = None
-        if node == RECORDER and self._closed_early:
-            raise BrokenOffError(f"the recorder has closed the recording: {self._closed_early}")
-        if not self._may_go(node):
-            raise BrokenOffError(
-                f"{node} is gone (killed, crashed, stopped or cut off) after tick {self.ticks}; the run cannot go on"
-            )
+    def _tells(self, peer: str) -> bool:
+        return self.name == RECORDER or (peer == RECORDER and self._leads)
 
     def _hear(self, arrived: Arrived, now_ns: int) -> Iterator[Effect]:
         key = arrived.key
         try:
             if key.startswith(BEAT):
-                beat = check_named(arrived, BEAT, Beat)
-                known = self.boots | self._others.boots
-                if beat.node in known:  # its first beat may come before its token
-                    check_boot(beat.node, beat.boot, known)
-                    self._heartbeats.take(beat, now_ns)
+                yield from self._take_beat(check_named(arrived, BEAT, Beat), now_ns)
             elif key == RECORDED:
                 self._take_recorded(decode_control(arrived.payload, Recorded))
             elif key.startswith(STOP):
@@ -300,22 +408,37 @@ class Membership:
             if text is not None:
                 yield Tell(text)
 
+    def _take_beat(self, beat: Beat, now_ns: int) -> Iterator[Effect]:
+        known = self.starts | self._others.starts
+        if beat.node not in known:  # its first beat may come before its token
+            return
+        check_boot(beat.node, beat.boot, known)
+        self._heartbeats.take(beat, now_ns)
+        if beat.node not in self.peers or not self.recovers or not beat.starts:
+            return
+        if (named := beat.starts.get(self.name)) is not None:
+            self._named[beat.node] = named
+            yield from self._succeed(named)
+        if self.successor:
+            for peer in self.peers & beat.starts.keys():
+                self._roster.know(peer, beat.starts[peer])
+
     def _take_recorded(self, recorded: Recorded) -> None:
         """Believe the recorder's word if it fits: complete only at the end; broken off, if the recorder then goes."""
         if self.name == RECORDER:
             if not self.leaving:
                 raise UnknownSenderError("it comes in this process's own name, and this process has not sent it")
             return
-        check_boot(RECORDER, recorded.boot, self.boots)
-        if self.leaving:
+        check_boot(RECORDER, recorded.boot, self.starts)
+        if self.leaving or not self.caught_up:
             self.recorded = recorded
         elif recorded.complete:
             raise OrderError("the run is not over: its last tick is still to come")
         else:
-            self._closed_early = printable(recorded.reason) or "no reason was given"
+            self.absence.closed_early = printable(recorded.reason) or "no reason was given"
 
     def _take_stop(self, stop: Stop) -> None:
-        check_boot(stop.node, stop.boot, {**self.boots, **self._others.boots, self.name: self.boot})
+        check_boot(stop.node, stop.boot, {**self.starts, **self._others.starts, self.name: self.start})
         if stop.node == self.name and not self._stop_sent:
             raise UnknownSenderError("it comes in this process's own name, and this process has not sent it")
         self.stop_reason = printable(stop.reason, 200)
@@ -323,7 +446,12 @@ class Membership:
     def _stop(self, event: StopAsked) -> Iterator[Effect]:
         if event.at_once or not self.running:
             raise KeyboardInterrupt(event.reason if self.running else "")
+        if self.recovers:  # who is gone need not come back
+            self.absence.stop_waiting()
+            yield from self.absence.judge(NEVER_NS, self.ticks, self._may_go)
         if not self._stop_sent:
             self._stop_sent = True
             self.stop_reason = self.stop_reason or event.reason
-            yield Put(f"{STOP}{self.name}", encode_control(Stop(self.name, self.boot, event.reason)))
+            yield Put(f"{STOP}{self.name}", encode_control(Stop(self.name, self.start, event.reason)))
+
+_LISTEN = (Subscribe(f"{CONTROL}**"), Subscribe(f"{BEAT}**"), Watch(f"{ALIVE}**"), Watch(f"{READY}**"))

@@ -6,9 +6,9 @@ from typing import Protocol
 
 from dynpf_protocol.control import Outcome, TickDone, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
-from dynpf_protocol.errors import DynpfError, OrderError, RunError
+from dynpf_protocol.errors import DynpfError, OrderError, ProtocolError, RepeatError, RunError
 from dynpf_protocol.journal import encode_entry, genesis
-from dynpf_protocol.keys import JOURNAL, RECORDER, RUN, TICK, data_key, data_keys
+from dynpf_protocol.keys import JOURNAL, RECALLED, RECORDER, RUN, TICK, data_key, data_keys
 from dynpf_protocol.messages import Diagnostics, Log, LogLevel, timestamp
 
 from dynpf_runtime.executor import Executor, Sent
@@ -19,8 +19,10 @@ from dynpf_runtime.machines.effects import NEVER_NS, Effect, Ended, Put, Subscri
 from dynpf_runtime.machines.events import Arrived, Dropped, Event, Now, Woke
 from dynpf_runtime.machines.intake import Intake, Refusal
 from dynpf_runtime.machines.membership import Membership
+from dynpf_runtime.machines.recollection import Recollection
 from dynpf_runtime.machines.roles import Roles
 from dynpf_runtime.machines.turns import FollowLockstep, FollowRealtime, LeadLockstep, LeadRealtime, Turn, Turns
+from dynpf_runtime.machines.unconfirmed import MOST_UNCONFIRMED, Unconfirmed
 from dynpf_runtime.node import Node
 from dynpf_runtime.plan import Plan
 from dynpf_runtime.source import Feed, LogRecord, feed_log, feed_ticks
@@ -52,9 +54,10 @@ class Gauges(Protocol):
 
 
 class NodeHost:
-    """The process of ``node`` with its ``boot``, from joining to the recorder's confirmation of the run.
+    """The process of ``node`` as ``start``, from joining to the recorder's confirmation of the run.
 
-    ``log`` has the records that the source plays, if it plays a log; ``endpoint`` only appears in texts.
+    ``log`` has the records that the source plays, if it plays a log; ``endpoint`` only appears in texts. In lockstep it
+    waits ``patience_ns`` for processes that are gone, and takes over from another start of its own.
     """
 
     def __init__(
@@ -62,11 +65,12 @@ class NodeHost:
         name: str,
         node: Node,
         plan: Plan,
-        boot: str,
+        start: str,
         *,
         endpoint: str,
         log: Sequence[LogRecord],
         gauges: Gauges,
+        patience_ns: int = 0,
     ) -> None:
         graph = plan.graph
         self._spec = graph.specs[name]
@@ -76,16 +80,22 @@ class NodeHost:
         self._gauges = gauges
         self._leads = name == graph.source
         keys = [*map(data_keys, graph.subscribed(name)), *(TICK + other for other in graph.lags[name])]
-        prepare = [Subscribe(key) for key in keys]
-        self._member = Membership(name, plan, boot, endpoint, prepare, leads=self._leads)
+        self._keys = [*keys, RECALLED + name]
+        self._member = Membership(
+            name, plan, start, endpoint, self._prepare, leads=self._leads, patience_ns=patience_ns
+        )
         chain = genesis(name, plan.text)
-        self._executor = Executor(node, self._spec, graph.topics, boot, plan.state_digest_ticks, chain=chain)
+        self._executor = Executor(node, self._spec, graph.topics, start, plan.state_digest_ticks, chain=chain)
         self._gaps = GapWatch()
         link = FaultyLink(plan.faults, name, plan.seed)
         self._inbox = (LockstepInbox if plan.clock == "lockstep" else RealtimeInbox)(graph, name, link)
         self._intake = Intake(Roles(plan, self._member.boots), self._inbox)
         self._turns: Turns | None = None  # None until the run begins
         self._running = False
+        self._unconfirmed = Unconfirmed()
+        self._recollection = Recollection(self._member)
+        self._silent = False  # while it makes steps that its predecessor has made
+        self._returns = 0  # how often a peer had come back when this process last looked
         self._recorded_by_ns = NEVER_NS
         self._step_time_s = 0.0
         self._report_at_ns = 0
@@ -98,12 +108,13 @@ class NodeHost:
         """The time on the monotonic clock at which Woke is due."""
         wake_ns = self._member.wake_ns
         other_ns = self._turns.wake_ns if self._turns is not None and self._running else self._recorded_by_ns
-        return wake_ns if wake_ns < other_ns else other_ns
+        return min(wake_ns, other_ns, self._unconfirmed.wake_ns, self._recollection.wake_ns)
 
     def handle(self, event: Event, now: Now) -> Iterable[Effect]:
         """Return the effects of an event; messages that other nodes wait for come first, the journal last."""
         if (
             self._running
+            and self._member.running
             and type(event) is Arrived
             and event.key.startswith(RUN)
             and now.monotonic_ns < self._member.wake_ns
@@ -122,8 +133,16 @@ class NodeHost:
         except (DynpfError, KeyboardInterrupt) as error:
             yield Ended(error)
 
+    def _prepare(self) -> list[Effect]:
+        return [Subscribe(key) for key in self._keys if self._member.recovers or not key.startswith(RECALLED)]
+
     def _handle(self, event: Event, now: Now) -> Iterator[Effect]:
-        yield from self._member.handle(event, now.monotonic_ns)
+        member = self._member
+        yield from member.handle(event, now.monotonic_ns)
+        if member.successor and not member.caught_up:
+            yield from self._catch_up(event, now)
+            return
+        yield from self._say_again(now)
         if type(event) is Dropped:
             yield from self._refuse(Refusal(event.key, event.error), now)
         elif type(event) is Arrived and event.key.startswith(RUN):
@@ -131,14 +150,90 @@ class NodeHost:
                 yield from self._refuse(Refusal(event.key, OrderError("the run has not begun")), now)
             elif self._running and (refusal := self._intake.take(event, now.monotonic_ns)) is not None:
                 yield from self._refuse(refusal, now)
-        if self._turns is None and self._member.running:
+        if self._turns is None and member.running:
             self._turns, self._running, self._stepped_ns = self._turns_of(now), True, now.monotonic_ns
-        if self._running:
+        if self._running and member.running:
             yield from self._advance(now, self._turn(now, idle=type(event) is Woke))
             if type(event) is Woke:
                 yield from self._notice_deafness(now)
-        elif self._turns is not None:
+        elif self._turns is not None and not self._running:
             yield from self._await_recorded(now)
+
+    def _catch_up(self, event: Event, now: Now) -> Iterator[Effect]:
+        """Get what the predecessor has read, and make its steps again, until this process is where that was."""
+        past, member = self._recollection, self._member
+        if member.recorded is not None:
+            yield Ended()
+        elif type(event) is Arrived and event.key.startswith(RECALLED):
+            yield from self._recalled(event, now)
+        elif type(event) is Arrived and event.key.startswith(RUN):
+            past.put_off(event)
+        elif member.alive and (past.wake_ns == NEVER_NS or now.monotonic_ns >= past.wake_ns):
+            if self._turns is None:
+                self._executor.boot = member.boot
+                self._turns, self._running = self._turns_of(now), True
+            yield past.ask(now.monotonic_ns)
+
+    def _recalled(self, arrived: Arrived, now: Now) -> Iterator[Effect]:
+        past, member, executor = self._recollection, self._member, self._executor
+        try:
+            answer = past.answered(arrived)
+        except ProtocolError as error:
+            yield from self._refuse(Refusal(arrived.key, error), now)
+            return
+        if answer is None:
+            return
+        member.stop_reason = member.stop_reason or answer.stop_reason
+        self._silent = True
+        for piece in answer.pieces:
+            refusal = self._intake.take(Arrived(piece.key, piece.payload, piece.attachment), now.monotonic_ns)
+            if refusal is not None and not isinstance(refusal.error, RepeatError):
+                yield from self._refuse(refusal, now)
+            yield from self._repeat(now)
+        yield from self._repeat(now)
+        self._silent = False
+        if answer.more:
+            yield past.ask(now.monotonic_ns)
+            return
+        for topic, sequence in answer.sequences.items():
+            executor.number_from(topic, sequence)
+        past.wake_ns = NEVER_NS
+        member.caught_up, member.began = True, past.said > 0
+        self._stepped_ns = now.monotonic_ns
+        for waiting in past.rest():
+            if self._running and (refusal := self._intake.take(waiting, now.monotonic_ns)) is not None:
+                yield from self._refuse(refusal, now)
+        yield from self._handle(Woke(), now)
+
+    def _repeat(self, now: Now) -> Iterator[Effect]:
+        """Make the steps again whose inputs are here."""
+        past, turns = self._recollection, self._turns
+        assert turns is not None
+        while self._running and self._member.ticks < past.written:
+            turn = turns.repeat(stopping=self._member.ticks == past.last)
+            if turn is None:
+                return
+            yield from self._step(turn, now)
+            self._unconfirmed.confirm(min(self._member.confirmed, self._member.ticks - 1))
+
+    def _say_again(self, now: Now) -> Iterator[Effect]:
+        """Say again what the recorder has not confirmed, if somebody has come back who may have missed it."""
+        member, unconfirmed = self._member, self._unconfirmed
+        if not member.recovers:
+            return
+        over = self._turns is not None and not self._running  # the last step is confirmed by the recorder's last word
+        unconfirmed.confirm(min(member.confirmed, member.ticks - 1) if over else member.confirmed)
+        if member.absence.returns != self._returns:
+            self._returns = member.absence.returns
+            unconfirmed.rouse(now.monotonic_ns, member.ticks)
+            self._recorded_by_ns = now.monotonic_ns + RECORDED_NS if over else NEVER_NS
+        yield from unconfirmed.again(now.monotonic_ns)
+
+    def _said(self, put: Put) -> tuple[Put, ...]:
+        """Return a message to publish, unless the predecessor has; it is kept until it is confirmed."""
+        if self._member.recovers:
+            self._unconfirmed.add(self._member.ticks, put)
+        return () if self._silent else (put,)
 
     def _turns_of(self, now: Now) -> Turns:
         plan, inbox = self._plan, self._inbox
@@ -159,7 +254,15 @@ class NodeHost:
         turns, member = self._turns, self._member
         assert turns is not None
         held = self._leads and member.ticks - member.behind(RECORDER) > AHEAD
-        return turns.take(now.monotonic_ns, idle=idle, stopping=bool(member.stop_reason), held=held)
+        stopping = bool(member.stop_reason)
+        if member.recovers:
+            past, unconfirmed = self._recollection, self._unconfirmed
+            # The source waits for who is gone; and what is new does not overtake what is to be said again.
+            held = held or member.absence.cut or unconfirmed.urgent or unconfirmed.bytes > MOST_UNCONFIRMED
+            held = held or (self._leads and member.absence.missing)
+            if member.ticks < past.said:
+                stopping = member.ticks == past.last
+        return turns.take(now.monotonic_ns, idle=idle, stopping=stopping, held=held)
 
     def _advance(self, now: Now, turn: Turn | None) -> Iterator[Effect]:
         """Make all steps that are due; the source only one, so that other events are handled between two ticks."""
@@ -185,20 +288,22 @@ class NodeHost:
         # Messages that other nodes wait for go first; those for the recorder and observers, and the journal, follow.
         for message in sent:
             if message.topic in self._awaited:
-                yield _put(message)
+                yield from self._said(_put(message))
         counts = dict(Counter(message.topic for message in sent))
-        if last or now.monotonic_ns >= self._report_at_ns:  # the last report precedes the end of the last tick
-            yield self._report(now)
+        if not self._silent and (last or now.monotonic_ns >= self._report_at_ns):
+            yield from self._said(self._report(now))  # the last report precedes the end of the last tick
         outcome = self._outcome(finished=executed.finished) if last and self._leads else None
         done = TickDone(name, executor.boot, executor.steps, tick, stamp_ns, counts, last, outcome)
-        yield Put(TICK + name, encode_control(done))
+        yield from self._said(Put(TICK + name, encode_control(done)))
         for message in sent:
             if message.topic not in self._awaited:
-                yield _put(message)
+                yield from self._said(_put(message))
         self._gauges.stepping(tick)  # the digest of a large state
         entry = executor.journal(tick, stamp_ns, inputs, executed.sent, hosted=hosted, last=last)
         envelope = Envelope(name, executor.boot, entry.step, tick, stamp_ns, now.wall_ns)
-        yield Put(JOURNAL + name, encode_entry(entry), encode_envelope(envelope))
+        if self._silent:
+            self._recollection.check(entry)
+        yield from self._said(Put(JOURNAL + name, encode_entry(entry), encode_envelope(envelope)))
         self._member.ticks = tick + 1
         if last:
             self._running = False
@@ -233,6 +338,8 @@ class NodeHost:
         yield from self._advance(now, self._turn(now, idle=False))  # the inbox no longer waits for it
 
     def _refuse(self, refusal: Refusal, now: Now) -> Iterator[Effect]:
+        if isinstance(refusal.error, RepeatError) and self._member.absence.disturbed:
+            return  # a peer says again what somebody may have missed
         text = self._member.refusals.note(*refusal, now.monotonic_ns)
         if text is None:
             return
@@ -240,7 +347,7 @@ class NodeHost:
         if self._running:
             stamp = timestamp(self._stamp_ns)
             message = Log(timestamp=stamp, level=LogLevel.WARNING, message=text, name=self._spec.name)
-            yield self._stamped("log", message, now)
+            yield from self._said(self._stamped("log", message, now))
 
     def _report(self, now: Now) -> Put:
         self._report_at_ns = now.monotonic_ns + REPORT_NS
@@ -260,6 +367,8 @@ class NodeHost:
         """End when the recorder has confirmed the run; raises RunError if it does not in time."""
         if self._member.recorded is not None:
             yield Ended()
+        elif self._member.absence.missing:
+            self._recorded_by_ns = now.monotonic_ns + RECORDED_NS
         elif now.monotonic_ns >= self._recorded_by_ns:
             raise RunError(f"the recorder has not confirmed the run within {RECORDED_NS // 10**9} s")
 

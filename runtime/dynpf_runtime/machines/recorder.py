@@ -7,10 +7,11 @@ from dynpf_formats.recording.header import RunEnd
 from dynpf_protocol.codec import encode
 from dynpf_protocol.control import Recorded, encode_control
 from dynpf_protocol.envelope import Envelope
-from dynpf_protocol.errors import DynpfError, OrderError, ProtocolError, RunError
-from dynpf_protocol.keys import DATA, JOURNAL, RECORDED, RECORDER, RUN
+from dynpf_protocol.errors import DynpfError, OrderError, ProtocolError, RepeatError, RunError, UnknownSenderError
+from dynpf_protocol.keys import DATA, JOURNAL, RECALL, RECALLED, RECORDED, RECORDER, RUN
 from dynpf_protocol.messages import Log, LogLevel, timestamp
 from dynpf_protocol.printable import printable
+from dynpf_protocol.recall import Recalled, decode_recall, encode_recall
 
 from dynpf_runtime.machines.effects import (
     NEVER_NS,
@@ -25,10 +26,12 @@ from dynpf_runtime.machines.effects import (
     Subscribe,
     Tell,
 )
-from dynpf_runtime.machines.events import Arrived, Closed, Dropped, Event, Now, StopAsked, Woke
+from dynpf_runtime.machines.events import Arrived, Closed, Dropped, Event, Flushed, Found, Now, StopAsked, Woke
 from dynpf_runtime.machines.ledger import Ledger
 from dynpf_runtime.machines.membership import Membership
-from dynpf_runtime.machines.roles import Roles
+from dynpf_runtime.machines.rebuilding import rebuilt
+from dynpf_runtime.machines.roles import Roles, check_boot
+from dynpf_runtime.machines.roster import follows
 from dynpf_runtime.plan import Plan
 
 __all__ = ["SETTLE_NS", "RecorderMachine"]
@@ -37,8 +40,14 @@ FLUSH_NS = 50_000_000
 SETTLE_NS = 3_000_000_000
 """How long the recorder waits, after the last step of every node, for messages that are still missing."""
 
+AGAIN_NS = 10_000_000_000
+"""The same after somebody was gone: what was lost is said again, if need be several times."""
+
 STILL_NS = 5_000_000_000
 """How long a run in which two have spoken under one name may stand still."""
+
+SAY_AGAIN_NS = 250_000_000
+"""How often the recorder repeats, until the others have left, that it has confirmed the run."""
 
 SEE_OFF_NS = 2_000_000_000
 """How long the others may take to leave after the recorder has confirmed the run."""
@@ -53,15 +62,20 @@ class _Stage(Enum):
 
 
 class RecorderMachine:
-    """Records one run of ``plan`` under one ``boot``. ``path`` and ``endpoint`` only appear in texts.
+    """Records one run of ``plan`` as ``start``. ``path`` and ``endpoint`` only appear in texts.
 
     If the run breaks off, it has everything that has arrived written, marks the recording as incomplete, and says so.
+    In lockstep it waits ``patience_ns`` for processes that are gone. If the recording ``exists``, another start may
+    have begun it: then this one goes on with it.
     """
 
-    def __init__(self, plan: Plan, boot: str, endpoint: str, path: str) -> None:
-        prepare: list[Effect] = [Subscribe(f"{RUN}**"), Open()]
-        self._member = Membership(RECORDER, plan, boot, endpoint, prepare, leads=False)
-        self._boot = boot
+    def __init__(
+        self, plan: Plan, start: str, endpoint: str, path: str, *, patience_ns: int = 0, exists: bool = False
+    ) -> None:
+        self._member = Membership(
+            RECORDER, plan, start, endpoint, self._prepare, leads=False, patience_ns=patience_ns, listens=exists
+        )
+        self._plan = plan
         self._path = path
         self._stage = _Stage.ASSEMBLING
         self._error: BaseException | None = None
@@ -72,13 +86,23 @@ class RecorderMachine:
         self._written, self._written_ns = 0, 0  # steps, and when the last one was
         self._due_ns = NEVER_NS  # deadline of the stage: for missing messages, or for the others to leave
         self._flush_at_ns = 0
+        self._returns = 0
+        self._say_again_ns = NEVER_NS
+        self._last_word: Recorded | None = None
+
+    def _prepare(self) -> Sequence[Effect]:
+        again = self._member.successor
+        if again:
+            self._stage, self._ledger.rebuilt = _Stage.RECORDING, True
+            self._member.caught_up = self._member.began = True
+        return Subscribe(f"{RUN}**"), Open(again)
 
     @property
     def wake_ns(self) -> int:
         """The time on the monotonic clock at which Woke is due."""
         if self._stage is _Stage.BROKEN:
             return 0  # as soon as no arrival waits
-        wake_ns = min(self._member.wake_ns, self._due_ns)
+        wake_ns = min(self._member.wake_ns, self._due_ns, self._say_again_ns)
         return min(wake_ns, self._flush_at_ns) if self._stage is _Stage.RECORDING else wake_ns
 
     def handle(self, event: Event, now: Now) -> Iterable[Effect]:
@@ -106,7 +130,9 @@ class RecorderMachine:
 
     def _handle(self, event: Event, now: Now) -> Iterator[Effect]:
         stage, member = self._stage, self._member
-        if type(event) is Arrived and event.key.startswith(RUN):
+        if type(event) is Arrived and event.key.startswith(RECALL):
+            yield from self._recall(event, now)
+        elif type(event) is Arrived and event.key.startswith(RUN):
             if stage is _Stage.ASSEMBLING:  # it comes from a stranger: others send nothing before all are ready
                 yield from self._refuse(event.key, OrderError("the run has not begun"), now)
             elif stage in (_Stage.RECORDING, _Stage.BROKEN):
@@ -117,6 +143,10 @@ class RecorderMachine:
             yield from self._refuse(event.key, event.error, now)
         elif type(event) is Closed:
             yield from self._confirm(event.end, now)
+        elif type(event) is Flushed:
+            member.kept = self._ledger.ticks if not self._ledger.missing() else member.kept
+        elif type(event) is Found:
+            yield from rebuilt(event.messages, self._ledger, self._plan.graph.topics, member.boots)
         elif stage is _Stage.BROKEN:
             if type(event) is Woke:
                 self._stage = _Stage.CLOSING
@@ -130,28 +160,35 @@ class RecorderMachine:
             self._stage = _Stage.RECORDING
         if self._stage is _Stage.RECORDING:
             yield from self._record(now)
-        elif self._stage is _Stage.SEEING_OFF and (not member.present or now.monotonic_ns >= self._due_ns):
-            yield Ended(self._error)
+        elif self._stage is _Stage.SEEING_OFF:
+            yield from self._see_off(now)
 
     def _record(self, now: Now) -> Iterator[Effect]:
         """Close the recording when the run is complete, or when missing messages have not come in time."""
+        member, ledger = self._member, self._ledger
         if now.monotonic_ns >= self._flush_at_ns:
             self._flush_at_ns = now.monotonic_ns + FLUSH_NS
             yield Flush(now.monotonic_ns)
             yield Show(self._member.ticks, self._ledger.messages)
             self._watch_doubtful(now)
-        self._member.ticks = self._ledger.ticks
-        self._member.over = self._ledger.over
-        if not self._ledger.ending:
+        member.ticks = ledger.ticks
+        ledger.patient = member.absence.disturbed
+        member.over = ledger.finished if member.recovers else ledger.over
+        if not ledger.ending:
             return
-        self._member.leaving = True
+        if not member.recovers or not ledger.patient:
+            member.leaving = True
+        elif member.absence.missing or member.absence.returns != self._returns:
+            self._returns, self._due_ns = member.absence.returns, NEVER_NS  # it will be said again
+            if not ledger.ended or ledger.missing():
+                return
         if self._ledger.ended and not self._ledger.missing():
             self._stage = _Stage.CLOSING
             yield from self._sum_up(now)
             doubt = self._ledger.doubt
             yield Close(not doubt, doubt or self._member.stop_reason or "finished", self._ledger.outcome)
         elif self._due_ns == NEVER_NS:
-            self._due_ns = now.monotonic_ns + SETTLE_NS
+            self._due_ns = now.monotonic_ns + (AGAIN_NS if ledger.patient else SETTLE_NS)
         elif now.monotonic_ns >= self._due_ns:
             self._stage = _Stage.CLOSING
             yield from self._ledger.rest()
@@ -166,14 +203,60 @@ class RecorderMachine:
     def _confirm(self, end: RunEnd, now: Now) -> Iterator[Effect]:
         """Announce that the file is closed; after a complete run, wait until the others have left."""
         self._member.leaving = True
-        recorded = Recorded(self._boot, end.complete, printable(end.reason), self._path)
-        yield Put(RECORDED, encode_control(recorded))
+        self._last_word = Recorded(self._member.start, end.complete, printable(end.reason), self._path)
+        yield Put(RECORDED, encode_control(self._last_word))
         if self._error is not None:
             yield Ended(self._error)
             return
         self._stage, self._due_ns = _Stage.SEEING_OFF, now.monotonic_ns + SEE_OFF_NS
+        self._say_again_ns = now.monotonic_ns + SAY_AGAIN_NS if self._member.recovers else NEVER_NS
         if not end.complete:
             self._error = RunError(f"{self._path} is incomplete: {end.reason}")
+
+    def _see_off(self, now: Now) -> Iterator[Effect]:
+        """End when the others have left; they may have been cut off when the last word was said."""
+        greeted = not self._member.successor or now.monotonic_ns >= self._say_again_ns
+        if (not self._member.present and greeted) or now.monotonic_ns >= self._due_ns:
+            yield Ended(self._error)
+        elif now.monotonic_ns >= self._say_again_ns and self._last_word is not None:
+            self._say_again_ns = now.monotonic_ns + SAY_AGAIN_NS
+            yield Put(RECORDED, encode_control(self._last_word))
+
+    def _recall(self, arrived: Arrived, now: Now) -> Iterator[Effect]:
+        """Tell a node's new start what its predecessor has read and done, or that the run is over."""
+        member, ledger = self._member, self._ledger
+        if self._stage is _Stage.SEEING_OFF and self._last_word is not None:
+            yield Put(RECORDED, encode_control(self._last_word))
+        if self._stage is not _Stage.RECORDING or not member.recovers:
+            return
+        try:
+            asked = decode_recall(arrived.payload)
+            if asked.node != arrived.key[len(RECALL) :]:
+                raise UnknownSenderError(f"it comes in the name of {asked.node!r}; its key is another's")
+            if follows(asked.start, member.starts.get(asked.node, "")):
+                return  # its token is still on its way here; it will ask again
+            check_boot(asked.node, asked.start, member.starts)
+            if asked.node not in self._plan.graph.nodes:
+                raise OrderError(f"{asked.node} is no node of this run")
+        except ProtocolError as error:
+            yield from self._refuse(arrived.key, error, now)
+            return
+        part, place = ledger.window.part(asked.node, asked.tick), ledger.place(asked.node)
+        answer = Recalled(
+            start=member.start,
+            to=asked.start,
+            tick=asked.tick,
+            next_tick=part.next_tick,
+            more=part.more,
+            written=place.written,
+            said=place.said,
+            last=place.last,
+            stop_reason=member.stop_reason,
+            sequences=place.numbers,
+            entries=part.entries,
+            pieces=part.pieces,
+        )
+        yield Put(RECALLED + asked.node, encode_recall(answer))
 
     def _take(self, arrived: Arrived, now: Now) -> Iterable[Effect]:
         key, roles, ledger = arrived.key, self._roles, self._ledger
@@ -185,6 +268,10 @@ class RecorderMachine:
                 records = list(ledger.entry(*roles.entry(arrived), arrived.payload))
             else:
                 records = list(ledger.end(roles.tick(arrived)))
+        except RepeatError as error:
+            if not self._member.absence.disturbed:
+                return [*self._refuse(key, error, now), *self._doubt(now)]
+            return list(self._doubt(now))
         except ProtocolError as error:
             return [*self._refuse(key, error, now), *self._doubt(now)]
         if ledger.dropped or ledger.doubt:
@@ -228,7 +315,7 @@ class RecorderMachine:
         if self._stage is _Stage.ASSEMBLING:
             return
         stamp_ns = self._ledger.stamp_ns
-        envelope = Envelope(RECORDER, self._boot, self._warnings, self._ledger.ticks, stamp_ns, now.wall_ns)
+        envelope = Envelope(RECORDER, self._member.start, self._warnings, self._ledger.ticks, stamp_ns, now.wall_ns)
         self._warnings += 1
         message = Log(timestamp=timestamp(stamp_ns), level=LogLevel.WARNING, message=text, name=RECORDER)
         yield Record("log", envelope, encode("log", message))

@@ -1,4 +1,9 @@
-"""Roster: which processes are present, by their liveliness tokens, and which start of each counts."""
+"""Roster: which processes are present, by their liveliness tokens, and which start of each counts.
+
+Each start of a process has a name of its own. In lockstep a process that is started again in mid-run takes over what
+its predecessor has said: its messages keep the *boot*, which is the name of the first start. The name of a later start
+is that boot, how many starts were before, and something of its own: ``a1b2.1.c3d4``.
+"""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -8,8 +13,7 @@ from dynpf_protocol.keys import ALIVE, READY
 
 from dynpf_runtime.machines.events import Token
 
-__all__ = ["MOST_STARTS", "Change", "Roster", "holder"]
-
+__all__ = ["MOST_STARTS", "Change", "Roster", "boot_of", "follows", "holder", "next_start"]
 
 MOST_STARTS = 8
 """How many starts of a process are kept at most."""
@@ -24,6 +28,28 @@ class Change(Enum):
     NONE = "none"
     SECOND = "a second start of a process whose first one is ready"
     GONE = "the process was ready, and is gone"
+    BACK = "the process is back: connected again, or started again"
+
+
+def boot_of(start: str) -> str:
+    """Return the boot of the messages of a process by the name of any of its starts."""
+    return start.partition(".")[0]
+
+
+def next_start(start: str, own: str) -> str:
+    """Return the name of the start that takes over from ``start``; ``own`` sets it apart from rivals."""
+    return f"{boot_of(start)}.{_rank(start) + 1}.{own}"
+
+
+def follows(start: str, before: str) -> bool:
+    """Return whether the one who started as ``start`` takes over from ``before``."""
+    return boot_of(start) == boot_of(before) and _rank(start) > _rank(before)
+
+
+def _rank(start: str) -> int:
+    """Return how many starts were before; a stranger may call itself anything."""
+    rank = start.partition(".")[2].partition(".")[0]
+    return int(rank) if rank.isdecimal() and rank.isascii() else 0
 
 
 def holder(token: Token) -> tuple[str, str, bool]:
@@ -36,51 +62,82 @@ def holder(token: Token) -> tuple[str, str, bool]:
 class Roster:
     """The presence of the processes ``names`` of a run.
 
-    Of several starts of a process the first counts, unless it leaves before it is ready. ``boots`` has the counting
-    boot of each present process; it changes in place.
+    Of several starts of a process the first counts, unless it leaves before it is ready; when it is gone, one that
+    takes over from it. ``starts`` has the counting start of each process, ``boots`` the boot of its messages; they
+    change in place.
     """
 
     def __init__(self, names: Iterable[str]) -> None:
         self.names = frozenset(names)
+        self.starts: dict[str, str] = {}
         self.boots: dict[str, str] = {}
         self._alive: dict[str, list[str]] = {name: [] for name in self.names}
         self._ready: set[tuple[str, str]] = set()
+        self._gone: set[tuple[str, str]] = set()
         self._seconds: Counter[str] = Counter()
 
     @property
     def ready(self) -> set[str]:
         """The processes whose counting start has been ready, even if it is gone by now."""
-        return {name for name, boot in self.boots.items() if (name, boot) in self._ready}
+        return {name for name, start in self.starts.items() if (name, start) in self._ready}
 
     @property
     def present(self) -> set[str]:
         """The processes whose counting start is alive."""
-        return {name for name, boots in self._alive.items() if self.boots.get(name) in boots}
+        return {name for name, alive in self._alive.items() if self.starts.get(name) in alive}
+
+    def know(self, name: str, start: str) -> None:
+        """Note the counting start of a process that is gone, by the word of another, unless one is known."""
+        if name not in self.starts:
+            self._count(name, start)
+            self._ready.add((name, start))
 
     def take(self, token: Token) -> Change:
         """Note the token of one of ``names``, and return what it changes."""
-        name, boot, ready = holder(token)
+        name, start, ready = holder(token)
         alive = self._alive[name]
         if ready:  # its end needs no handling: the token of life disappears with it
             # It may come before the token of life, by another subscription; of strangers' few are kept.
-            if token.present and (boot in alive or sum(other == name for other, _ in self._ready) < MOST_STARTS):
-                self._ready.add((name, boot))
+            if token.present and (start in alive or sum(other == name for other, _ in self._ready) < MOST_STARTS):
+                self._ready.add((name, start))
             return Change.NONE
-        if token.present:
-            counting = self.boots.setdefault(name, boot)
-            if boot not in alive and (boot == counting or len(alive) < MOST_STARTS):
-                alive.append(boot)
-            if counting == boot or (name, counting) not in self._ready:
-                return Change.NONE
-            self._seconds[name] += 1
-            return Change.SECOND if self._seconds[name] <= _TOLD else Change.NONE
-        if boot in alive:
-            alive.remove(boot)
-        if self.boots.get(name) != boot:
+        return self._appear(name, start, alive) if token.present else self._leave(name, start, alive)
+
+    def _appear(self, name: str, start: str, alive: list[str]) -> Change:
+        counting = self.starts.get(name)
+        known = start in alive
+        if counting is None:
+            self._count(name, start)
+        if not known and (start == self.starts[name] or len(alive) < MOST_STARTS):
+            alive.append(start)
+        if counting is None or start == counting:
+            back = counting is not None and not known and (name, start) in self._gone
+            self._gone.discard((name, start))
+            return Change.BACK if back else Change.NONE
+        if (name, counting) not in self._ready:
             return Change.NONE
-        if (name, boot) in self._ready:
+        if counting not in alive and follows(start, counting):
+            self._count(name, start)
+            return Change.BACK
+        self._seconds[name] += 1
+        return Change.SECOND if self._seconds[name] <= _TOLD else Change.NONE
+
+    def _leave(self, name: str, start: str, alive: list[str]) -> Change:
+        if start in alive:
+            alive.remove(start)
+        if self.starts.get(name) != start:
+            return Change.NONE
+        if (name, start) in self._ready:
+            heirs = [other for other in alive if follows(other, start)]
+            if heirs:
+                self._count(name, heirs[0])
+                return Change.BACK
+            self._gone.add((name, start))
             return Change.GONE
-        del self.boots[name]  # it left before the run began; another start may replace it
+        del self.starts[name], self.boots[name]  # it left before the run began; another start may replace it
         if alive:
-            self.boots[name] = alive[0]
+            self._count(name, alive[0])
         return Change.NONE
+
+    def _count(self, name: str, start: str) -> None:
+        self.starts[name], self.boots[name] = start, boot_of(start)

@@ -10,7 +10,7 @@ from dynpf_protocol.printable import printable
 from dynpf_runtime.machines.effects import NEVER_NS, Answer, Declare, Effect, Ended, Put, Subscribe, Tell, Watch
 from dynpf_runtime.machines.events import Arrived, Dropped, Event, Now, Started, StopAsked, Token
 from dynpf_runtime.machines.heartbeats import BEAT_NS
-from dynpf_runtime.machines.membership import LAST_WORD_NS
+from dynpf_runtime.machines.absence import LAST_WORD_NS
 from dynpf_runtime.machines.refusals import Refusals, known_names
 from dynpf_runtime.machines.roles import check_boot
 from dynpf_runtime.machines.roster import Roster, holder
@@ -25,10 +25,10 @@ NOTICE_NS = 5_000_000_000
 class RouterMachine:
     """Answers queries for the resolved scenario of ``plan``, until it has ended and all its processes have left."""
 
-    def __init__(self, plan: Plan, boot: str) -> None:
+    def __init__(self, plan: Plan, start: str, patience_ns: int = 0) -> None:
         self.wake_ns = 0
         self._scenario = plan.text
-        self._boot = boot
+        self._boot = start
         self._roster = Roster({*plan.graph.nodes, RECORDER})
         self._refusals = Refusals(known_names(plan))
         self._recorded: Recorded | None = None
@@ -91,12 +91,12 @@ class RouterMachine:
         roster = self._roster
         if holder(token)[0] in roster.names:
             roster.take(token)
-            self._began = self._began or (roster.boots.keys() == roster.names and bool(roster.ready))
+            self._began = self._began or (roster.starts.keys() == roster.names and bool(roster.ready))
 
     def _hear(self, arrived: Arrived, now: Now) -> Iterator[Effect]:
         try:
             recorded = decode_control(arrived.payload, Recorded)
-            check_boot(RECORDER, recorded.boot, self._roster.boots)
+            check_boot(RECORDER, recorded.boot, self._roster.starts)
             self._recorded = recorded
         except ProtocolError as error:
             yield from self._refuse(arrived.key, error, now)

@@ -33,7 +33,7 @@ class Turns(Protocol):
         """Return the next step's turn if it is due, else None.
 
         ``idle``: no arrival waits to be handled; ``stopping``: the source's next tick is to be the last; ``held``: the
-        source must not begin another tick yet.
+        node must not make another step yet.
         """
 
 
@@ -46,6 +46,10 @@ class FollowLockstep:
         self._inbox = inbox
 
     def take(self, _now_ns: int, *, idle: bool, stopping: bool, held: bool) -> Turn | None:  # noqa: ARG002
+        """Return the turn if the inputs are complete."""
+        return None if held else self.repeat(stopping=stopping)
+
+    def repeat(self, *, stopping: bool) -> Turn | None:  # noqa: ARG002
         """Return the turn if the inputs are complete."""
         ready = self._inbox.take()
         return None if ready is None else Turn(ready, ready.stamp_ns, ready.last)
@@ -79,19 +83,22 @@ class _Paced:
         self._began_ns: int | None = None
         self._first_ns = 0
         self._feed: Feed | None = None
-        self._due_ns = 0
+
+    def feed(self) -> Feed:
+        """Return the next feed; raises RunError if no record begins a tick."""
+        if self._feed is None:
+            self._feed = next(self._feeds, None)
+        if self._feed is None:
+            raise RunError("the log has no record that a node of this run reads: no tick begins")
+        return self._feed
 
     def next(self, now_ns: int) -> tuple[Feed, int]:
-        """Return the next feed and when it is due; raises RunError if no record begins a tick."""
-        if self._feed is None:
-            feed = next(self._feeds, None)
-            if feed is None:
-                raise RunError("the log has no record that a node of this run reads: no tick begins")
-            if self._began_ns is None:
-                self._began_ns, self._first_ns = now_ns, feed.stamp_ns
-            past_ns = 0 if self._rate is None else round((feed.stamp_ns - self._first_ns) / self._rate)
-            self._feed, self._due_ns = feed, self._began_ns + past_ns
-        return self._feed, self._due_ns
+        """Return the next feed and when it is due; the first one is due now."""
+        feed = self.feed()
+        if self._began_ns is None:
+            self._began_ns, self._first_ns = now_ns, feed.stamp_ns
+        past_ns = 0 if self._rate is None else round((feed.stamp_ns - self._first_ns) / self._rate)
+        return feed, self._began_ns + past_ns
 
     def begin(self, ready: Ready, *, stopping: bool) -> Turn:
         """Return the turn of the current feed, and advance to the next one."""
@@ -125,9 +132,15 @@ class LeadLockstep:
             self._ready = self._inbox.take(feed.stamp_ns)
         if self._ready is None or held:
             return None
-        ready, self._ready = self._ready, None
         self.wake_ns = NEVER_NS if self._woken else 0
-        return self._paced.begin(ready, stopping=stopping)
+        return self.repeat(stopping=stopping)
+
+    def repeat(self, *, stopping: bool) -> Turn | None:
+        """Return the turn of the next tick if all nodes have ended the previous one, whatever the time."""
+        ready, self._ready = self._ready, None
+        if ready is None:
+            ready = self._inbox.take(self._paced.feed().stamp_ns)
+        return None if ready is None else self._paced.begin(ready, stopping=stopping)
 
 
 class LeadRealtime:

@@ -34,6 +34,7 @@ from dynpf_runtime.machines.events import (
     Event,
     Now,
     RouterGone,
+    Started,
     StopAsked,
     Woke,
 )
@@ -51,6 +52,7 @@ LEASE_NS = 1_500_000_000
 _ANSWER_NS = 1_000_000_000  # after so long a query has no answer
 _THREAD_NS = 200_000  # longest time from a message's arrival until the thread of its subscription has passed it on
 _CUT_NS = 20_000_000  # longest time from the loss of the others' tokens until a process knows that the router is gone
+_RETRY_NS = 50_000_000  # how often a new process looks for the router
 _AGAIN_NS = 1_000_000_000  # longest time until a process that has lost the router finds it again
 
 
@@ -71,8 +73,8 @@ class Simulation:
     """Processes by name, connected through the one named ``router``.
 
     ``story`` lists what has happened so far, ``ended`` the processes that have ended by themselves, each with its
-    error. ``lost`` decides for each message from the router to a process whether it is lost. ``wall_ns`` is how far the
-    wall clock has been put forward.
+    error. ``lost`` decides for each message from the router to a process whether it is lost. ``watch`` sees all that happens, and may
+    kill a process before it has done an effect. ``wall_ns`` is how far the wall clock has been put forward.
     """
 
     def __init__(self, seed: int, router: str, network: Network = _NETWORK) -> None:
@@ -81,6 +83,7 @@ class Simulation:
         self.ended: dict[str, BaseException | None] = {}
         self.published: Counter[str] = Counter()
         self.lost: Callable[[str, Arrived], bool] = lambda _process, _arrived: False
+        self.watch: Callable[[Happened], None] | None = None
         self.wall_ns = 0
         self.watched = False  # whether somebody kills those that hang
         self.processes: dict[str, Process] = {}
@@ -89,6 +92,7 @@ class Simulation:
         self._network = network
         self._agenda: list[tuple[int, int, Callable[[], None]]] = []
         self._count = 0
+        self._routers = 0  # how often the router has come back
         self._changed = True  # whether a process has ended, hangs, or goes on since ``going`` was looked at
         self._hub = Hub(self.processes, self._reply, self._random)
         self._befalls: defaultdict[tuple[str, int], list[Callable[[], None]]] = defaultdict(list)
@@ -107,11 +111,42 @@ class Simulation:
         """
         if name in self.processes:
             raise ValueError(f"there is a process {name!r} already; give the second one another name")
+        self._start(name, machine, perform, closing)
+
+    def restart(
+        self,
+        name: str,
+        machine: Machine,
+        perform: Perform | None = None,
+        closing: Callable[[BaseException | None], None] | None = None,
+    ) -> None:
+        """Start a process again, after ending the one that has its name; those connected find a new router."""
+        if self.processes[name].running:
+            self.kill(name)
+        self.ended.pop(name, None)
+        self.tell(name, "is started again")
+        process = self._start(name, machine, perform, closing)
+        if name == self._router:
+            self._reopen(process)
+
+    def _start(
+        self,
+        name: str,
+        machine: Machine,
+        perform: Perform | None,
+        closing: Callable[[BaseException | None], None] | None,
+    ) -> Process:
         delay_ns = 0 if name == self._router else self._network.delay_ns
         links = [Link(self._random, delay_ns) for _ in range(2)]
+        before = self.processes.get(name)
         process = self.processes[name] = Process(name, machine, perform or _refuse, links, closing)
+        if before is not None:
+            process.events, process.arrivals = before.events, before.arrivals
+        process.began_events = process.events
         process.busy_ns = process.began_ns = process.turned_ns = self.now_ns + self._draw(self._network.start_ns)
+        self._changed = True
         self._plan(process)
+        return process
 
     def run(self, until: Callable[[], bool] | None = None, limit_ns: int = 600 * 10**9) -> None:
         """Run until every process has ended or hangs, or ``until`` is true; raises TimeoutError at ``limit_ns``."""
@@ -143,7 +178,7 @@ class Simulation:
         """
         self._late[name, message] = copies
 
-    def after(self, delay_ns: int, act: Callable[[], None]) -> None:
+    def later(self, delay_ns: int, act: Callable[[], None]) -> None:
         """Call ``act`` after a time."""
         self._at(self.now_ns + delay_ns, act)
 
@@ -229,6 +264,10 @@ class Simulation:
         if not process.running or process.hangs or planned_ns != process.planned_ns:
             return  # it has been rescheduled
         process.planned_ns = NEVER_NS
+        if self._hub.gone and process.inbox and type(process.inbox[0]) is Started and process.name != self._router:
+            process.busy_ns = process.turned_ns = self.now_ns + _RETRY_NS
+            self._plan(process)  # it waits for the router
+            return
         if self._befalls and (acts := self._befalls.pop((process.name, process.events), None)) is not None:
             for act in acts:
                 act()
@@ -251,11 +290,12 @@ class Simulation:
             return
         process.events += 1
         process.turned_ns = self.now_ns
-        self.story.append(Happened(self.now_ns, process.name, event))
+        self._note(process, event)
         try:
             for effect in process.machine.handle(event, Now(self.now_ns, EPOCH_NS + self.wall_ns + self.now_ns)):
-                self.story.append(Happened(self.now_ns, process.name, effect))
-                self._do(process, effect)
+                self._note(process, effect)
+                if process.running:
+                    self._do(process, effect)
                 if process.doomed is not None:
                     self._doom(process, process.doomed)
                 if not process.running:
@@ -266,6 +306,12 @@ class Simulation:
             self._end(process, error)
         if process.doomed is not None and process.running:
             self.kill(process.name, unsent=process.doomed[1])
+
+    def _note(self, process: Process, what: Event | Effect) -> None:
+        happened = Happened(self.now_ns, process.name, what)
+        self.story.append(happened)
+        if self.watch is not None:
+            self.watch(happened)
 
     def _doom(self, process: Process, doomed: tuple[int, int]) -> None:
         effects, unsent = doomed
@@ -328,7 +374,7 @@ class Simulation:
         if process.name == self._router:
             self._hub.go_on()
             if self._hub.gone:
-                self._reopen()
+                self._reopen(process)
         elif not process.linked:
             self._link_again(process)
         self._plan(process)
@@ -352,12 +398,18 @@ class Simulation:
             if process.name != self._router:
                 process.registered.clear()
                 process.watched.clear()
-            self._at(process.from_router.arrival_ns(self.now_ns) + self._draw(_CUT_NS), partial(_cut, process))
+            cut_ns = process.from_router.arrival_ns(self.now_ns) + self._draw(_CUT_NS)
+            self._at(cut_ns, partial(self._cut, process, self._routers))
 
-    def _reopen(self) -> None:
+    def _cut(self, process: Process, routers: int) -> None:
+        """Have a process notice that it has lost the router, unless that has come back by now."""
+        if routers == self._routers or not process.linked:
+            process.linked = False
+
+    def _reopen(self, router: Process) -> None:
         """Let those connect again who have lost the router."""
-        self._hub.gone = False
-        router = self.processes[self._router]
+        self._hub.gone = self._hub.stopped = False
+        self._routers += 1
         for token in router.declared:
             self._hub.declare(router, token)
         for process in self.processes.values():
@@ -444,10 +496,6 @@ def _how(copies: tuple[tuple[int, int], ...]) -> str:
         return "is lost"
     late_ns = max(map(sum, copies))
     return f"comes {'twice' if len(copies) > 1 else 'late'}, by {late_ns / 1e6:g} ms"
-
-
-def _cut(process: Process) -> None:
-    process.linked = False
 
 
 def _refuse(effect: Effect) -> Event | None:

@@ -89,6 +89,7 @@ class Process:
         self.cut_ns = 0  # until when its connection is down
         self.events = 0  # handled so far
         self.began_ns = NEVER_NS
+        self.began_events = 0  # handled by earlier starts of it
         self.turned_ns = 0  # when the last one was
         self.doomed: tuple[int, int] | None = None  # effects until it is killed, and how many sendings that loses
         self.unsent: deque[list[Callable[[], None]]] = deque(maxlen=16)  # the last sendings, emptied if they are lost

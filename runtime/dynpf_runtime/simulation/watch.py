@@ -36,7 +36,7 @@ class Watch:
         self._supervision = Supervision(tuple(simulation.processes))
         self._asked = Asked()
         simulation.watched = True
-        simulation.after(POLL_NS, self._look)
+        simulation.later(POLL_NS, self._look)
 
     def interrupt(self, *, at_once: bool) -> None:
         """Ask the run to end, as Ctrl-C does, and twice at once."""
@@ -57,7 +57,7 @@ class Watch:
                 case Finish(failure):
                     self._finish(failure)
                     return
-        simulation.after(POLL_NS, self._look)
+        simulation.later(POLL_NS, self._look)
 
     def _seen(self, process: Process, now_ns: int) -> Seen:
         started = process.events > 0 or now_ns > process.began_ns
@@ -80,7 +80,7 @@ class Watch:
                 simulation.kill(name)
         if recorder.running:
             simulation.ask_to_stop(RECORDER, _STOP, at_once=bool(self._asked.reason))
-        simulation.after(CLOSE_NS if recorder.running else 0, self._kill_rest)
+        simulation.later(CLOSE_NS if recorder.running else 0, self._kill_rest)
 
     def _kill_rest(self) -> None:
         for name, process in self._simulation.processes.items():

@@ -33,10 +33,10 @@ class Still:
         return 0
 
 
-def host_of(name: str, plan: Plan, boot: str, log: Sequence[LogRecord] = ()) -> NodeHost:
+def host_of(name: str, plan: Plan, start: str, log: Sequence[LogRecord] = (), patience_ns: int = 0) -> NodeHost:
     """Return the machine of a node's process."""
     node = plan.graph.specs[name].build()
-    return NodeHost(name, node, plan, boot, endpoint=ENDPOINT, log=log, gauges=Still())
+    return NodeHost(name, node, plan, start, endpoint=ENDPOINT, log=log, gauges=Still(), patience_ns=patience_ns)
 
 
 def simulated(
@@ -49,6 +49,7 @@ def simulated(
     attachments: Sequence[Attachment] = (),
     without: Sequence[str] = (),
     network: Network = NETWORK,
+    patience_ns: int = 0,
 ) -> Simulation:
     """Return a simulation of a run, recorded into ``path``, in which no process but those ``without`` lacks.
 
@@ -59,8 +60,9 @@ def simulated(
     if ROUTER not in without:
         simulation.add(ROUTER, RouterMachine(plan, "router-1"))
     if RECORDER not in without:
-        simulation.add(RECORDER, RecorderMachine(plan, "recorder-1", ENDPOINT, str(path)), file.perform)
+        recorder = RecorderMachine(plan, "recorder-1", ENDPOINT, str(path), patience_ns=patience_ns)
+        simulation.add(RECORDER, recorder, file.perform)
     for name in plan.graph.nodes:
         if name not in without:
-            simulation.add(name, host_of(name, plan, f"{name}-1", log))
+            simulation.add(name, host_of(name, plan, f"{name}-1", log, patience_ns))
     return simulation

@@ -11,7 +11,8 @@ from dynpf_protocol.keys import ALIVE, BEAT, READY, RECORDED, SCENARIO, STOP
 from dynpf_runtime.machines.effects import Ask, Count, Declare, Effect, Put, Subscribe, Tell
 from dynpf_runtime.machines.events import Answered, Arrived, Counted, Event, RouterGone, Started, Token, Woke
 from dynpf_runtime.machines.heartbeats import BEAT_NS, WEDGED_NS
-from dynpf_runtime.machines.membership import LAST_WORD_NS, SURE_NS, Membership
+from dynpf_runtime.machines.absence import LAST_WORD_NS, SURE_NS
+from dynpf_runtime.machines.membership import Membership
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.schema import resolved_json
@@ -26,7 +27,7 @@ class Scripted:
     """A membership of the simulator, given one event after the other at a time that the script sets."""
 
     def __init__(self, boot: str = "mine", *, leads: bool = True) -> None:
-        self.machine = Membership("simulator", plan_of(SCENARIO_HERE), boot, "tcp/here:1", [PREPARED], leads=leads)
+        self.machine = Membership("simulator", plan_of(SCENARIO_HERE), boot, "tcp/here:1", lambda: [PREPARED], leads=leads)
         self.now_ns = 0
         self.effects: list[Effect] = []
 

@@ -5,7 +5,7 @@ from dynpf_protocol.errors import BrokenOffError
 from dynpf_protocol.keys import ALIVE, READY, RECORDED
 from dynpf_runtime.machines.effects import Ended, Tell
 from dynpf_runtime.machines.events import Arrived, Event, Now, Started, Token, Woke
-from dynpf_runtime.machines.membership import LAST_WORD_NS
+from dynpf_runtime.machines.absence import LAST_WORD_NS
 from dynpf_runtime.machines.router import RouterMachine
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import load_scenario

@@ -1,0 +1,58 @@
+"""Rebuilding: a recorder's new start takes its ledger from the recording of the one before, and writes that anew.
+
+What was written of steps that are not whole is left out: their nodes say it again.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+
+import msgspec
+from dynpf_protocol.errors import ProtocolError, RunError
+from dynpf_protocol.journal import JOURNAL_PREFIX, decode_entry
+from dynpf_protocol.keys import RECORDER
+from dynpf_protocol.topics import LOG_NODE, Topic
+
+from dynpf_runtime.machines.effects import Effect, Mend, Record
+from dynpf_runtime.machines.events import FoundMessage
+from dynpf_runtime.machines.ledger import Ledger
+from dynpf_runtime.machines.window import end_of
+
+__all__ = ["rebuilt"]
+
+_GAP_TOPIC = "recorder/gap"
+
+
+def rebuilt(
+    found: Iterable[FoundMessage], ledger: Ledger, topics: Mapping[str, Topic], boots: Mapping[str, str]
+) -> Iterator[Effect]:
+    """Give the messages of a recording to an empty ledger, and yield what is to be written again.
+
+    Raises RunError if they are not of the nodes with these ``boots``.
+    """
+    steps: Counter[str] = Counter()  # the recording keeps no ticks but in the journal
+    source = ledger.source
+    for message in found:
+        topic, envelope, payload = message
+        node = source if envelope.node == LOG_NODE else envelope.node
+        if node == RECORDER:
+            if topic != _GAP_TOPIC:  # the writer finds gaps again
+                yield Record(*message)
+            continue
+        if boots.get(node, envelope.boot) != envelope.boot:
+            raise RunError(
+                f"the recording has messages of another start of {node} ({envelope.boot}) than this run's "
+                f"({boots[node]}): it is of another run; choose another name"
+            )
+        try:
+            if topic == JOURNAL_PREFIX + node:
+                entry = decode_entry(payload)
+                placed = msgspec.structs.replace(envelope, tick=entry.tick)
+                yield from ledger.end(end_of(placed, entry))
+                yield from ledger.entry(placed, entry, payload)
+                steps[node] = entry.step + 1
+            elif topic in topics:
+                yield from ledger.message(topic, node, msgspec.structs.replace(envelope, tick=steps[node]), payload)
+        except (ProtocolError, msgspec.DecodeError):
+            continue  # it was taken before as what it is now: a repetition, or nothing of the run
+    ledger.forget_open()
+    yield Mend()

@@ -1,0 +1,81 @@
+"""Recollection: how a node's new start gets from the recorder what its predecessor has read and done."""
+
+from collections.abc import Iterator
+
+from dynpf_protocol.errors import OrderError, RunError, UnknownSenderError
+from dynpf_protocol.journal import JournalEntry, encode_entry
+from dynpf_protocol.keys import RECALL, RECALLED, RECORDER
+from dynpf_protocol.recall import Recall, Recalled, decode_recalled, encode_recall
+
+from dynpf_runtime.machines.effects import NEVER_NS, Put
+from dynpf_runtime.machines.events import Arrived
+from dynpf_runtime.machines.membership import Membership
+from dynpf_runtime.machines.roles import check_boot
+from dynpf_runtime.machines.window import entry_digest
+
+__all__ = ["Recollection"]
+
+_AGAIN_NS = 200_000_000
+"""How long to wait for an answer before asking again."""
+
+_MOST_WAITING = 48 * 2**20
+"""How much may wait that comes from others in the meantime, bytes; they say it again."""
+
+
+class Recollection:
+    """What ``member`` recalls. It has been ``written`` steps, of which it makes no message known again.
+
+    Of ``said`` steps the predecessor has said that they have ended, and that ``last`` was its last one.
+    """
+
+    def __init__(self, member: Membership) -> None:
+        self.written = 0
+        self.said = 0
+        self.last: int | None = None
+        self.wake_ns = NEVER_NS
+        self.waiting: list[Arrived] = []  # what has come from others in the meantime
+        self._member = member
+        self._tick = 0
+        self._entries: dict[int, bytes] = {}
+        self._bytes = 0
+
+    def ask(self, now_ns: int) -> Put:
+        """Ask for what comes next."""
+        self.wake_ns = now_ns + _AGAIN_NS
+        name, start = self._member.name, self._member.start
+        return Put(RECALL + name, encode_recall(Recall(name, start, self._tick)))
+
+    def answered(self, arrived: Arrived) -> Recalled | None:
+        """Return the recorder's answer, or None for one to an earlier question; raises ProtocolError."""
+        recalled = decode_recalled(arrived.payload)
+        check_boot(RECORDER, recalled.start, self._member.starts)
+        if recalled.to != self._member.start:
+            raise UnknownSenderError(f"it is for the start {recalled.to!r} of {arrived.key[len(RECALLED) :]}")
+        if recalled.tick != self._tick:
+            return None
+        if recalled.next_tick < self._tick or (recalled.more and recalled.next_tick == self._tick):
+            raise OrderError(f"the recorder goes from tick {self._tick} to {recalled.next_tick}")
+        self._entries.update(enumerate(recalled.entries, self._tick))
+        self._tick = recalled.next_tick
+        self.written, self.said, self.last = recalled.written, recalled.said, recalled.last
+        return recalled
+
+    def check(self, entry: JournalEntry) -> None:
+        """Raise RunError for a step that is not as the predecessor's was."""
+        digest = self._entries.pop(entry.step, None)
+        if digest is not None and digest != entry_digest(encode_entry(entry)):
+            raise RunError(
+                f"{self._member.name} cannot go on: its step {entry.step} is not what it was before; a node's steps "
+                "must follow from its parameters and inputs alone"
+            )
+
+    def put_off(self, arrived: Arrived) -> None:
+        """Keep a message of another until the predecessor's steps are done."""
+        self._bytes += len(arrived.payload)
+        if self._bytes <= _MOST_WAITING:
+            self.waiting.append(arrived)
+
+    def rest(self) -> Iterator[Arrived]:
+        """Yield what has come in the meantime."""
+        waiting, self.waiting = self.waiting, []
+        yield from waiting
