@@ -11,7 +11,7 @@ from dynpf_protocol.keys import RECORDER
 
 from dynpf_runtime.simulation.invariants import Reference, broken
 from dynpf_runtime.simulation.process import Network
-from dynpf_runtime.simulation.schedule import Schedule, draw
+from dynpf_runtime.simulation.schedule import Care, Schedule, draw
 from dynpf_runtime.simulation.shrink import shrunk
 from dynpf_runtime.simulation.trial import Run, Trial, play
 
@@ -42,7 +42,7 @@ class Campaign:
         self._reference = reference
         self._seed = seed
         self._folder = folder
-        self._size = play(run, Schedule(seed, -1, (), Network(), watched=True), folder).size
+        self._size = play(run, Schedule(seed, -1, (), Network(), Care.WATCHED), folder).size
 
     @property
     def source(self) -> str:

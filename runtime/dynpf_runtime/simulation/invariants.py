@@ -22,6 +22,7 @@ from dynpf_runtime.replay import replay_node
 from dynpf_runtime.replay_hosts import replay_hosts
 from dynpf_runtime.simulation.faults import (
     Clock,
+    Crash,
     Cut,
     Delay,
     Drop,
@@ -35,7 +36,8 @@ from dynpf_runtime.simulation.faults import (
     Slow,
     Tear,
 )
-from dynpf_runtime.simulation.trial import LIMIT_NS, PATIENCE_NS, Run, Trial
+from dynpf_runtime.simulation.schedule import Care
+from dynpf_runtime.simulation.trial import LIMIT_NS, STANDSTILL_NS, Run, Trial
 
 __all__ = ["Reference", "broken", "is_harmless", "reference_of"]
 
@@ -63,9 +65,11 @@ def reference_of(recording: Recording) -> Reference:
     return Reference(content_digest(recording), messages, steps(recording))
 
 
-def is_harmless(fault: Fault) -> bool:
-    """Return whether a run has to be whole though this befalls it."""
+def is_harmless(fault: Fault, *, kept: bool) -> bool:
+    """Return whether a run has to be whole though this befalls it; ``kept`` if who is gone is started again."""
     match fault:
+        case Crash() | Freeze() | Hang() | Cut() | Tear() if kept:
+            return True
         case Delay() | Reorder() | Duplicate() | Slow() | Clock():
             return True
         case Freeze(_, _, for_ns):
@@ -87,7 +91,8 @@ def broken(run: Run, reference: Reference | None, trial: Trial, *, replay: bool)
     found += problems
     if not whole:
         found += _called_whole(trial)
-        if all(map(is_harmless, trial.schedule.faults)):
+        kept = trial.schedule.care is Care.KEPT
+        if not trial.exhausted and all(is_harmless(fault, kept=kept) for fault in trial.schedule.faults):
             found.append("the run is not whole, though nothing befell it that could harm it")
     return found
 
@@ -101,7 +106,7 @@ def _ends(trial: Trial) -> Iterator[str]:
     elif trial.asked and not _told(trial):
         yield "the run stood still, and nobody said why"
     elif trial.asked and _began(trial) and not _may_stand_still(trial):
-        yield f"the run stood still for {PATIENCE_NS // SECOND} s"
+        yield f"the run stood still for {STANDSTILL_NS // SECOND} s"
     for name, error in simulation.ended.items():
         if not isinstance(error, DynpfError | KeyboardInterrupt | RecordingError | None):
             yield f"{name} raised {type(error).__name__}: {error}"

@@ -5,6 +5,7 @@ about is met sooner than if each schedule had a little of everything (Groce et a
 """
 
 from collections.abc import Callable, Mapping
+from enum import Enum
 from random import Random
 from typing import NamedTuple
 
@@ -29,7 +30,7 @@ from dynpf_runtime.simulation.faults import (
 )
 from dynpf_runtime.simulation.process import Network
 
-__all__ = ["KINDS", "Schedule", "Size", "draw"]
+__all__ = ["KINDS", "Care", "Schedule", "Size", "draw"]
 
 MS = 1_000_000
 SECOND = 1_000_000_000
@@ -47,14 +48,22 @@ class Size(NamedTuple):
     bytes: int
 
 
+class Care(Enum):
+    """Who looks after the processes of a run."""
+
+    ALONE = "nobody watches"
+    WATCHED = "dynpf run watches, and starts nobody again"
+    KEPT = "who is killed or hangs is started again"
+
+
 class Schedule(NamedTuple):
-    """The faults of one simulated run, the seed of its network, and whether ``dynpf run`` watches its processes."""
+    """The faults of one simulated run, the seed and the size of its network, and who looks after its processes."""
 
     seed: int
     number: int
     faults: tuple[Fault, ...]
     network: Network
-    watched: bool
+    care: Care
 
     @property
     def network_seed(self) -> int:
@@ -63,8 +72,7 @@ class Schedule(NamedTuple):
 
     def __str__(self) -> str:
         network = ", ".join(f"{name} {value / MS:g} ms" for name, value in self.network._asdict().items())
-        how = "dynpf run watches" if self.watched else "nobody watches"
-        head = f"schedule {self.number} of seed {self.seed}: {how}; at most {network.replace('_ns', '')}"
+        head = f"schedule {self.number} of seed {self.seed}: {self.care.value}; at most {network.replace('_ns', '')}"
         return "\n".join([head, *(f"  {index}  {text_of(fault)}" for index, fault in enumerate(self.faults))])
 
 
@@ -84,7 +92,7 @@ class _Draw:
     def event(self, *, router: bool = True) -> tuple[str, int]:
         """Return a process and one of its events."""
         name = self.process(router=router)
-        return name, self.random.randrange(self.size.events[name])
+        return name, self.random.randrange(self.size.events[name] * 5 // 4)  # some strike only who was started again
 
     def message(self) -> tuple[str, int]:
         """Return a process and one of the messages to it."""
@@ -178,6 +186,9 @@ _HARSH = frozenset({"crash", "drop", "full-disk", "tear", "power-loss"})
 """What gentle schedules have none of: then the run has to be whole."""
 
 
+_CARES = (Care.ALONE, Care.WATCHED, Care.KEPT, Care.KEPT)
+
+
 def draw(seed: int, number: int, size: Size) -> Schedule:
     """Return the schedule with a number under a seed, for a run of this size. Every second one is gentle."""
     random = Random(f"{seed} {number}")
@@ -188,4 +199,4 @@ def draw(seed: int, number: int, size: Size) -> Schedule:
         if random.random() < _SHARE and not (gentle and kind in _HARSH):
             faults += [one(drawing) for _ in range(random.randint(1, most))]
     network = Network(drawing.ns(MS // 100, 10 * MS), drawing.ns(MS // 1000, 1 * MS), drawing.ns(MS, 300 * MS))
-    return Schedule(seed, number, tuple(faults), network, watched=random.random() < 0.5)
+    return Schedule(seed, number, tuple(faults), network, random.choice(_CARES))

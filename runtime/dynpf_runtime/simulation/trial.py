@@ -1,6 +1,7 @@
 """A trial: one run of a plan, simulated from beginning to end under a schedule of faults."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple, Protocol, Self
@@ -32,19 +33,23 @@ from dynpf_runtime.simulation.faults import (
     Tear,
     text_of,
 )
+from dynpf_runtime.simulation.keeper import Keeper
 from dynpf_runtime.simulation.network import Simulation
-from dynpf_runtime.simulation.schedule import Schedule, Size
+from dynpf_runtime.simulation.schedule import Care, Schedule, Size
 from dynpf_runtime.simulation.watch import Watch
 from dynpf_runtime.source import LogRecord
 
-__all__ = ["ENDPOINT", "FILE", "LIMIT_NS", "PATIENCE_NS", "Run", "Trial", "play"]
+__all__ = ["ENDPOINT", "FILE", "LIMIT_NS", "STANDSTILL_NS", "Run", "Trial", "play"]
 
 ENDPOINT = "tls/simulated:1"
 
 FILE = "run.mcap"
 """What the recording is called."""
 
-PATIENCE_NS = 60_000_000_000
+PATIENCE_NS = 30_000_000_000
+"""How long processes wait for one that is gone, if somebody starts it again."""
+
+STANDSTILL_NS = 60_000_000_000
 """After so long the user asks a run to end that stands still."""
 
 AGAIN_NS = 90_000_000_000
@@ -80,7 +85,8 @@ class Run(NamedTuple):
 class Trial(NamedTuple):
     """A run that was simulated. ``hung`` says that it did not end; ``failure`` is what ``dynpf run`` said of it.
 
-    ``asked`` says that the user had to end it.
+    ``asked`` says that the user had to end it, ``exhausted`` that a process was killed more often than it may be
+    started again.
     """
 
     schedule: Schedule
@@ -88,6 +94,7 @@ class Trial(NamedTuple):
     disk: Disk
     hung: bool
     asked: bool
+    exhausted: bool
     failure: str | None
 
     @property
@@ -137,28 +144,60 @@ def play(run: Run, schedule: Schedule, folder: Path) -> Trial:
 
 
 def _play(run: Run, schedule: Schedule, disk: Disk) -> Trial:
-    plan = run.plan
     simulation = Simulation(schedule.network_seed, ROUTER, schedule.network)
-    ticks: dict[str, int] = {}
-    simulation.add(ROUTER, RouterMachine(plan, "router-1"))
-    recording = run.open_recording(plan, "recorder-1", disk.folder / FILE, partial(RecordingWriter, open_file=disk.open))
-    machine = RecorderMachine(plan, "recorder-1", ENDPOINT, FILE)
-    simulation.add(RECORDER, machine, recording.perform, partial(_leave, recording))
-    for name in plan.graph.nodes:
-        node = plan.graph.specs[name].build()
-        gauges = _Gauges(name, ticks)
-        host = NodeHost(name, node, plan, f"{name}-1", endpoint=ENDPOINT, log=run.log, gauges=gauges)
-        simulation.add(name, host)
+    cast = _Cast(run, simulation, disk, PATIENCE_NS if schedule.care is Care.KEPT else 0)
+    for name in (ROUTER, RECORDER, *run.plan.graph.nodes):
+        cast.start(name)
     for fault in schedule.faults:
         _prepare(fault, simulation, disk)
-    watch = Watch(simulation, ticks) if schedule.watched else None
-    asked = not _ends_within(PATIENCE_NS, simulation)
+    keeper: Watch | Keeper | None = None
+    if schedule.care is Care.WATCHED:
+        keeper = Watch(simulation, cast.ticks)
+    elif schedule.care is Care.KEPT:
+        keeper = Keeper(simulation, cast.start)
+    asked = not _ends_within(STANDSTILL_NS, simulation)
     hung = asked
     for at_once, limit_ns in ((False, AGAIN_NS), (True, LIMIT_NS)):
         if hung:
-            _interrupt(simulation, watch, at_once=at_once)
+            _interrupt(simulation, keeper, at_once=at_once)
             hung = not _ends_within(limit_ns, simulation)
-    return Trial(schedule, simulation, disk, hung, asked, watch.failure if watch is not None else None)
+    exhausted = isinstance(keeper, Keeper) and keeper.exhausted
+    return Trial(schedule, simulation, disk, hung, asked, exhausted, keeper.failure if keeper is not None else None)
+
+
+class _Cast:
+    """Starts the processes of a run, for the first time and again."""
+
+    def __init__(self, run: Run, simulation: Simulation, disk: Disk, patience_ns: int) -> None:
+        self.ticks: dict[str, int] = {}
+        self._run = run
+        self._simulation = simulation
+        self._disk = disk
+        self._patience_ns = patience_ns
+        self._starts: Counter[str] = Counter()
+
+    def start(self, name: str) -> None:
+        """Start a process, under a name of its own for this start."""
+        self._starts[name] += 1
+        start = f"{name}-{self._starts[name]}"
+        begin = self._simulation.add if self._starts[name] == 1 else self._simulation.restart
+        plan, patience_ns = self._run.plan, self._patience_ns
+        if name == ROUTER:
+            begin(name, RouterMachine(plan, start, patience_ns))
+        elif name == RECORDER:
+            path = self._disk.folder / FILE
+            recording = self._run.open_recording(
+                plan, start, path, partial(RecordingWriter, open_file=self._disk.open)
+            )
+            machine = RecorderMachine(plan, start, ENDPOINT, FILE, patience_ns=patience_ns, exists=path.exists())
+            begin(name, machine, recording.perform, partial(_leave, recording))
+        else:
+            node, gauges = plan.graph.specs[name].build(), _Gauges(name, self.ticks)
+            log = self._run.log
+            host = NodeHost(
+                name, node, plan, start, endpoint=ENDPOINT, log=log, gauges=gauges, patience_ns=patience_ns
+            )
+            begin(name, host)
 
 
 def _ends_within(limit_ns: int, simulation: Simulation) -> bool:
@@ -170,11 +209,11 @@ def _ends_within(limit_ns: int, simulation: Simulation) -> bool:
     return True
 
 
-def _interrupt(simulation: Simulation, watch: Watch | None, *, at_once: bool) -> None:
+def _interrupt(simulation: Simulation, keeper: Watch | Keeper | None, *, at_once: bool) -> None:
     """Act like a user who wants a run to end that stands still."""
     simulation.tell("user", "asks again" if at_once else "asks the run to end")
-    if watch is not None:
-        watch.interrupt(at_once=at_once)
+    if keeper is not None:
+        keeper.interrupt(at_once=at_once)
         return
     for name in simulation.processes:
         simulation.ask_to_stop(name, "stopped by the user", at_once=at_once)

@@ -7,6 +7,7 @@ from typing import Self
 
 from dynpf_formats.recording.errors import RecordingError, RecordingExistsError
 from dynpf_formats.recording.header import Attachment, RunEnd, RunHeader
+from dynpf_formats.recording.mcap_records import Damage, End
 from dynpf_formats.recording.stream import StreamedMessage, stream
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_protocol.envelope import Envelope
@@ -165,11 +166,15 @@ def _whole_end(path: Path, plan: Plan) -> RunEnd | None:
     """Return the end of a recording of ``plan`` that is whole, or None."""
     if not path.exists():
         return None
-    found = None
+    found, ended = None, False
     for item in stream(path):
         match item:
             case RunHeader():
                 _check_header(path, item, plan)
             case RunEnd():
                 found = item
-    return found if found is not None and found.complete else None
+            case Damage():
+                return None
+            case End():
+                ended = True  # else the recorder was killed while it wrote the last bytes
+    return found if ended and found is not None and found.complete else None
