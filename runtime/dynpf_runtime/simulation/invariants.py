@@ -89,11 +89,18 @@ def broken(run: Run, reference: Reference | None, trial: Trial, *, replay: bool)
     found = [*_ends(trial)]
     whole, problems = _recording(run, reference, trial, replay=replay)
     found += problems
+    kept = trial.schedule.care is Care.KEPT
+    harmless = not trial.exhausted and all(is_harmless(fault, kept=kept) for fault in trial.schedule.faults)
     if not whole:
         found += _called_whole(trial)
-        kept = trial.schedule.care is Care.KEPT
-        if not trial.exhausted and all(is_harmless(fault, kept=kept) for fault in trial.schedule.faults):
+        if harmless:
             found.append("the run is not whole, though nothing befell it that could harm it")
+    elif harmless:
+        found += [
+            f"the run is whole, and {name} ends: {error}"
+            for name, error in trial.simulation.ended.items()
+            if error is not None
+        ]
     return found
 
 

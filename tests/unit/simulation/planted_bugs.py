@@ -1,23 +1,40 @@
 """Bugs as people make them, to be put into the machines on purpose: the simulator has to find each."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import pytest
+from dynpf_formats.recording.header import RunEnd
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import OrderError
-from dynpf_runtime.machines import membership, node_host, router
-from dynpf_runtime.machines.effects import NEVER_NS, Record
-from dynpf_runtime.machines.events import Arrived
+from dynpf_runtime.executor import Executor
+from dynpf_runtime.machines.effects import Effect, Put, Record
+from dynpf_runtime.machines.events import Arrived, Now
 from dynpf_runtime.machines.intake import Intake, Refusal
 from dynpf_runtime.machines.ledger import Ledger
+from dynpf_runtime.machines.recorder import RecorderMachine
+from dynpf_runtime.machines.unconfirmed import Unconfirmed
 
 __all__ = ["BUGS"]
 
 
 def lost_confirmation(patch: pytest.MonkeyPatch) -> None:
-    """Nobody waits for the recorder's last word once its token is gone: the two come on ways of their own."""
-    patch.setattr(membership, "LAST_WORD_NS", 0)
-    patch.setattr(router, "LAST_WORD_NS", 0)
+    """A recorder that has taken over from another does not say that the recording is closed."""
+    confirm = RecorderMachine._confirm
+
+    def silent(self: RecorderMachine, end: RunEnd, now: Now) -> Iterator[Effect]:
+        effects = list(confirm(self, end, now))
+        if self._member.successor:
+            self._last_word = None
+            effects = [effect for effect in effects if type(effect) is not Put]
+        yield from effects
+
+    patch.setattr(RecorderMachine, "_confirm", silent)
+
+
+def off_by_one(patch: pytest.MonkeyPatch) -> None:
+    """A node's new start gives its next messages numbers that are one too high."""
+    number_from = Executor.number_from
+    patch.setattr(Executor, "number_from", lambda self, topic, sequence: number_from(self, topic, sequence + 1))
 
 
 def appended_twice(patch: pytest.MonkeyPatch) -> None:
@@ -47,12 +64,13 @@ def swallowed_duplicate(patch: pytest.MonkeyPatch) -> None:
 
 
 def forgotten_timer(patch: pytest.MonkeyPatch) -> None:
-    """A node that has made its last step waits for ever for a recorder that hangs."""
-    patch.setattr(node_host, "RECORDED_NS", NEVER_NS // 2)
+    """A node forgets to say again what somebody who was gone may have missed."""
+    patch.setattr(Unconfirmed, "rouse", lambda self, now_ns, ticks: None)
 
 
 BUGS: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
     "a lost confirmation": lost_confirmation,
+    "an off-by-one in the successor's sequence": off_by_one,
     "a recorder that appends twice": appended_twice,
     "a swallowed duplicate": swallowed_duplicate,
     "a forgotten timer": forgotten_timer,
