@@ -35,12 +35,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--schedules", type=_positive, default=200, metavar="N", help="how many schedules to play (default: 200)"
     )
-    parser.add_argument("--schedule", type=int, metavar="K", help="play the schedule with this number, and tell its story")
+    parser.add_argument(
+        "--schedule", type=int, metavar="K", help="play the schedule with this number, and tell its story"
+    )
     parser.add_argument(
         "--faults", type=_indices, metavar="I,J", help="only these faults of the schedule, as a failure names them"
     )
     parser.add_argument(
-        "--jobs", type=_positive, metavar="N", help="number of processes, without effect on the results (default: all cores)"
+        "--jobs",
+        type=_positive,
+        metavar="N",
+        help="number of processes, without effect on the results (default: all cores)",
     )
     add_json(parser)
     parser.set_defaults(run=run)
@@ -132,7 +137,9 @@ def _play(campaign: "Campaign", options: argparse.Namespace) -> int:
         _tell(campaign, failure.number, only)
     if len(failures) > _MOST_FAILURES:
         print(f"and schedules {', '.join(str(failure.number) for failure in failures[_MOST_FAILURES:])}")
-    print(f"{played} schedules: {whole} runs whole, {played - whole} incomplete and known to be, {len(failures)} broken")
+    print(
+        f"{played} schedules: {whole} runs whole, {played - whole} incomplete and known to be, {len(failures)} broken"
+    )
     print(f"dynpf sim: {took_s:.1f} s, {1000 * _busy_s() / played:.0f} ms of a processor a schedule", file=sys.stderr)
     return 1 if failures else 0
 

@@ -61,9 +61,7 @@ class Campaign:
         trial = play(self._run, schedule, self._folder)
         found = broken(self._run, self._reference, trial, replay=replay)
         whole = trial.simulation.ended.get(RECORDER, trial) is None
-        verdict = Verdict(
-            schedule.number, whole, len(schedule.faults), trial.simulation.now_ns, tuple(found)
-        )
+        verdict = Verdict(schedule.number, whole, len(schedule.faults), trial.simulation.now_ns, tuple(found))
         return verdict, trial
 
     def verdict(self, number: int) -> Verdict:

@@ -127,21 +127,7 @@ class Tear(NamedTuple):
     kept: int
 
 
-Fault = (
-    Crash
-    | Freeze
-    | Hang
-    | Cut
-    | Slow
-    | Clock
-    | PowerLoss
-    | Delay
-    | Reorder
-    | Duplicate
-    | Drop
-    | FullDisk
-    | Tear
-)
+Fault = Crash | Freeze | Hang | Cut | Slow | Clock | PowerLoss | Delay | Reorder | Duplicate | Drop | FullDisk | Tear
 
 
 def text_of(fault: Fault) -> str:

@@ -150,9 +150,7 @@ def _called_whole(trial: Trial) -> Iterator[str]:
         yield "dynpf run says that the run is whole, and it is not"
 
 
-def _recording(
-    run: Run, reference: Reference | None, trial: Trial, *, replay: bool
-) -> tuple[bool, list[str]]:
+def _recording(run: Run, reference: Reference | None, trial: Trial, *, replay: bool) -> tuple[bool, list[str]]:
     """Return whether the recording is that of a whole run, and what is wrong with it that it does not say."""
     path = trial.path
     if not path.exists():

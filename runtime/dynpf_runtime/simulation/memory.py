@@ -57,9 +57,7 @@ class Memory:
 
 def remembering(plan: Plan, memory: Memory) -> Plan:
     """Return a plan whose nodes are those of ``plan`` and share a memory."""
-    specs = [
-        spec._replace(build=_builder(name, spec.build, memory)) for name, spec in plan.graph.specs.items()
-    ]
+    specs = [spec._replace(build=_builder(name, spec.build, memory)) for name, spec in plan.graph.specs.items()]
     return plan._replace(graph=Graph(specs))
 
 

@@ -186,17 +186,13 @@ class _Cast:
             begin(name, RouterMachine(plan, start, patience_ns))
         elif name == RECORDER:
             path = self._disk.folder / FILE
-            recording = self._run.open_recording(
-                plan, start, path, partial(RecordingWriter, open_file=self._disk.open)
-            )
+            recording = self._run.open_recording(plan, start, path, partial(RecordingWriter, open_file=self._disk.open))
             machine = RecorderMachine(plan, start, ENDPOINT, FILE, patience_ns=patience_ns, exists=path.exists())
             begin(name, machine, recording.perform, partial(_leave, recording))
         else:
             node, gauges = plan.graph.specs[name].build(), _Gauges(name, self.ticks)
             log = self._run.log
-            host = NodeHost(
-                name, node, plan, start, endpoint=ENDPOINT, log=log, gauges=gauges, patience_ns=patience_ns
-            )
+            host = NodeHost(name, node, plan, start, endpoint=ENDPOINT, log=log, gauges=gauges, patience_ns=patience_ns)
             begin(name, host)
 
 

@@ -84,7 +84,9 @@ class RecorderFile:
         if self._writer is not None and self.end is None:
             self._progress.clear()
             if self._placed:
-                self._writer.close(complete=False, reason=f"ended by {kind.__name__}: {error}" if kind else "never closed")
+                self._writer.close(
+                    complete=False, reason=f"ended by {kind.__name__}: {error}" if kind else "never closed"
+                )
             else:
                 self._writer.discard()
 
