@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 __all__ = ["add_arguments", "default_output"]
 
+RESTARTS = 3
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``dynpf run``."""
@@ -36,6 +38,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--insecure", action="store_true", help="plain tcp: any program on this machine may speak and listen"
+    )
+    parser.add_argument(
+        "--restarts",
+        type=int,
+        default=RESTARTS,
+        metavar="N",
+        help="in lockstep, how often each process is started again that was killed or hangs (default: %(default)s)",
     )
     add_sign(parser)
     add_json(parser, "print the metrics of the run as JSON")
@@ -62,6 +71,8 @@ def run(options: argparse.Namespace) -> int:
         log = load_log(options)
         scenario = scenario_from(options, log)
     check_log(scenario, options.log)
+    if options.restarts < 0:
+        raise UsageError(f"--restarts {options.restarts}: expected 0 or more")
     if options.runner == "inline" and scenario.clock == "realtime":
         raise UsageError("--runner inline goes in lockstep only; a realtime run needs --runner bus")
     path = options.output or default_output(Path(options.scenario).stem, scenario.seed)
@@ -138,6 +149,7 @@ def _run_on_bus(
             code=code_folders(options.code, options.scenario),
             secure=not options.insecure,
             guests=options.keys,
+            restarts=options.restarts if scenario.clock == "lockstep" else 0,
         )
 
 

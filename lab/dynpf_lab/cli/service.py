@@ -10,7 +10,10 @@ from dynpf_lab.cli.arguments import add_clock, add_connect, add_keys
 from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
 from dynpf_lab.cli.sign import add_sign, check_key, sign_recording
 
-__all__ = ["add_arguments"]
+__all__ = ["PATIENCE_S", "add_arguments"]
+
+PATIENCE_S = 30.0
+_LONGEST_S = 86_400.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,10 +27,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--player", action="store_true", help="router: let dynpf play speak in the name of all nodes")
     parser.add_argument("-o", "--output", type=Path, metavar="RUN.mcap", help="recorder: the recording to write")
     add_sign(parser)
+    parser.add_argument(
+        "--patience",
+        type=_seconds,
+        default=PATIENCE_S,
+        metavar="S",
+        help="in lockstep, how long to wait for a process that is gone to be started again (default: %(default)g)",
+    )
     parser.add_argument("--quiet", action="store_true", help="print only errors of this process itself")
     parser.add_argument("--parent", type=int, help=argparse.SUPPRESS)  # end when this process is gone
     parser.add_argument("--pulse", type=Path, help=argparse.SUPPRESS)  # the file by which it watches this one
     parser.set_defaults(run=run)
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 0 <= seconds <= _LONGEST_S:
+        raise argparse.ArgumentTypeError(f"{text} s; expected 0 to {_LONGEST_S:g}")
+    return seconds
 
 
 def run(options: argparse.Namespace) -> int:
@@ -95,7 +112,16 @@ def _run(options: argparse.Namespace) -> int:
             if options.sign is not None:
                 check_key(options.sign)
             try:
-                end = run_recorder(plan_of(scenario), endpoint, path, attachments, stop, pulse=pulse, keys=keys)
+                end = run_recorder(
+                    plan_of(scenario),
+                    endpoint,
+                    path,
+                    attachments,
+                    stop,
+                    pulse=pulse,
+                    keys=keys,
+                    patience_s=options.patience,
+                )
             finally:
                 if options.sign is not None and path.is_file():
                     sign_recording(path, options.sign)
@@ -105,5 +131,14 @@ def _run(options: argparse.Namespace) -> int:
             from dynpf_runtime.bus.host import run_node
 
             records = log.records if log else []
-            run_node(options.name, plan_of(scenario), endpoint, records, stop, pulse=pulse, keys=keys)
+            run_node(
+                options.name,
+                plan_of(scenario),
+                endpoint,
+                records,
+                stop,
+                pulse=pulse,
+                keys=keys,
+                patience_s=options.patience,
+            )
     return 0

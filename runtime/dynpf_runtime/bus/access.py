@@ -15,6 +15,8 @@ from dynpf_protocol.keys import (
     OBSERVER,
     OPERATOR,
     READY,
+    RECALL,
+    RECALLED,
     RECORDED,
     RECORDER,
     ROUTER,
@@ -47,6 +49,7 @@ class Grant(NamedTuple):
 
 _PRESENCE = (f"{ALIVE}**", f"{READY}**")
 _ALL = (f"{RUN}**", f"{BEAT}**", f"{CONTROL}**")
+_HEARD = (*_ALL, f"{RECALLED}**")
 
 
 _RECORDS = [f"{DATA}**/{name}" for name, row in TOPICS.items() if row.publishers == (LOG_NODE,)]
@@ -60,7 +63,7 @@ def grants(graph: Graph) -> dict[str, Grant]:
     """
     found = {name: _node(name, graph) for name in graph.nodes}
     found[RECORDER] = Grant(
-        puts=(BEAT + RECORDER, STOP + RECORDER, RECORDED),
+        puts=(BEAT + RECORDER, STOP + RECORDER, RECORDED, f"{RECALLED}**"),
         subscribes=_ALL,
         tokens=_tokens(RECORDER),
         watches=_PRESENCE,
@@ -78,10 +81,11 @@ def _node(name: str, graph: Graph) -> Grant:
     if name == graph.source:
         writes += _RECORDS
     return Grant(
-        puts=(*writes, JOURNAL + name, TICK + name, BEAT + name, STOP + name),
+        puts=(*writes, JOURNAL + name, TICK + name, RECALL + name, BEAT + name, STOP + name),
         subscribes=(
             *map(data_keys, graph.subscribed(name)),
             *(TICK + other for other in graph.lags[name]),
+            RECALLED + name,
             f"{BEAT}**",
             f"{CONTROL}**",
         ),
@@ -122,7 +126,7 @@ def _rules(name: str, grant: Grant) -> list[dict[str, Any]]:
     return [
         _rule(name, "says", "ingress", ["put"], grant.puts),
         # A client sends only what it knows to have a subscriber, who may have subscribed to more than this one key.
-        _rule(name, "is heard", "egress", ["declare_subscriber"], _ALL if grant.puts else ()),
+        _rule(name, "is heard", "egress", ["declare_subscriber"], _HEARD if grant.puts else ()),
         _rule(name, "listens", "ingress", ["declare_subscriber"], grant.subscribes),
         _rule(name, "hears", "egress", ["put"], grant.subscribes),
         _rule(name, "is there", "ingress", ["liveliness_token"], grant.tokens),

@@ -93,6 +93,7 @@ def drive(name: str, machine: Machine, bus: Bus, stop: StopSignal, perform: Perf
                 edge.handle(event)
             elif not bus.waiting and time.monotonic_ns() >= machine.wake_ns:
                 if edge.cut or not bus.connected:
+                    edge.cut = False
                     edge.handle(RouterGone())
                 edge.handle(Woke())
     pulse.now(Doing.ENDED)

@@ -29,8 +29,11 @@ def run_node(
     *,
     pulse: Pulse,
     keys: Credentials | None = None,
+    patience_s: float = 0.0,
 ) -> None:
     """Run the node ``name`` of ``plan`` on the bus, from joining to the recorder's confirmation of the run.
+
+    In lockstep processes that are gone are waited for ``patience_s``.
 
     Raises RunError if the run cannot continue, UsageError if this process does not fit into it.
     """
@@ -42,7 +45,16 @@ def run_node(
     if isinstance(node, Rehearsing):
         node.rehearse()  # takes as long as it needs: the run waits for processes that have not joined
     with Bus.connect(endpoint, lambda text: say(name, text), lambda: stop.requested, keys) as bus:
-        host = NodeHost(name, node, plan, new_boot(), endpoint=endpoint, log=log, gauges=_Gauges(bus, pulse))
+        host = NodeHost(
+            name,
+            node,
+            plan,
+            new_boot(),
+            endpoint=endpoint,
+            log=log,
+            gauges=_Gauges(bus, pulse),
+            patience_ns=round(patience_s * 1e9),
+        )
         drive(name, host, bus, stop, pulse=pulse)
 
 

@@ -24,7 +24,7 @@ from dynpf_runtime.bus.guard import enlist, guard
 from dynpf_runtime.bus.keys import GUESTS, run_keys
 from dynpf_runtime.bus.pulse import Pulse
 from dynpf_runtime.bus.run_folder import run_folder
-from dynpf_runtime.bus.supervision import Asked, Finish, Kill, Say, Seen, Supervision, Terminate
+from dynpf_runtime.bus.supervision import Asked, Finish, Kill, Restart, Say, Seen, Supervision, Terminate
 from dynpf_runtime.bus.terminal import StopSignal, say
 
 __all__ = ["Command", "free_port", "reserved_port", "run_on_bus"]
@@ -63,11 +63,14 @@ def run_on_bus(
     code: Sequence[Path] = (),
     secure: bool = True,
     guests: Path | None = None,
+    restarts: int = 0,
 ) -> None:
     """Run the nodes ``names`` of a scenario, given as the text that its processes read, and record it into ``path``.
 
     Each process calls ``command`` with the arguments of ``dynpf service``. The processes look for user modules in the
     folders ``code``. Raises RunError that names the process that failed first; by then every process has ended.
+
+    A process that was killed or hangs is started again, each at most ``restarts`` times.
 
     A ``secure`` run has keys that live as long as it does: one for each process, and those of an observer and an
     operator in the folder ``guests``, by default one of its own.
@@ -88,40 +91,54 @@ def run_on_bus(
         for name in (ROUTER, RECORDER, *names):
             words = ["service", name, str(resolved), "--listen" if name == ROUTER else "--connect", endpoint, *shared]
             words += ["--pulse", str(_pulse_path(folder, name))]
+            if not restarts:
+                words += ["--patience", "0"]
             if log is not None and name != ROUTER:
                 words += ["--log", str(log)]
             if name == RECORDER:
                 words += ["-o", str(path)]
             services[name] = words
-        with keys, _children(command, services, folder, guests if secure else None, stop) as children:
+        context = multiprocessing.get_context("fork" if _may_fork() else "spawn")
+        children = _Children(command, services, folder, context)
+        with keys, _guarded(context, folder, guests if secure else None), children.ended(stop):
             if secure:
                 say("run", f"observer and operator: --connect {endpoint} --keys {guests}")
-            _supervise(children, stop)
+            _supervise(children, stop, restarts)
 
 
 def _pulse_path(folder: Path, name: str) -> Path:
     return folder / f"{name.replace('/', '.')}.pulse"
 
 
-@contextlib.contextmanager
-def _children(
-    command: Command, services: dict[str, list[str]], folder: Path, guests: Path | None, stop: StopSignal
-) -> Iterator[dict[str, _Child]]:
-    context = multiprocessing.get_context("fork" if _may_fork() else "spawn")
-    children: dict[str, _Child] = {}
-    with _guarded(context, folder, guests):
+class _Children(dict[str, _Child]):
+    """The processes of a run by name, each started with its words of the command line."""
+
+    def __init__(self, command: Command, services: dict[str, list[str]], folder: Path, context: BaseContext) -> None:
+        super().__init__()
+        self._command, self._services, self._folder, self._context = command, services, folder, context
+
+    def start(self, name: str) -> None:
+        """Start a process, for the first time or again."""
+        path = _pulse_path(self._folder, name)
+        path.unlink(missing_ok=True)
+        pulse = Pulse.shared(path)
+        pulse.now(Doing.STARTING)
+        arguments = self._command, self._services[name]
+        with _signals_held(), _no_main():
+            process = self._context.Process(target=_serve, args=arguments, name=name)  # type: ignore[attr-defined]
+            process.start()
+        enlist(process.pid, self._folder)
+        self[name] = _Child(process, pulse)
+
+    @contextlib.contextmanager
+    def ended(self, stop: StopSignal) -> Iterator[None]:
+        """Start all processes, and end them with the block."""
         try:
-            with _signals_held(), _no_main():
-                for name, words in services.items():
-                    pulse = Pulse.shared(_pulse_path(folder, name))
-                    pulse.now(Doing.STARTING)
-                    process = context.Process(target=_serve, args=(command, words), name=name)  # type: ignore[attr-defined]
-                    process.start()
-                    enlist(process.pid, folder)
-                    children[name] = _Child(process, pulse)
-            yield children
+            for name in self._services:
+                self.start(name)
+            yield
         finally:
-            _end({name: child.process for name, child in children.items()}, stopping=stop.requested)
+            _end({name: child.process for name, child in self.items()}, stopping=stop.requested)
 
 
 @contextlib.contextmanager
@@ -214,9 +231,9 @@ def _end(processes: dict[str, BaseProcess], *, stopping: bool) -> None:
         process.join()
 
 
-def _supervise(children: dict[str, _Child], stop: StopSignal) -> None:
+def _supervise(children: _Children, stop: StopSignal, restarts: int) -> None:
     """Do what the supervision of the processes asks for until all have ended; raises RunError if the run has failed."""
-    supervision = Supervision(tuple(children))
+    supervision = Supervision(tuple(children), restarts)
     while True:
         seen = {name: child.seen() for name, child in children.items()}
         asked = Asked(stop.reason, stop.at_once) if stop.requested else Asked()
@@ -228,6 +245,9 @@ def _supervise(children: dict[str, _Child], stop: StopSignal) -> None:
                     children[name].process.terminate()
                 case Kill(name):
                     children[name].process.kill()
+                case Restart(name):
+                    children[name].process.join()
+                    children.start(name)
                 case Finish(failure):
                     if failure:
                         raise RunError(failure)

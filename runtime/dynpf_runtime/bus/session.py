@@ -26,6 +26,9 @@ __all__ = ["Bus", "open_router"]
 LEASE_MS = 1500
 """Zenoh drops a peer that has been silent for this long, ms."""
 
+RETRY_MS = 100
+"""How often a client looks for a router that is gone, ms."""
+
 HOLD_US = 200_000
 """The hub drops a client that takes nothing for so long, microseconds, after the buffers of its link are full.
 
@@ -57,6 +60,7 @@ def _config(mode: str, keys: Credentials | None, settings: Mapping[str, Any]) ->
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/rx/max_message_size": MOST_BYTES,
+        "connect/retry": {"period_init_ms": RETRY_MS, "period_max_ms": RETRY_MS, "period_increase_factor": 1},
     }
     for key, value in {**common, **_tls(mode, keys), **settings}.items():
         config.insert_json5(key, json.dumps(value))

@@ -4,17 +4,19 @@ It looks at exit codes, at whether the system has stopped a process (SIGSTOP), a
 compiles has no pulse yet, and one that is in a node's step may be there for long: neither is taken for one that hangs.
 """
 
+import signal
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from dynpf_protocol.control import Doing
 from dynpf_protocol.errors import BROKEN_OFF
-from dynpf_protocol.keys import ROUTER
+from dynpf_protocol.keys import RECORDER, ROUTER
 
 from dynpf_runtime.bus.pulse import Reading
 from dynpf_runtime.machines.heartbeats import STEP_NS, WEDGED_NS
 
-__all__ = ["Act", "Asked", "Finish", "Kill", "Say", "Seen", "Supervision", "Terminate"]
+__all__ = ["Act", "Asked", "Finish", "Kill", "Restart", "Say", "Seen", "Supervision", "Terminate"]
 
 SECOND_NS = 1_000_000_000
 
@@ -70,19 +72,32 @@ class Kill(NamedTuple):
     name: str
 
 
+class Restart(NamedTuple):
+    """Start a process again that has ended."""
+
+    name: str
+
+
 class Finish(NamedTuple):
     """Kill all that is left and end, with ``failure`` if the run has failed."""
 
     failure: str = ""
 
 
-Act = Say | Terminate | Kill | Finish
+Act = Say | Terminate | Kill | Restart | Finish
 
 
 class Supervision:
-    """Watches the processes ``names`` of a run; ``look`` is called many times a second until it returns Finish."""
+    """Watches the processes ``names`` of a run; ``look`` is called many times a second until it returns Finish.
 
-    def __init__(self, names: tuple[str, ...]) -> None:
+    A process that was killed or hangs is started again, at most ``restarts`` times, unless it dies twice by itself in
+    the same step.
+    """
+
+    def __init__(self, names: tuple[str, ...], restarts: int = 0) -> None:
+        self._restarts = restarts
+        self._started: Counter[str] = Counter()  # how often a process has been started again
+        self._died_in: dict[str, int] = {}  # a process -> the tick of the step in which it died by itself
         self._failed = ""
         self._deadline_ns: int | None = None
         self._asked = False
@@ -101,7 +116,18 @@ class Supervision:
             yield Finish(self._verdict(seen, asked))
             return
         yield from self._hangs(seen, now_ns)
-        if not asked.reason:
+        if not asked.reason and self._over(seen):
+            if self._deadline_ns is None:
+                self._deadline_ns = now_ns + GRACE_NS
+            elif now_ns > self._deadline_ns:
+                yield Finish()
+                return
+        elif not asked.reason:
+            again = [name for name, one in seen.items() if (one.exit_code or 0) < 0 and self._may_again(name, one)]
+            for name in again:
+                yield from self._again(name, seen[name])
+            if again:
+                return
             yield from self._breaks(seen, running, now_ns)
         elif not self._asked:
             self._asked, self._moved_ns = True, now_ns
@@ -130,10 +156,40 @@ class Supervision:
                 continue
             text = f"{name} hangs: {hang}"
             self._killed.add(name)
+            if self._restarts and not self._failed and self._started[name] < self._restarts:
+                yield Say(text)
+                yield Kill(name)
+                continue
             self._failed = self._failed or text
             self._deadline_ns = min(self._deadline_ns or now_ns + GRACE_NS, now_ns + GRACE_NS)
             yield Say(f"{text}; the run cannot go on")
             yield Kill(name)  # so that nobody waits for it
+            if self._restarts:
+                for other in seen.keys() - {name}:
+                    yield Terminate(other)
+
+    def _over(self, seen: Mapping[str, Seen]) -> bool:
+        """Return whether the run is recorded to its end: who was killed since then is of no matter."""
+        nodes = [one.exit_code for name, one in seen.items() if name not in (ROUTER, RECORDER)]
+        recorded = seen[RECORDER].exit_code == 0 or all(code == 0 for code in nodes)
+        return bool(self._restarts) and not self._failed and recorded
+
+    def _may_again(self, name: str, one: Seen) -> bool:
+        """Return whether a process that was killed by a signal is to be started again."""
+        died = -(one.exit_code or 0) in _BY_ITSELF and one.pulse.doing is Doing.STEP
+        if died and self._died_in.get(name) == one.pulse.tick:
+            self._failed = f"{name} has died twice in the step of tick {one.pulse.tick} by signal {-(one.exit_code or 0)}"
+        if died:
+            self._died_in[name] = one.pulse.tick
+        return not self._failed and self._started[name] < self._restarts
+
+    def _again(self, name: str, one: Seen) -> Iterator[Act]:
+        self._started[name] += 1
+        self._killed.discard(name)
+        self._stopped_ns.pop(name, None)
+        count = f"{self._started[name]} of at most {self._restarts}"
+        yield Say(f"{name} was killed by signal {-(one.exit_code or 0)}; starting it again ({count})")
+        yield Restart(name)
 
     def _stopped(self, name: str, *, stopped: bool, now_ns: int) -> str:
         if not stopped:
@@ -152,11 +208,15 @@ class Supervision:
     def _breaks(self, seen: Mapping[str, Seen], running: list[str], now_ns: int) -> Iterator[Act]:
         """Name at once who was killed, and set the deadline for those left when a process has failed or broken off."""
         failure = _failure(seen)
-        if failure and not self._failed:
-            self._failed = failure
+        if failure and self._deadline_ns is None:
+            self._failed = self._failed or failure
+            failure = self._failed
             self._deadline_ns = now_ns + GRACE_NS
             if any((one.exit_code or 0) < 0 for one in seen.values()):  # who ends by itself tells why
                 yield Say(f"{failure}; the run cannot go on")
+            if self._restarts:  # the others wait for it
+                for name in running:
+                    yield Terminate(name)
         elif not self._failed and len(running) < self._left and any(one.exit_code for one in seen.values()):
             self._deadline_ns = now_ns + LEFT_NS
         self._left = len(running)
@@ -173,6 +233,8 @@ class Supervision:
         """Return what has failed, when all have ended; empty if nothing has."""
         if self._failed:
             return self._failed
+        if self._over(seen) and not asked.reason:
+            return ""
         if asked.reason:
             return "" if seen["recorder"].exit_code == 0 else f"{asked.reason} before the run had begun"
         if failure := _failure(seen):
@@ -180,6 +242,9 @@ class Supervision:
         broken = [name for name, one in seen.items() if one.exit_code]
         return f"{', '.join(broken)} broke off" if broken else ""
 
+
+_BY_ITSELF = (signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGFPE, signal.SIGILL)
+"""Signals by which a process dies of what it does, not of what is done to it."""
 
 _HELD = {
     Doing.BUS: "waiting for the bus",

@@ -67,7 +67,9 @@ class Absence:
 
     def find_router(self) -> None:
         """Note that something has come from the router."""
-        self.cut = False
+        if self.cut:
+            self.cut = False
+            self._told.clear()
 
     def stop_waiting(self) -> None:
         """Wait for nobody any more; raises BrokenOffError if the router is gone."""
@@ -95,9 +97,9 @@ class Absence:
             gone = f"{peer} is gone (killed, crashed, stopped or cut off) after tick {ticks}"
             if now_ns >= since_ns + _sure_ns(peer) + self.patience_ns:
                 raise BrokenOffError(f"{gone}; the run cannot go on")
-            if peer not in self._told and not self.cut:
+            if peer not in self._told:
                 self._told.add(peer)
-                if self._tells(peer):
+                if self._tells(peer) and not self.cut:
                     yield Tell(f"{gone}; the run waits {self.patience_ns // _SECOND_NS} s for it to be started again")
 
     def _due_ns(self, peer: str, since_ns: int) -> int:

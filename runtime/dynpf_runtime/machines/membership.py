@@ -8,7 +8,7 @@ is alive when those are gone, and ready when it has caught up with them; the pee
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import IntEnum
 
 from dynpf_protocol.control import Beat, Recorded, Stop, decode_control, encode_control
@@ -288,8 +288,12 @@ class Membership:
         yield Declare(f"{ALIVE}{self.name}/{self.start}")
         yield Count(f"{ALIVE}{self.name}/*")
 
-    def _succeed(self, before: str) -> Iterator[Effect]:
-        """Take over from the start ``before``, if nobody has done that and this process has not begun on its own."""
+    def _succeed(self, before: str, starts: Mapping[str, str]) -> Iterator[Effect]:
+        """Take over from the start ``before``, if nobody has done that and this process has not begun on its own.
+
+        Who knows of it knows by which ``starts`` the peers have begun the run; others may have come lately, as this
+        process has.
+        """
         if before in self._starts or follows(self.start, before) or self._stage is _Stage.ASKING:
             return
         other = boot_of(before) != self.boot
@@ -299,6 +303,8 @@ class Membership:
         self._starts.add(self.start)
         if other:
             self.successor, self.caught_up, self.absence.resumed = True, False, True
+            for peer in self.peers & starts.keys():
+                self._roster.correct(peer, starts[peer])
         if self._stage is _Stage.LISTENING:
             yield from self._join()
             return
@@ -346,11 +352,11 @@ class Membership:
         missing = self.peers - self._roster.ready
         if self._leads and missing and not self.began:
             yield from self._notify_missing("waiting until ready:", missing, now_ns)
-        elif not (self._leads and self.recovers and not self.began and self._strange):
+        elif not (self._leads and self.recovers and not self.began and self.strange):
             self._stage = _Stage.RUNNING
 
     @property
-    def _strange(self) -> bool:
+    def strange(self) -> bool:
         """Whether a peer has not said that it knows this start: it may still have a predecessor in mind."""
         return any(self._named.get(peer) not in self._starts for peer in self.peers)
 
@@ -410,7 +416,7 @@ class Membership:
 
     def _take_beat(self, beat: Beat, now_ns: int) -> Iterator[Effect]:
         known = self.starts | self._others.starts
-        if beat.node not in known:  # its first beat may come before its token
+        if beat.node not in known or follows(beat.boot, known[beat.node]):  # its first beat may come before its token
             return
         check_boot(beat.node, beat.boot, known)
         self._heartbeats.take(beat, now_ns)
@@ -418,7 +424,7 @@ class Membership:
             return
         if (named := beat.starts.get(self.name)) is not None:
             self._named[beat.node] = named
-            yield from self._succeed(named)
+            yield from self._succeed(named, beat.starts)
         if self.successor:
             for peer in self.peers & beat.starts.keys():
                 self._roster.know(peer, beat.starts[peer])

@@ -123,7 +123,7 @@ class NodeHost:
             if refusal is None:
                 turn = self._turn(now, idle=False)
                 return () if turn is None else self._caught(self._advance(now, turn))
-            return self._caught(self._refused(refusal, now))
+            return self._caught(self._refused(refusal, event, now))
         return self._caught(self._handle(event, now))
 
     @staticmethod
@@ -149,7 +149,7 @@ class NodeHost:
             if self._turns is None:  # it comes from a stranger: others send nothing before this process is ready
                 yield from self._refuse(Refusal(event.key, OrderError("the run has not begun")), now)
             elif self._running and (refusal := self._intake.take(event, now.monotonic_ns)) is not None:
-                yield from self._refuse(refusal, now)
+                yield from self._refuse_or_put_off(refusal, event, now)
         if self._turns is None and member.running:
             self._turns, self._running, self._stepped_ns = self._turns_of(now), True, now.monotonic_ns
         if self._running and member.running:
@@ -200,10 +200,14 @@ class NodeHost:
         past.wake_ns = NEVER_NS
         member.caught_up, member.began = True, past.said > 0
         self._stepped_ns = now.monotonic_ns
-        for waiting in past.rest():
-            if self._running and (refusal := self._intake.take(waiting, now.monotonic_ns)) is not None:
-                yield from self._refuse(refusal, now)
+        yield from self._take_waiting(now)
         yield from self._handle(Woke(), now)
+
+    def _take_waiting(self, now: Now) -> Iterator[Effect]:
+        """Take what others have said while this process was behind them."""
+        for arrived in self._recollection.due(self._inbox.tick):
+            if (refusal := self._intake.take(arrived, now.monotonic_ns)) is not None:
+                yield from self._refuse(refusal, now)
 
     def _repeat(self, now: Now) -> Iterator[Effect]:
         """Make the steps again whose inputs are here."""
@@ -260,6 +264,7 @@ class NodeHost:
             # The source waits for who is gone; and what is new does not overtake what is to be said again.
             held = held or member.absence.cut or unconfirmed.urgent or unconfirmed.bytes > MOST_UNCONFIRMED
             held = held or (self._leads and member.absence.missing)
+            held = held or (not member.ticks and not member.successor and member.strange)
             if member.ticks < past.said:
                 stopping = member.ticks == past.last
         return turns.take(now.monotonic_ns, idle=idle, stopping=stopping, held=held)
@@ -268,7 +273,10 @@ class NodeHost:
         """Make all steps that are due; the source only one, so that other events are handled between two ticks."""
         while turn is not None:
             yield from self._step(turn, now)
-            if not self._running or self._leads:
+            late = self._recollection.waiting  # after a predecessor's end
+            if late:
+                yield from self._take_waiting(now)
+            if not self._running or (self._leads and not late):
                 return
             turn = self._turn(now, idle=False)
 
@@ -333,9 +341,16 @@ class NodeHost:
             return Outcome.DONE
         return Outcome.STOPPED if self._member.stop_reason else Outcome.BUDGET
 
-    def _refused(self, refusal: Refusal, now: Now) -> Iterator[Effect]:
-        yield from self._refuse(refusal, now)
+    def _refused(self, refusal: Refusal, arrived: Arrived, now: Now) -> Iterator[Effect]:
+        yield from self._refuse_or_put_off(refusal, arrived, now)
         yield from self._advance(now, self._turn(now, idle=False))  # the inbox no longer waits for it
+
+    def _refuse_or_put_off(self, refusal: Refusal, arrived: Arrived, now: Now) -> Iterator[Effect]:
+        """Refuse a message, unless this process takes over, and is behind its sender."""
+        if self._member.successor and type(refusal.error) is OrderError:
+            self._recollection.put_off(arrived)
+        else:
+            yield from self._refuse(refusal, now)
 
     def _refuse(self, refusal: Refusal, now: Now) -> Iterator[Effect]:
         if isinstance(refusal.error, RepeatError) and self._member.absence.disturbed:

@@ -1,10 +1,10 @@
 """Recollection: how a node's new start gets from the recorder what its predecessor has read and done."""
 
-from collections.abc import Iterator
-
-from dynpf_protocol.errors import OrderError, RunError, UnknownSenderError
+from dynpf_protocol.control import TickDone, decode_control
+from dynpf_protocol.envelope import decode_envelope
+from dynpf_protocol.errors import OrderError, ProtocolError, RunError, UnknownSenderError
 from dynpf_protocol.journal import JournalEntry, encode_entry
-from dynpf_protocol.keys import RECALL, RECALLED, RECORDER
+from dynpf_protocol.keys import RECALL, RECALLED, RECORDER, TICK
 from dynpf_protocol.recall import Recall, Recalled, decode_recalled, encode_recall
 
 from dynpf_runtime.machines.effects import NEVER_NS, Put
@@ -33,7 +33,7 @@ class Recollection:
         self.said = 0
         self.last: int | None = None
         self.wake_ns = NEVER_NS
-        self.waiting: list[Arrived] = []  # what has come from others in the meantime
+        self._waiting: dict[int, list[Arrived]] = {}  # by tick
         self._member = member
         self._tick = 0
         self._entries: dict[int, bytes] = {}
@@ -70,12 +70,24 @@ class Recollection:
             )
 
     def put_off(self, arrived: Arrived) -> None:
-        """Keep a message of another until the predecessor's steps are done."""
+        """Keep a message of another that is ahead of this process; they say it again if it is lost."""
+        try:
+            key, payload = arrived.key, arrived.payload
+            tick = decode_control(payload, TickDone).tick if key.startswith(TICK) else decode_envelope(arrived.attachment).tick
+        except ProtocolError:
+            return
         self._bytes += len(arrived.payload)
         if self._bytes <= _MOST_WAITING:
-            self.waiting.append(arrived)
+            self._waiting.setdefault(tick, []).append(arrived)
 
-    def rest(self) -> Iterator[Arrived]:
-        """Yield what has come in the meantime."""
-        waiting, self.waiting = self.waiting, []
-        yield from waiting
+    @property
+    def waiting(self) -> bool:
+        """Whether messages of others wait."""
+        return bool(self._waiting)
+
+    def due(self, tick: int) -> list[Arrived]:
+        """Return the messages that waited until this process was in ``tick``."""
+        ticks = sorted(waiting for waiting in self._waiting if waiting <= tick)
+        found = [arrived for waiting in ticks for arrived in self._waiting.pop(waiting)]
+        self._bytes -= sum(len(arrived.payload) for arrived in found)
+        return found

@@ -26,7 +26,7 @@ from dynpf_runtime.machines.effects import (
     Subscribe,
     Tell,
 )
-from dynpf_runtime.machines.events import Arrived, Closed, Dropped, Event, Flushed, Found, Now, StopAsked, Woke
+from dynpf_runtime.machines.events import Arrived, Closed, Dropped, Event, Flushed, Found, Now, StopAsked, Token, Woke
 from dynpf_runtime.machines.ledger import Ledger
 from dynpf_runtime.machines.membership import Membership
 from dynpf_runtime.machines.rebuilding import rebuilt
@@ -89,6 +89,7 @@ class RecorderMachine:
         self._returns = 0
         self._say_again_ns = NEVER_NS
         self._last_word: Recorded | None = None
+        self._asked_early: dict[str, Arrived] = {}
 
     def _prepare(self) -> Sequence[Effect]:
         again = self._member.successor
@@ -156,6 +157,9 @@ class RecorderMachine:
                 yield Close(False, str(self._error) or stopped)
         elif stage is not _Stage.SEEING_OFF or type(event) is not StopAsked:
             yield from member.handle(event, now.monotonic_ns)
+            if type(event) is Token:
+                for asked in [self._asked_early.pop(name) for name in list(self._asked_early)]:
+                    yield from self._recall(asked, now)
         if self._stage is _Stage.ASSEMBLING and member.running:
             self._stage = _Stage.RECORDING
         if self._stage is _Stage.RECORDING:
@@ -215,7 +219,7 @@ class RecorderMachine:
 
     def _see_off(self, now: Now) -> Iterator[Effect]:
         """End when the others have left; they may have been cut off when the last word was said."""
-        greeted = not self._member.successor or now.monotonic_ns >= self._say_again_ns
+        greeted = self._ledger.ended or now.monotonic_ns >= self._say_again_ns  # else it has found a whole recording
         if (not self._member.present and greeted) or now.monotonic_ns >= self._due_ns:
             yield Ended(self._error)
         elif now.monotonic_ns >= self._say_again_ns and self._last_word is not None:
@@ -234,7 +238,8 @@ class RecorderMachine:
             if asked.node != arrived.key[len(RECALL) :]:
                 raise UnknownSenderError(f"it comes in the name of {asked.node!r}; its key is another's")
             if follows(asked.start, member.starts.get(asked.node, "")):
-                return  # its token is still on its way here; it will ask again
+                self._asked_early[asked.node] = arrived  # its token is still on its way here
+                return
             check_boot(asked.node, asked.start, member.starts)
             if asked.node not in self._plan.graph.nodes:
                 raise OrderError(f"{asked.node} is no node of this run")

@@ -92,6 +92,12 @@ class Roster:
             self._count(name, start)
             self._ready.add((name, start))
 
+    def correct(self, name: str, start: str) -> None:
+        """Have a start count, or one that takes over from it, instead of one that is no start of the run."""
+        if boot_of(self.starts.get(name, "")) != boot_of(start):
+            self._ready.add((name, start))
+            self._count(name, next((other for other in self._alive[name] if follows(other, start)), start))
+
     def take(self, token: Token) -> Change:
         """Note the token of one of ``names``, and return what it changes."""
         name, start, ready = holder(token)

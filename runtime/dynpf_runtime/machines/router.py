@@ -25,7 +25,7 @@ NOTICE_NS = 5_000_000_000
 class RouterMachine:
     """Answers queries for the resolved scenario of ``plan``, until it has ended and all its processes have left."""
 
-    def __init__(self, plan: Plan, start: str, patience_ns: int = 0) -> None:
+    def __init__(self, plan: Plan, start: str) -> None:
         self.wake_ns = 0
         self._scenario = plan.text
         self._boot = start

@@ -44,7 +44,7 @@ class _Run:
         self._count += 1
         start, plan = f"{name}-{self._count}", self._plan
         if name == ROUTER:
-            simulation.restart(name, RouterMachine(plan, start, PATIENCE_NS))
+            simulation.restart(name, RouterMachine(plan, start))
         elif name == RECORDER:
             exists = self._path.exists()
             machine = RecorderMachine(plan, start, ENDPOINT, str(self._path), patience_ns=PATIENCE_NS, exists=exists)
