@@ -22,9 +22,9 @@ _MOST_FAILURES = 5
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``dynpf sim``."""
     parser.description = (
-        "Simulates router, recorder, nodes and their supervision in one process, on a network, clocks and a disk of its "
-        "own, under seeded schedules of faults, and checks after each that the run is as it would have been undisturbed, "
-        "or that everybody knows what it lacks. A failing schedule is shrunk to the fewest faults and told as a timeline."
+        "Simulates router, recorder, nodes and their supervision in one process, on a network, clocks and a disk of "
+        "its own, under seeded schedules of faults, and checks after each that the run is as if undisturbed, or that "
+        "everybody knows what it lacks. A failing schedule is shrunk to the fewest faults and told as a timeline."
     )
     parser.add_argument("scenario", metavar="SCENARIO", help="name (dynpf list) or TOML file")
     add_set(parser, "override one key of the scenario, such as max_ticks=40")

@@ -4,8 +4,9 @@ import multiprocessing
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from copy import copy
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from dynpf_protocol.keys import RECORDER
 
@@ -35,14 +36,20 @@ class Verdict(NamedTuple):
 
 
 class Campaign:
-    """The schedules of a run under a seed. ``reference`` is the undisturbed run, and ``folder`` for scratch files."""
+    """The schedules of a run under a seed. ``reference`` is the undisturbed run, and ``folder`` the disk."""
 
     def __init__(self, run: Run, reference: Reference | None, seed: int, folder: Path) -> None:
         self._run = run
         self._reference = reference
         self._seed = seed
-        self._folder = folder
+        self.folder = folder
         self._size = play(run, Schedule(seed, -1, (), Network(), Care.WATCHED), folder).size
+
+    def on(self, folder: Path) -> Self:
+        """Return the same campaign on another disk."""
+        other = copy(self)
+        other.folder = folder
+        return other
 
     @property
     def source(self) -> str:
@@ -58,7 +65,7 @@ class Campaign:
 
     def judge(self, schedule: Schedule, *, replay: bool) -> tuple[Verdict, Trial]:
         """Play a schedule; say what became of it, by a replay of the recording too if that is wanted, or if it broke."""
-        trial = play(self._run, schedule, self._folder)
+        trial = play(self._run, schedule, self.folder)
         found = broken(self._run, self._reference, trial, replay=replay)
         whole = trial.simulation.ended.get(RECORDER, trial) is None
         verdict = Verdict(schedule.number, whole, len(schedule.faults), trial.simulation.now_ns, tuple(found))
@@ -77,8 +84,8 @@ class Campaign:
             yield from map(self.verdict, numbers)
             return
         context = multiprocessing.get_context("fork")
-        with context.Pool(jobs, _begin, (self,)) as pool:
-            yield from pool.imap_unordered(_one, numbers, _CHUNK)
+        with context.Pool(jobs, _Worker.begin, (self,)) as pool:
+            yield from pool.imap_unordered(_Worker.verdict, numbers, _CHUNK)
 
     def shrink(self, number: int) -> list[int]:
         """Return which faults of a schedule that breaks an invariant are enough to break one."""
@@ -89,19 +96,20 @@ class Campaign:
         return list(shrunk(range(len(self.schedule(number).faults)), fails))
 
 
-_campaign: Campaign | None = None
-"""The campaign of a worker process."""
+class _Worker:
+    """The campaign of a worker process, with a disk of the process's own."""
 
+    campaign: Campaign
 
-def _begin(campaign: Campaign) -> None:
-    global _campaign
-    _campaign = campaign
-    campaign._folder = Path(tempfile.mkdtemp(dir=campaign._folder))
+    @classmethod
+    def begin(cls, campaign: Campaign) -> None:
+        """Take the campaign that this process has inherited by the fork."""
+        cls.campaign = campaign.on(Path(tempfile.mkdtemp(dir=campaign.folder.parent)))
 
-
-def _one(number: int) -> Verdict:
-    assert _campaign is not None
-    return _campaign.verdict(number)
+    @classmethod
+    def verdict(cls, number: int) -> Verdict:
+        """Return what becomes of the schedule with a number."""
+        return cls.campaign.verdict(number)
 
 
 @contextmanager

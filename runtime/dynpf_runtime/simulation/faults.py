@@ -132,7 +132,8 @@ Fault = Crash | Freeze | Hang | Cut | Slow | Clock | PowerLoss | Delay | Reorder
 
 def text_of(fault: Fault) -> str:
     """Return a fault as a person reads it."""
-    return f"{type(fault).__name__}({', '.join(f'{name}={_value(name, value)}' for name, value in fault._asdict().items())})"
+    values = (f"{name}={_value(name, value)}" for name, value in fault._asdict().items())
+    return f"{type(fault).__name__}({', '.join(values)})"
 
 
 def _value(name: str, value: object) -> str:

@@ -41,7 +41,7 @@ class Link:
         self._last_ns = 0
 
     def arrival_ns(self, now_ns: int, extra_ns: int = 0) -> int:
-        """Return the time of arrival of a message sent at ``now_ns``, which is ``extra_ns`` late; others wait for it."""
+        """Return when a message arrives that is sent at ``now_ns`` and is ``extra_ns`` late; later ones wait for it."""
         arrival_ns = now_ns + 1 + extra_ns + int(self._random.random() * self._delay_ns)
         self._last_ns = max(self._last_ns, arrival_ns)
         return self._last_ns

@@ -33,7 +33,6 @@ from dynpf_runtime.simulation.faults import (
     Tear,
     text_of,
 )
-from dynpf_runtime.simulation.keeper import Keeper
 from dynpf_runtime.simulation.network import Simulation
 from dynpf_runtime.simulation.schedule import Care, Schedule, Size
 from dynpf_runtime.simulation.watch import Watch
@@ -48,6 +47,9 @@ FILE = "run.mcap"
 
 PATIENCE_NS = 30_000_000_000
 """How long processes wait for one that is gone, if somebody starts it again."""
+
+RESTARTS = 3
+"""How often a process is started again, if any is."""
 
 STANDSTILL_NS = 60_000_000_000
 """After so long the user asks a run to end that stands still."""
@@ -150,19 +152,17 @@ def _play(run: Run, schedule: Schedule, disk: Disk) -> Trial:
         cast.start(name)
     for fault in schedule.faults:
         _prepare(fault, simulation, disk)
-    keeper: Watch | Keeper | None = None
-    if schedule.care is Care.WATCHED:
-        keeper = Watch(simulation, cast.ticks)
-    elif schedule.care is Care.KEPT:
-        keeper = Keeper(simulation, cast.start)
+    watch = None
+    if schedule.care is not Care.ALONE:
+        watch = Watch(simulation, cast.ticks, RESTARTS if schedule.care is Care.KEPT else 0, cast.start)
     asked = not _ends_within(STANDSTILL_NS, simulation)
     hung = asked
     for at_once, limit_ns in ((False, AGAIN_NS), (True, LIMIT_NS)):
         if hung:
-            _interrupt(simulation, keeper, at_once=at_once)
+            _interrupt(simulation, watch, at_once=at_once)
             hung = not _ends_within(limit_ns, simulation)
-    exhausted = isinstance(keeper, Keeper) and keeper.exhausted
-    return Trial(schedule, simulation, disk, hung, asked, exhausted, keeper.failure if keeper is not None else None)
+    exhausted, failure = (False, None) if watch is None else (watch.exhausted, watch.failure)
+    return Trial(schedule, simulation, disk, hung, asked, exhausted, failure)
 
 
 class _Cast:
@@ -183,7 +183,7 @@ class _Cast:
         begin = self._simulation.add if self._starts[name] == 1 else self._simulation.restart
         plan, patience_ns = self._run.plan, self._patience_ns
         if name == ROUTER:
-            begin(name, RouterMachine(plan, start, patience_ns))
+            begin(name, RouterMachine(plan, start))
         elif name == RECORDER:
             path = self._disk.folder / FILE
             recording = self._run.open_recording(plan, start, path, partial(RecordingWriter, open_file=self._disk.open))
@@ -205,11 +205,11 @@ def _ends_within(limit_ns: int, simulation: Simulation) -> bool:
     return True
 
 
-def _interrupt(simulation: Simulation, keeper: Watch | Keeper | None, *, at_once: bool) -> None:
+def _interrupt(simulation: Simulation, watch: Watch | None, *, at_once: bool) -> None:
     """Act like a user who wants a run to end that stands still."""
     simulation.tell("user", "asks again" if at_once else "asks the run to end")
-    if keeper is not None:
-        keeper.interrupt(at_once=at_once)
+    if watch is not None:
+        watch.interrupt(at_once=at_once)
         return
     for name in simulation.processes:
         simulation.ask_to_stop(name, "stopped by the user", at_once=at_once)

@@ -1,14 +1,15 @@
 """The watch: the supervision of ``dynpf run`` on simulated processes."""
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping
 
 from dynpf_protocol.control import Doing
 from dynpf_protocol.keys import RECORDER, ROUTER
 
 from dynpf_runtime.bus.pulse import Reading
-from dynpf_runtime.bus.supervision import Asked, Finish, Kill, Say, Seen, Supervision, Terminate
+from dynpf_runtime.bus.supervision import Asked, Finish, Kill, Restart, Say, Seen, Supervision, Terminate
 from dynpf_runtime.simulation.network import Simulation
-from dynpf_runtime.simulation.process import Process
+from dynpf_runtime.simulation.process import KILLED, Process
 
 __all__ = ["NAME", "Watch"]
 
@@ -26,14 +27,22 @@ _STOP = "stopped by the user"
 class Watch:
     """Watches the processes of a simulation as ``dynpf run`` does; ``ticks`` has the last step begun of each.
 
-    ``failure`` says, once all have ended, why the run has failed: an empty text if it has not, None before.
+    Who was killed is started again by ``start``, at most ``restarts`` times. ``failure`` says, once all have ended, why
+    the run has failed: an empty text if it has not, None before. ``exhausted`` says that a process was killed more often
+    than that.
     """
 
-    def __init__(self, simulation: Simulation, ticks: Mapping[str, int]) -> None:
+    def __init__(
+        self, simulation: Simulation, ticks: Mapping[str, int], restarts: int, start: Callable[[str], None]
+    ) -> None:
         self.failure: str | None = None
+        self.exhausted = False
         self._simulation = simulation
         self._ticks = ticks
-        self._supervision = Supervision(tuple(simulation.processes))
+        self._restarts = restarts
+        self._start = start
+        self._started: Counter[str] = Counter()
+        self._supervision = Supervision(tuple(simulation.processes), restarts)
         self._asked = Asked()
         simulation.watched = True
         simulation.later(POLL_NS, self._look)
@@ -54,6 +63,9 @@ class Watch:
                     simulation.ask_to_stop(name, _STOP)
                 case Kill(name):
                     simulation.kill(name)
+                case Restart(name):
+                    self._started[name] += 1
+                    self._start(name)
                 case Finish(failure):
                     self._finish(failure)
                     return
@@ -73,6 +85,9 @@ class Watch:
         """Kill all that is left: the recorder, which first may close its file, and the router come last."""
         simulation = self._simulation
         self.failure = failure
+        processes = simulation.processes.items()
+        killed = [name for name, process in processes if process.exit_code == KILLED]
+        self.exhausted = any(self._started[name] == self._restarts for name in killed)
         simulation.tell(NAME, failure or "finished")
         recorder = simulation.processes[RECORDER]
         for name, process in simulation.processes.items():

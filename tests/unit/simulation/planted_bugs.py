@@ -65,7 +65,7 @@ def swallowed_duplicate(patch: pytest.MonkeyPatch) -> None:
 
 def forgotten_timer(patch: pytest.MonkeyPatch) -> None:
     """A node forgets to say again what somebody who was gone may have missed."""
-    patch.setattr(Unconfirmed, "rouse", lambda self, now_ns, ticks: None)
+    patch.setattr(Unconfirmed, "rouse", lambda *_: None)
 
 
 BUGS: dict[str, Callable[[pytest.MonkeyPatch], None]] = {
