@@ -92,7 +92,7 @@ class Simulation:
         self._network = network
         self._agenda: list[tuple[int, int, Callable[[], None]]] = []
         self._count = 0
-        self._routers = 0  # how often the router has come back
+        self._connections = 0  # how many there have been
         self._changed = True  # whether a process has ended, hangs, or goes on since ``going`` was looked at
         self._hub = Hub(self.processes, self._reply, self._random)
         self._befalls: defaultdict[tuple[str, int], list[Callable[[], None]]] = defaultdict(list)
@@ -268,6 +268,8 @@ class Simulation:
             process.busy_ns = process.turned_ns = self.now_ns + _RETRY_NS
             self._plan(process)  # it waits for the router
             return
+        if process.inbox and type(process.inbox[0]) is Started:
+            self._connect(process)
         if self._befalls and (acts := self._befalls.pop((process.name, process.events), None)) is not None:
             for act in acts:
                 act()
@@ -375,7 +377,7 @@ class Simulation:
             self._hub.go_on()
             if self._hub.gone:
                 self._reopen(process)
-        elif not process.linked:
+        elif not process.connection:
             self._link_again(process)
         self._plan(process)
 
@@ -385,7 +387,7 @@ class Simulation:
             return
         self._hub.hide(process)
         self._hub.forget(process)
-        process.linked = False
+        process.linked, process.connection = False, 0
         if not process.stopped:
             self._at(process.cut_ns, lambda: self._link_again(process))
 
@@ -396,35 +398,33 @@ class Simulation:
         self._hub.close()
         for process in self.processes.values():
             if process.name != self._router:
+                process.connection = 0
                 process.registered.clear()
                 process.watched.clear()
             cut_ns = process.from_router.arrival_ns(self.now_ns) + self._draw(_CUT_NS)
-            self._at(cut_ns, partial(self._cut, process, self._routers))
-
-    def _cut(self, process: Process, routers: int) -> None:
-        """Have a process notice that it has lost the router, unless that has come back by now."""
-        if routers == self._routers or not process.linked:
-            process.linked = False
+            self._at(cut_ns, partial(_cut, process))
 
     def _reopen(self, router: Process) -> None:
         """Let those connect again who have lost the router."""
         self._hub.gone = self._hub.stopped = False
-        self._routers += 1
         for token in router.declared:
             self._hub.declare(router, token)
         for process in self.processes.values():
             if process is not router:
                 self._link_again(process)
-        router.linked = True
+
+    def _connect(self, process: Process) -> None:
+        self._connections += 1
+        process.connection, process.linked = self._connections, True
 
     def _link_again(self, process: Process) -> None:
         """Connect a process again after a while, and tell the router of its subscriptions and tokens."""
         self._at(self.now_ns + _CUT_NS + self._draw(_AGAIN_NS), lambda: self._declare_again(process))
 
     def _declare_again(self, process: Process) -> None:
-        if not process.running or process.hangs or self._hub.gone or process.linked:
+        if not process.running or process.hangs or self._hub.gone or process.connection:
             return
-        process.linked = True
+        self._connect(process)
         for key in process.subscribed:
             self._send(process, partial(self._hub.subscribe, process, key))
         for key in process.watches:
@@ -448,7 +448,13 @@ class Simulation:
         """Schedule what the router does for a process for when the process's word arrives there."""
         sending = [act]
         process.unsent.append(sending)
-        self._at(process.to_router.arrival_ns(self.now_ns), lambda: self._hub.take(sending[0]) if sending else None)
+        connection = process.connection
+
+        def arrive() -> None:
+            if sending and connection == process.connection:
+                self._hub.take(sending[0])
+
+        self._at(process.to_router.arrival_ns(self.now_ns), arrive)
 
     def _reply(self, process: Process, event: Event, pattern: str = "") -> None:
         """Send an event from the router to a process, where the thread of the subscription ``pattern`` takes it."""
@@ -496,6 +502,12 @@ def _how(copies: tuple[tuple[int, int], ...]) -> str:
         return "is lost"
     late_ns = max(map(sum, copies))
     return f"comes {'twice' if len(copies) > 1 else 'late'}, by {late_ns / 1e6:g} ms"
+
+
+def _cut(process: Process) -> None:
+    """Have a process notice that it has lost the router, unless it is connected again by now."""
+    if not process.connection:
+        process.linked = False
 
 
 def _refuse(effect: Effect) -> Event | None:

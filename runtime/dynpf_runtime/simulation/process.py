@@ -85,6 +85,7 @@ class Process:
         self.hangs = False
         self.stopped = False  # by a signal such as SIGSTOP
         self.resumes_ns = NEVER_NS  # when it goes on, if it hangs
+        self.connection = 0  # its number; 0 if it has none
         self.linked = True  # whether it takes itself to be connected
         self.cut_ns = 0  # until when its connection is down
         self.events = 0  # handled so far
