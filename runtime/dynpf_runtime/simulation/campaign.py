@@ -64,7 +64,7 @@ class Campaign:
         return whole._replace(faults=tuple(whole.faults[index] for index in only))
 
     def judge(self, schedule: Schedule, *, replay: bool) -> tuple[Verdict, Trial]:
-        """Play a schedule; say what became of it, by a replay of the recording too if that is wanted, or if it broke."""
+        """Play a schedule, and say what became of it; ``replay`` the recording, too."""
         trial = play(self._run, schedule, self.folder)
         found = broken(self._run, self._reference, trial, replay=replay)
         whole = trial.simulation.ended.get(RECORDER, trial) is None

@@ -6,10 +6,8 @@ own, so that only what comes by one subscription keeps its order. Two simulation
 seed give the same story.
 """
 
-import heapq
 from collections import Counter, defaultdict
 from collections.abc import Callable
-from functools import partial
 from random import Random
 from typing import NamedTuple
 
@@ -38,7 +36,8 @@ from dynpf_runtime.machines.events import (
     StopAsked,
     Woke,
 )
-from dynpf_runtime.simulation.hub import Hub
+from dynpf_runtime.simulation.agenda import Agenda
+from dynpf_runtime.simulation.connections import LEASE_NS, Connections
 from dynpf_runtime.simulation.process import KILLED, Killed, Link, Network, Perform, Process
 
 __all__ = ["EPOCH_NS", "LEASE_NS", "Happened", "Network", "Simulation"]
@@ -46,14 +45,7 @@ __all__ = ["EPOCH_NS", "LEASE_NS", "Happened", "Network", "Simulation"]
 EPOCH_NS = 1_700_000_000 * 10**9
 """The wall clock's time at the beginning, ns."""
 
-LEASE_NS = 1_500_000_000
-"""After so long without a word a connection is given up."""
-
-_ANSWER_NS = 1_000_000_000  # after so long a query has no answer
-_THREAD_NS = 200_000  # longest time from a message's arrival until the thread of its subscription has passed it on
-_CUT_NS = 20_000_000  # longest time from the loss of the others' tokens until a process knows that the router is gone
 _RETRY_NS = 50_000_000  # how often a new process looks for the router
-_AGAIN_NS = 1_000_000_000  # longest time until a process that has lost the router finds it again
 
 
 class Happened(NamedTuple):
@@ -65,7 +57,6 @@ class Happened(NamedTuple):
 
 
 _NETWORK = Network()
-_ONCE = ((0, 0),)
 _OF_THE_BUS = frozenset((Subscribe, Watch, Declare, Answer, Ask, Count))
 
 
@@ -73,16 +64,13 @@ class Simulation:
     """Processes by name, connected through the one named ``router``.
 
     ``story`` lists what has happened so far, ``ended`` the processes that have ended by themselves, each with its
-    error. ``lost`` decides for each message from the router to a process whether it is lost. ``watch`` sees all that happens, and may
-    kill a process before it has done an effect. ``wall_ns`` is how far the wall clock has been put forward.
+    error. ``watch`` sees all that happens, and may kill a process before it has done an effect. ``wall_ns`` is how far
+    the wall clock has been put forward.
     """
 
     def __init__(self, seed: int, router: str, network: Network = _NETWORK) -> None:
-        self.now_ns = 0
         self.story: list[Happened] = []
         self.ended: dict[str, BaseException | None] = {}
-        self.published: Counter[str] = Counter()
-        self.lost: Callable[[str, Arrived], bool] = lambda _process, _arrived: False
         self.watch: Callable[[Happened], None] | None = None
         self.wall_ns = 0
         self.watched = False  # whether somebody kills those that hang
@@ -90,13 +78,10 @@ class Simulation:
         self._random = Random(seed)
         self._router = router
         self._network = network
-        self._agenda: list[tuple[int, int, Callable[[], None]]] = []
-        self._count = 0
-        self._connections = 0  # how many there have been
+        self._agenda = Agenda(self._random)
+        self._bus = Connections(self.processes, router, self._agenda, self._random, arrive=self._arrive, tell=self.tell)
         self._changed = True  # whether a process has ended, hangs, or goes on since ``going`` was looked at
-        self._hub = Hub(self.processes, self._reply, self._random)
         self._befalls: defaultdict[tuple[str, int], list[Callable[[], None]]] = defaultdict(list)
-        self._late: dict[tuple[str, int], tuple[tuple[int, int], ...]] = {}
 
     def add(
         self,
@@ -127,7 +112,7 @@ class Simulation:
         self.tell(name, "is started again")
         process = self._start(name, machine, perform, closing)
         if name == self._router:
-            self._reopen(process)
+            self._bus.reopen(process)
 
     def _start(
         self,
@@ -143,24 +128,41 @@ class Simulation:
         if before is not None:
             process.events, process.arrivals = before.events, before.arrivals
         process.began_events = process.events
-        process.busy_ns = process.began_ns = process.turned_ns = self.now_ns + self._draw(self._network.start_ns)
+        process.busy_ns = process.began_ns = process.turned_ns = self.now_ns + self._agenda.draw(self._network.start_ns)
         self._changed = True
         self._plan(process)
         return process
 
     def run(self, until: Callable[[], bool] | None = None, limit_ns: int = 600 * 10**9) -> None:
         """Run until every process has ended or hangs, or ``until`` is true; raises TimeoutError at ``limit_ns``."""
-        while self._agenda and not (until is not None and until()):
+        agenda = self._agenda
+        while agenda and not (until is not None and until()):
             if self._changed:
                 if not self.going:
                     return
                 self._changed = False
-            if self._agenda[0][0] > limit_ns:
+            if agenda.next_ns > limit_ns:
                 raise TimeoutError(f"the run has not ended after {limit_ns / 1e9:g} simulated seconds")
-            at_ns, _, act = heapq.heappop(self._agenda)
-            if at_ns > self.now_ns:
-                self.now_ns = at_ns
-            act()
+            agenda.step()
+
+    @property
+    def now_ns(self) -> int:
+        """The simulated time."""
+        return self._agenda.now_ns
+
+    @property
+    def published(self) -> Counter[str]:
+        """How many messages processes have published, by key."""
+        return self._bus.published
+
+    @property
+    def lost(self) -> Callable[[str, Arrived], bool]:
+        """Decides for each message from the router to a process whether it is lost."""
+        return self._bus.lost
+
+    @lost.setter
+    def lost(self, lost: Callable[[str, Arrived], bool]) -> None:
+        self._bus.lost = lost
 
     @property
     def going(self) -> bool:
@@ -176,11 +178,11 @@ class Simulation:
 
         A copy is by how many nanoseconds the connection is late, and by how many the thread of its subscription.
         """
-        self._late[name, message] = copies
+        self._bus.late[name, message] = copies
 
     def later(self, delay_ns: int, act: Callable[[], None]) -> None:
         """Call ``act`` after a time."""
-        self._at(self.now_ns + delay_ns, act)
+        self._agenda.at(self.now_ns + delay_ns, act)
 
     def tell(self, name: str, text: str) -> None:
         """Add to the story what befalls a process."""
@@ -210,7 +212,7 @@ class Simulation:
         self.tell(name, "hangs")
         if for_ns < NEVER_NS:
             process.resumes_ns = self.now_ns + for_ns
-            self._at(process.resumes_ns, lambda: self._resume(process))
+            self._agenda.at(process.resumes_ns, lambda: self._resume(process))
 
     def freeze(self, name: str, for_ns: int = NEVER_NS) -> None:
         """Stop a process as SIGSTOP does: it does nothing any more, and its connection is dropped after the lease."""
@@ -219,9 +221,11 @@ class Simulation:
             return
         self.hang(name, for_ns)
         process.stopped = True
-        self._hub.stopped = self._hub.stopped or name == self._router
+        self._bus.hub.stopped = self._bus.hub.stopped or name == self._router
         if for_ns >= LEASE_NS:
-            self._at(self.now_ns + LEASE_NS, self._close if name == self._router else lambda: self._part(process))
+            self._agenda.at(
+                self.now_ns + LEASE_NS, self._bus.close if name == self._router else lambda: self._bus.part(process)
+            )
 
     def cut(self, name: str, for_ns: int) -> None:
         """Cut a process off from the router; nothing is lost if the connection is there again within the lease."""
@@ -233,7 +237,7 @@ class Simulation:
         for link in (process.to_router, process.from_router):
             link.stall(process.cut_ns)
         if for_ns >= LEASE_NS:
-            self._at(self.now_ns + LEASE_NS, lambda: self._part(process))
+            self._agenda.at(self.now_ns + LEASE_NS, lambda: self._bus.part(process))
 
     def slow(self, name: str, events: int, each_ns: int) -> None:
         """Make a process take longer for its next events."""
@@ -245,7 +249,7 @@ class Simulation:
 
     def publish(self, key: str, payload: bytes, attachment: bytes = b"") -> None:
         """Publish as a stranger, not as a process of the run."""
-        self._hub.route(Arrived(key, payload, attachment), but=None)
+        self._bus.hub.route(Arrived(key, payload, attachment), but=None)
 
     def notices(self, name: str) -> list[str]:
         """Return the texts that a process has printed for the user."""
@@ -258,18 +262,18 @@ class Simulation:
         if not process.running or process.hangs or due_ns >= process.planned_ns:
             return
         process.planned_ns = due_ns
-        self._at(due_ns, lambda: self._serve(process, due_ns))
+        self._agenda.at(due_ns, lambda: self._serve(process, due_ns))
 
     def _serve(self, process: Process, planned_ns: int) -> None:
         if not process.running or process.hangs or planned_ns != process.planned_ns:
             return  # it has been rescheduled
         process.planned_ns = NEVER_NS
-        if self._hub.gone and process.inbox and type(process.inbox[0]) is Started and process.name != self._router:
+        if self._bus.hub.gone and process.inbox and type(process.inbox[0]) is Started and process.name != self._router:
             process.busy_ns = process.turned_ns = self.now_ns + _RETRY_NS
             self._plan(process)  # it waits for the router
             return
         if process.inbox and type(process.inbox[0]) is Started:
-            self._connect(process)
+            self._bus.connect(process)
         if self._befalls and (acts := self._befalls.pop((process.name, process.events), None)) is not None:
             for act in acts:
                 act()
@@ -281,7 +285,7 @@ class Simulation:
             if not process.linked:
                 self._handle(process, RouterGone())
             self._handle(process, Woke())
-        process.busy_ns = self.now_ns + 1 + self._draw(self._network.work_ns)
+        process.busy_ns = self.now_ns + 1 + self._agenda.draw(self._network.work_ns)
         if process.slow[0]:
             process.busy_ns += process.slow[1]
             process.slow = process.slow[0] - 1, process.slow[1]
@@ -323,7 +327,7 @@ class Simulation:
 
     def _do(self, process: Process, effect: Effect) -> None:
         if type(effect) is Put:
-            self._put(process, Arrived(*effect))
+            self._bus.put(process, Arrived(*effect))
         elif type(effect) in _OF_THE_BUS:
             self._ask(process, effect)
         elif type(effect) is Ended:
@@ -337,19 +341,19 @@ class Simulation:
             case Subscribe(key):
                 process.subscribed.append(key)
                 process.hears.clear()
-                self._send(process, lambda: self._hub.subscribe(process, key))
+                self._bus.send(process, lambda: self._bus.hub.subscribe(process, key))
             case Watch(key):
                 process.watches.append(key)
-                self._send(process, lambda: self._hub.watch(process, key))
+                self._bus.send(process, lambda: self._bus.hub.watch(process, key))
             case Declare(key):
                 process.declared.append(key)
-                self._send(process, lambda: self._hub.declare(process, key))
+                self._bus.send(process, lambda: self._bus.hub.declare(process, key))
             case Answer(key, payload):
-                self._hub.offer(key, payload)
+                self._bus.hub.offer(key, payload)
             case Ask(key, wanted):
-                self._query(process, lambda: Answered(self._hub.answer(key, wanted)), Answered(None))
+                self._bus.query(process, lambda: Answered(self._bus.hub.answer(key, wanted)), Answered(None))
             case Count(key):
-                self._query(process, lambda: Counted(tuple(sorted(self._hub.matching(key)))), Counted(()))
+                self._bus.query(process, lambda: Counted(tuple(sorted(self._bus.hub.matching(key)))), Counted(()))
 
     def _end(self, process: Process, error: BaseException | None) -> None:
         self.ended[process.name] = error
@@ -361,9 +365,9 @@ class Simulation:
     def _leave(self, process: Process) -> None:
         process.running, self._changed = False, True
         if process.name == self._router:
-            self._close()
+            self._bus.close()
         else:
-            self._send(process, lambda: self._hub.forget(process))
+            self._bus.send(process, lambda: self._bus.hub.forget(process))
 
     def _resume(self, process: Process) -> None:
         """Let a process that hung go on."""
@@ -374,140 +378,17 @@ class Simulation:
         self._changed = True
         process.resumes_ns = process.planned_ns = NEVER_NS
         if process.name == self._router:
-            self._hub.go_on()
-            if self._hub.gone:
-                self._reopen(process)
+            self._bus.hub.go_on()
+            if self._bus.hub.gone:
+                self._bus.reopen(process)
         elif not process.connection:
-            self._link_again(process)
+            self._bus.link_again(process)
         self._plan(process)
-
-    def _part(self, process: Process) -> None:
-        """Give up a connection that has been silent for the lease, on both sides."""
-        if not process.running or self._hub.gone or not (process.stopped or process.cut_ns > self.now_ns):
-            return
-        self._hub.hide(process)
-        self._hub.forget(process)
-        process.linked, process.connection = False, 0
-        if not process.stopped:
-            self._at(process.cut_ns, lambda: self._link_again(process))
-
-    def _close(self) -> None:
-        """End the router: processes see the others' tokens disappear, and a moment later lose their connection."""
-        if self._hub.gone or (self.processes[self._router].running and not self._hub.stopped):
-            return
-        self._hub.close()
-        for process in self.processes.values():
-            if process.name != self._router:
-                process.connection = 0
-                process.registered.clear()
-                process.watched.clear()
-            cut_ns = process.from_router.arrival_ns(self.now_ns) + self._draw(_CUT_NS)
-            self._at(cut_ns, partial(_cut, process))
-
-    def _reopen(self, router: Process) -> None:
-        """Let those connect again who have lost the router."""
-        self._hub.gone = self._hub.stopped = False
-        for token in router.declared:
-            self._hub.declare(router, token)
-        for process in self.processes.values():
-            if process is not router:
-                self._link_again(process)
-
-    def _connect(self, process: Process) -> None:
-        self._connections += 1
-        process.connection, process.linked = self._connections, True
-
-    def _link_again(self, process: Process) -> None:
-        """Connect a process again after a while, and tell the router of its subscriptions and tokens."""
-        self._at(self.now_ns + _CUT_NS + self._draw(_AGAIN_NS), lambda: self._declare_again(process))
-
-    def _declare_again(self, process: Process) -> None:
-        if not process.running or process.hangs or self._hub.gone or process.connection:
-            return
-        self._connect(process)
-        for key in process.subscribed:
-            self._send(process, partial(self._hub.subscribe, process, key))
-        for key in process.watches:
-            self._send(process, partial(self._hub.watch, process, key))
-        for key in process.declared:
-            self._send(process, partial(self._hub.declare, process, key))
 
     def _arrive(self, process: Process, event: Event) -> None:
         if process.running:
             process.inbox.append(event)
             self._plan(process)
-
-    def _at(self, at_ns: int, act: Callable[[], None]) -> None:
-        self._count += 1
-        heapq.heappush(self._agenda, (at_ns, self._count, act))
-
-    def _draw(self, most_ns: int) -> int:
-        return int(self._random.random() * most_ns)
-
-    def _send(self, process: Process, act: Callable[[], None]) -> None:
-        """Schedule what the router does for a process for when the process's word arrives there."""
-        sending = [act]
-        process.unsent.append(sending)
-        connection = process.connection
-
-        def arrive() -> None:
-            if sending and connection == process.connection:
-                self._hub.take(sending[0])
-
-        self._at(process.to_router.arrival_ns(self.now_ns), arrive)
-
-    def _reply(self, process: Process, event: Event, pattern: str = "") -> None:
-        """Send an event from the router to a process, where the thread of the subscription ``pattern`` takes it."""
-        copies = _ONCE
-        if type(event) is Arrived:
-            if self.lost(process.name, event):
-                return
-            if self._late:
-                copies = self._late.pop((process.name, process.arrivals), _ONCE)
-                if copies is not _ONCE:
-                    self.tell("fault", f"{event.key} to {process.name} {_how(copies)}")
-            process.arrivals += 1
-        if pattern not in process.threads:
-            process.threads[pattern] = Link(self._random, _THREAD_NS)
-        for link_ns, thread_ns in copies:
-            on_link_ns = process.from_router.arrival_ns(self.now_ns, link_ns)
-            self._at(process.threads[pattern].arrival_ns(on_link_ns, thread_ns), lambda: self._arrive(process, event))
-
-    def _query(self, process: Process, reply: Callable[[], Event], none: Event) -> None:
-        """Ask the router, and answer with ``none`` if it does not answer in time."""
-        waiting = [True]
-
-        def answer(event: Event) -> None:
-            if waiting:
-                waiting.clear()
-                self._arrive(process, event)
-
-        def answered() -> None:
-            event = reply()
-            self._at(process.from_router.arrival_ns(self.now_ns), lambda: answer(event))
-
-        self._send(process, answered)
-        self._at(self.now_ns + _ANSWER_NS, lambda: answer(none))
-
-    def _put(self, process: Process, arrived: Arrived) -> None:
-        self.published[arrived.key] += 1
-        if process.hears_itself(arrived.key):
-            self._arrive(process, arrived)  # as in Zenoh, a process's own messages come back at once
-        self._send(process, lambda: self._hub.route(arrived, process))
-
-
-def _how(copies: tuple[tuple[int, int], ...]) -> str:
-    """Return what happens to a message that comes as these copies."""
-    if not copies:
-        return "is lost"
-    late_ns = max(map(sum, copies))
-    return f"comes {'twice' if len(copies) > 1 else 'late'}, by {late_ns / 1e6:g} ms"
-
-
-def _cut(process: Process) -> None:
-    """Have a process notice that it has lost the router, unless it is connected again by now."""
-    if not process.connection:
-        process.linked = False
 
 
 def _refuse(effect: Effect) -> Event | None:

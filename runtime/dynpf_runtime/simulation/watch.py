@@ -28,8 +28,8 @@ class Watch:
     """Watches the processes of a simulation as ``dynpf run`` does; ``ticks`` has the last step begun of each.
 
     Who was killed is started again by ``start``, at most ``restarts`` times. ``failure`` says, once all have ended, why
-    the run has failed: an empty text if it has not, None before. ``exhausted`` says that a process was killed more often
-    than that.
+    the run has failed: an empty text if it has not, None before. ``exhausted`` says that a process was killed more
+    often than that.
     """
 
     def __init__(

@@ -30,7 +30,7 @@ def campaign_of(scenario: Scenario, seed: int, log: Log | None = None, *, memory
     plan = plan_of(scenario)
     if memory:
         plan = remembering(plan, Memory())
-    run = Run(plan, records, lambda *given: RecorderFile(*given[:3], attachments, given[3]))
+    run = Run(plan, records, lambda plan, start, path, open_: RecorderFile(plan, start, path, attachments, open_))
     with scratch() as folder:
         reference = None
         if scenario.clock == "lockstep":
