@@ -269,8 +269,7 @@ class Simulation:
             return  # it has been rescheduled
         process.planned_ns = NEVER_NS
         if self._bus.hub.gone and process.inbox and type(process.inbox[0]) is Started and process.name != self._router:
-            process.busy_ns = process.turned_ns = self.now_ns + _RETRY_NS
-            self._plan(process)  # it waits for the router
+            self._await_router(process)
             return
         if process.inbox and type(process.inbox[0]) is Started:
             self._bus.connect(process)
@@ -289,6 +288,14 @@ class Simulation:
         if process.slow[0]:
             process.busy_ns += process.slow[1]
             process.slow = process.slow[0] - 1, process.slow[1]
+        self._plan(process)
+
+    def _await_router(self, process: Process) -> None:
+        """Let a new process look for the router again in a while, unless it is asked to end."""
+        if any(type(event) is StopAsked for event in process.inbox):
+            self._end(process, KeyboardInterrupt())
+            return
+        process.busy_ns = process.turned_ns = self.now_ns + _RETRY_NS
         self._plan(process)
 
     def _handle(self, process: Process, event: Event) -> None:
