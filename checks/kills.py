@@ -1,7 +1,9 @@
-"""Runs whose processes are killed and stopped at random moments: who was named and when, and what is left.
+"""Runs whose processes are killed and stopped at random moments: whether they have the bytes of an undisturbed run.
 
-``python -m checks.kills --kills 100 --stops 50 --seed 0`` starts ``dynpf run`` again and again and sends one of its
-processes SIGKILL or SIGSTOP, at a moment between its first process and its end. ``--cold 50`` starts it with an empty
+``python -m checks.kills --kills 100 --stops 50 --doubles 30 --seed 0`` starts ``dynpf run`` again and again and sends
+one of its processes SIGKILL or SIGSTOP, at a moment between its first process and its end, or kills two of them, the
+second up to two seconds after the first. Every run has to end with the content digest of an undisturbed one; only when
+``dynpf run`` itself is killed, all has to end. ``--cold 50`` starts it with an empty
 cache of kernels while other processes keep the machine busy: nobody may be named then. Durations are this machine's.
 """
 
@@ -21,9 +23,13 @@ from pathlib import Path
 from random import Random
 from typing import NamedTuple
 
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.errors import RecordingError
+from dynpf_formats.recording.reader import read_recording
 from dynpf_lab.cli.main import main as dynpf
 
 SCENARIO = "landmark-room"
+SETTINGS = ("--set", "max_ticks=300")
 PROCESSES = ("router", "recorder", "simulator", "sensors", "estimator", "controller")
 SUPERVISOR = "run"
 NAMED_S = 3.0
@@ -39,7 +45,15 @@ class Outcome(NamedTuple):
 
     named_s: float | None  # None if it had ended before the signal, or nobody was left to name anyone
     gone_s: float  # until its last process had gone
+    whole: bool  # whether the recording is complete, and has the digest of an undisturbed run
     faults: tuple[str, ...]
+
+
+class Undisturbed(NamedTuple):
+    """How long an undisturbed run lasts from its last process's start to its end, and its content digest."""
+
+    lasts_s: float
+    digest: str
 
 
 def main() -> int:
@@ -47,34 +61,44 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m checks.kills")
     parser.add_argument("--kills", type=int, default=10, metavar="N", help="runs of which a process is killed")
     parser.add_argument("--stops", type=int, default=5, metavar="N", help="runs of which a process is stopped")
+    parser.add_argument("--doubles", type=int, default=0, metavar="N", help="runs of which two processes are killed")
     parser.add_argument("--cold", type=int, default=0, metavar="N", help="starts with an empty cache, under load")
     parser.add_argument("--seed", type=int, default=0, metavar="N")
     options = parser.parse_args()
     random = Random(options.seed)
-    lasts_s = _undisturbed_s() if options.kills + options.stops else 0.0
+    trials = options.kills + options.stops + options.doubles
+    undisturbed = _undisturbed() if trials else Undisturbed(0.0, "")
     outcomes: dict[str, list[Outcome]] = defaultdict(list)
-    for number, count in ((signal.SIGKILL, options.kills), (signal.SIGSTOP, options.stops)):
+    for number, count, second in (
+        (signal.SIGKILL, options.kills, False),
+        (signal.SIGSTOP, options.stops, False),
+        (signal.SIGKILL, options.doubles, True),
+    ):
         # A stopped supervisor stops nobody but itself.
-        targets = (*PROCESSES, SUPERVISOR) if number is signal.SIGKILL else PROCESSES
+        targets = (*PROCESSES, SUPERVISOR) if number is signal.SIGKILL and not second else PROCESSES
         for trial in range(count):
-            target, after_s = targets[trial % len(targets)], random.uniform(0.0, lasts_s)
-            outcome = _disturbed(target, number, after_s)
-            print(f"\r{number.name} {trial + 1} of {count} ", end="", file=sys.stderr, flush=True)
-            outcomes[f"{number.name} {target}"].append(outcome)
+            target, after_s = targets[trial % len(targets)], random.uniform(0.0, undisturbed.lasts_s)
+            then = (random.choice(PROCESSES), random.uniform(0.0, 2.0)) if second else None
+            outcome = _disturbed(target, number, after_s, then, undisturbed)
+            what = f"{number.name} {target}" if then is None else "SIGKILL of two"
+            print(f"\r{what} {trial + 1} of {count} ", end="", file=sys.stderr, flush=True)
+            outcomes[what].append(outcome)
             for fault in outcome.faults:
-                print(f"{number.name} of {target} after {after_s:.2f} s of {lasts_s:.2f} s: {fault}", flush=True)
-    _print_table(outcomes)
+                print(f"{what} ({target}, {then}) after {after_s:.2f} s of {undisturbed.lasts_s:.2f} s: {fault}", flush=True)
+    _print_table(outcomes, undisturbed.lasts_s)
     faults = sum(len(outcome.faults) for rows in outcomes.values() for outcome in rows)
     return int(faults + _cold(options.cold) > 0)
 
 
-def _print_table(outcomes: dict[str, list[Outcome]]) -> None:
-    print(f"{'signal to':20} {'runs':>5} {'named':>6} {'after at most':>14} {'all gone after':>15} {'faults':>7}")
+def _print_table(outcomes: dict[str, list[Outcome]], lasts_s: float) -> None:
+    print(f"an undisturbed run: {lasts_s:.2f} s")
+    print(f"{'signal to':20} {'runs':>5} {'same bytes':>11} {'named':>6} {'after at most':>14} {'end at most':>12} {'faults':>7}")
     for what, rows in sorted(outcomes.items()):
         named = [row.named_s for row in rows if row.named_s is not None]
         longest = f"{max(named):12.2f} s" if named else f"{'-':>14}"
         gone_s, faults = max(row.gone_s for row in rows), sum(len(row.faults) for row in rows)
-        print(f"{what:20} {len(rows):5} {len(named):6} {longest} {gone_s:13.2f} s {faults:7}", flush=True)
+        whole = sum(row.whole for row in rows)
+        print(f"{what:20} {len(rows):5} {whole:11} {len(named):6} {longest} {gone_s:10.2f} s {faults:7}", flush=True)
 
 
 class _Run:
@@ -84,7 +108,8 @@ class _Run:
         self.path = folder / "run.mcap"
         self._folder = folder
         self._errors = folder / "stderr"
-        command = [sys.executable, "-P", "-m", "dynpf_lab.cli.main", "run", SCENARIO, "-o", str(self.path), *words]
+        command = [sys.executable, "-P", "-m", "dynpf_lab.cli.main", "run", SCENARIO, *SETTINGS]
+        command += ["-o", str(self.path), *words]
         variables = {**os.environ, "TMPDIR": str(folder), **environment}
         with self._errors.open("wb") as errors:
             self.popen = subprocess.Popen(
@@ -132,26 +157,29 @@ def _run(*words: str, **environment: str) -> Iterator[_Run]:
             run.kill()
 
 
-def _undisturbed_s() -> float:
-    """Return how long a run lasts from its last process's start to its end; kernels are compiled before."""
+def _undisturbed() -> Undisturbed:
+    """Return what an undisturbed run is like; kernels are compiled before."""
     for _ in range(2):
         with _run() as run:
             run.await_process(PROCESSES[-1])
             began = time.monotonic()
             run.popen.wait()
-            lasted_s = time.monotonic() - began
-    return lasted_s
+            found = Undisturbed(time.monotonic() - began, content_digest(read_recording(run.path)))
+    return found
 
 
-def _disturbed(target: str, number: signal.Signals, after_s: float) -> Outcome:
-    """Send a signal to one process of a run, and see what becomes of it."""
+def _disturbed(
+    target: str, number: signal.Signals, after_s: float, then: tuple[str, float] | None, undisturbed: Undisturbed
+) -> Outcome:
+    """Send a signal to one process of a run, ``then`` kill another, and see what becomes of it."""
     with _run() as run:
         pid = run.await_process(PROCESSES[-1] if target == SUPERVISOR else target)
         time.sleep(after_s)
         sent_s = time.monotonic()
-        with contextlib.suppress(ProcessLookupError):
-            if pid is not None and run.popen.poll() is None:
-                os.kill(run.popen.pid if target == SUPERVISOR else pid, number)
+        _send(run, run.popen.pid if target == SUPERVISOR else pid, number)
+        if then is not None:
+            time.sleep(then[1])
+            _send(run, run.await_process(then[0]), signal.SIGKILL)
         named_s = None
         while (left := run.processes()) or run.popen.poll() is None:
             waited_s = time.monotonic() - sent_s
@@ -163,21 +191,40 @@ def _disturbed(target: str, number: signal.Signals, after_s: float) -> Outcome:
         gone_s = time.monotonic() - sent_s
         if named_s is None and any(text in run.errors for text in _names(target)):
             named_s = gone_s
-        faults = [*_faults(run, target, named_s, gone_s), *_file_faults(run.path)]
+        faults = [*_faults(run, target, named_s, gone_s, many=then is not None), *_file_faults(run.path)]
+        whole = _is_whole(run.path, undisturbed.digest)
+        if not whole and target != SUPERVISOR:
+            faults.append(f"the recording is not that of an undisturbed run: {run.errors}")
         if left:
             faults.append(f"left: {', '.join(left.values())}")
-        return Outcome(named_s, gone_s, tuple(faults))
+        return Outcome(named_s, gone_s, whole, tuple(faults))
+
+
+def _send(run: _Run, pid: int | None, number: signal.Signals) -> None:
+    with contextlib.suppress(ProcessLookupError):
+        if pid is not None and run.popen.poll() is None:
+            os.kill(pid, number)
+
+
+def _is_whole(path: Path, digest: str) -> bool:
+    if not path.exists():
+        return False
+    try:
+        recording = read_recording(path)
+    except RecordingError:
+        return False
+    return recording.end is not None and recording.end.complete and content_digest(recording) == digest
 
 
 def _names(target: str) -> tuple[str, str]:
     return f"dynpf run: {target} hangs: ", f"dynpf run: {target} was killed by signal 9"
 
 
-def _faults(run: _Run, target: str, named_s: float | None, gone_s: float) -> Iterator[str]:
+def _faults(run: _Run, target: str, named_s: float | None, gone_s: float, *, many: bool) -> Iterator[str]:
     errors = run.errors
     if "Traceback" in errors:
         yield f"a traceback: {errors}"
-    if any(text in errors for name in PROCESSES if name != target for text in _names(name)):
+    if not many and any(text in errors for name in PROCESSES if name != target for text in _names(name)):
         yield f"another was named: {errors}"
     if target == SUPERVISOR:
         if gone_s > NAMED_S:

@@ -248,6 +248,15 @@ _ROWS = (
         most_bytes=_FEW_BYTES,
         description="Sequence numbers that never reached the recorder",
     ),
+    Topic(
+        name="recorder/restart",
+        type=messages.Restart,
+        publishers=("recorder",),
+        wakes=False,
+        compared=False,
+        most_bytes=_FEW_BYTES,
+        description="Processes that were gone in mid-run, and have been started again",
+    ),
 )
 
 TOPICS: dict[str, Topic] = {row.name: row for row in _ROWS}

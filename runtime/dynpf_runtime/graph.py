@@ -128,5 +128,5 @@ def topic_table(specs: Sequence[NodeSpec]) -> dict[str, Topic]:
 
 _RANK = {name: rank for rank, name in enumerate(TOPICS)}
 _LOG_TOPICS = {name: row for name, row in TOPICS.items() if row.publishers == (LOG_NODE,)}
-_HOST_TOPICS = {name: TOPICS[name] for name in ("log", "diagnostics", "recorder/gap")}
+_HOST_TOPICS = {name: TOPICS[name] for name in ("log", "diagnostics", "recorder/gap", "recorder/restart")}
 _EVENT = next(row for name, row in TOPICS.items() if name.startswith(EVENT_PREFIX))

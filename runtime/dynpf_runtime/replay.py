@@ -159,7 +159,7 @@ def write_replayed(recording: Recording, outcomes: Sequence[Replayed], writer: R
     chains: dict[str, bytes] = {}
     for record in recording.records:
         is_host_event = record.topic == EVENT_PREFIX + record.node
-        if record.topic == "recorder/gap" or (record.node in replayed and not is_host_event):
+        if record.topic in ("recorder/gap", "recorder/restart") or (record.node in replayed and not is_host_event):
             continue
         envelope = Envelope(
             record.node,

@@ -104,7 +104,8 @@ def _publishers(recording: Recording) -> dict[str, tuple[str, ...]]:
     for node, topics in recording.header.writes.items():
         for name in (EVENT_PREFIX + node, *topics):
             found[name] = (*found.get(name, ()), node)
-    return {**found, "log": (*nodes, "recorder"), "diagnostics": nodes, "recorder/gap": ("recorder",)}
+    own = {name: ("recorder",) for name in ("recorder/gap", "recorder/restart")}
+    return {**found, "log": (*nodes, "recorder"), "diagnostics": nodes, **own}
 
 
 def _gaps(recording: Recording) -> Iterator[Finding]:

@@ -1,10 +1,14 @@
 """The summary of a recording, for scripts and for people."""
 
+from contextlib import suppress
 from typing import Any
 
 import msgspec
+from dynpf_protocol.codec import decode
 from dynpf_protocol.control import Outcome
+from dynpf_protocol.errors import ProtocolError
 from dynpf_protocol.journal import JOURNAL_PREFIX
+from dynpf_protocol.messages import Restart
 
 from dynpf_formats.recording.code import code_in_words, described_code, recorded_code
 from dynpf_formats.recording.digest import content_digest
@@ -39,6 +43,7 @@ def describe(recording: Recording) -> dict[str, Any]:
         "ticks": _ticks(recording),
         "messages": sum(row["messages"] for row in topics.values()),
         "gaps": _missing(recording),
+        "restarts": [msgspec.to_builtins(one) for one in restarts(recording)],
         "content_digest": content_digest(recording),
         "topics": dict(sorted(topics.items())),
         "nodes": {node: len(recording.boots(node)) for node in sorted({source.node for source in recording.sources})},
@@ -51,6 +56,17 @@ def describe(recording: Recording) -> dict[str, Any]:
         "platform": provenance.platform,
         "platform_differs": provenance_difference(provenance, collect()),
     }
+
+
+def restarts(recording: Recording) -> list[Restart]:
+    """Return which processes were started again in mid-run; what cannot be read is left out."""
+    found = []
+    for record in recording.messages("recorder/restart"):
+        with suppress(ProtocolError):
+            restart = decode(record.topic, record.payload)
+            if isinstance(restart, Restart):
+                found.append(restart)
+    return found
 
 
 def ended(reason: str, outcome: str) -> str:
@@ -69,6 +85,10 @@ def text(summary: dict[str, Any]) -> str:
         f"  {summary['duration_s']:.3f} s, {summary['ticks']} ticks, {summary['messages']} messages, "
         f"{summary['gaps']} missing, {summary['file_bytes']} bytes",
         f"  content {summary['content_digest']}",
+        *(
+            f"  {one['node']} was gone after tick {one['tick']}, and started again: {one['absent_s']:.1f} s"
+            for one in summary["restarts"]
+        ),
         f"  dynpf {summary['dynpf_version']}, code {summary['code_digest'][:12]}, "
         f"schema version {summary['schema_version']}",
         f"  {', '.join(f'{name} {version}' for name, version in summary['packages'].items())}",

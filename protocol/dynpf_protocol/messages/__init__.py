@@ -35,6 +35,7 @@ from dynpf_protocol.messages.hosts import (
     Diagnostics,
     Gap,
     HostEvent,
+    Restart,
 )
 from dynpf_protocol.messages.robot import (
     Command,
@@ -101,6 +102,7 @@ __all__ = [
     "PosesInFrame",
     "PositionFix",
     "Quaternion",
+    "Restart",
     "RobotState",
     "Scanner",
     "SceneEntity",

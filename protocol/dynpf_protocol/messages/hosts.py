@@ -8,6 +8,7 @@ __all__ = [
     "Diagnostics",
     "Gap",
     "HostEvent",
+    "Restart",
 ]
 
 
@@ -33,8 +34,19 @@ class Gap(Message, frozen=True, kw_only=True):
     last: Count  # sequence number
 
 
+class Restart(Message, frozen=True, kw_only=True):
+    """A process that was gone in mid-run has been started again, and has caught up."""
+
+    schema_name = "dynpf.Restart"
+    node: str  # the process
+    before: str  # the start that was gone
+    start: str  # the one that has taken over
+    tick: Count  # how many ticks were recorded when it was gone
+    absent_s: NonNegative  # s, by the recorder's clock; of the recorder itself, since it was started again
+
+
 class Diagnostics(Message, frozen=True, kw_only=True):
-    """Timings and counters of one process; no other message has wall-clock times."""
+    """Timings and counters of one process; besides how long a process was gone, no other message has wall-clock times."""
 
     schema_name = "dynpf.Diagnostics"
     node: str

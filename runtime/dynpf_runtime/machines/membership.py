@@ -82,6 +82,7 @@ class Membership:
         self.name = name
         self.start = start
         self.recovers = patience_ns > 0 and plan.clock == "lockstep"
+        self.before = ""  # the start from which this one has taken over
         self.successor = False  # whether it takes over from another start
         self.caught_up = True  # whether it has done again what that had done
         self.began = False  # whether the run had begun before this start
@@ -299,7 +300,7 @@ class Membership:
         other = boot_of(before) != self.boot
         if other and self.ticks:
             return  # it speaks of another run
-        self.start = next_start(before, self._own)
+        self.before, self.start = before, next_start(before, self._own)
         self._starts.add(self.start)
         if other:
             self.successor, self.caught_up, self.absence.resumed = True, False, True
@@ -391,7 +392,7 @@ class Membership:
                 yield Tell(f"a second {node} (boot {start}) is refused; this run's is {self.starts[node]}")
             elif change is Change.GONE and not self._may_go(node):
                 self.absence.left(node, now_ns)
-            elif change is Change.BACK:
+            elif change is Change.BACK or (change is Change.ANOTHER and self._stage >= _Stage.READY):
                 self.absence.back(node)
 
     def _may_go(self, node: str) -> bool:

@@ -9,7 +9,7 @@ from dynpf_protocol.control import Recorded, encode_control
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import DynpfError, OrderError, ProtocolError, RepeatError, RunError, UnknownSenderError
 from dynpf_protocol.keys import DATA, JOURNAL, RECALL, RECALLED, RECORDED, RECORDER, RUN
-from dynpf_protocol.messages import Log, LogLevel, timestamp
+from dynpf_protocol.messages import Log, LogLevel, Restart, timestamp
 from dynpf_protocol.printable import printable
 from dynpf_protocol.recall import Recalled, decode_recall, encode_recall
 
@@ -26,10 +26,11 @@ from dynpf_runtime.machines.effects import (
     Subscribe,
     Tell,
 )
-from dynpf_runtime.machines.events import Arrived, Closed, Dropped, Event, Flushed, Found, Now, StopAsked, Token, Woke
+from dynpf_runtime.machines.events import Arrived, Closed, Dropped, Event, Flushed, Found, Now, Started, StopAsked, Token, Woke
 from dynpf_runtime.machines.ledger import Ledger
 from dynpf_runtime.machines.membership import Membership
 from dynpf_runtime.machines.rebuilding import rebuilt
+from dynpf_runtime.machines.restarts import Restarts
 from dynpf_runtime.machines.roles import Roles, check_boot
 from dynpf_runtime.machines.roster import follows
 from dynpf_runtime.plan import Plan
@@ -81,6 +82,9 @@ class RecorderMachine:
         self._error: BaseException | None = None
         self._roles = Roles(plan, self._member.boots)
         self._ledger = Ledger(plan, self._roles)
+        self._restarts = Restarts(self._member)
+        self._noted = 0  # restarts
+        self._began_ns = 0
         self._warnings = 0
         self._doubted = False
         self._written, self._written_ns = 0, 0  # steps, and when the last one was
@@ -144,10 +148,13 @@ class RecorderMachine:
             yield from self._refuse(event.key, event.error, now)
         elif type(event) is Closed:
             yield from self._confirm(event.end, now)
+        elif type(event) is Started:
+            self._began_ns = now.monotonic_ns
+            yield from member.handle(event, now.monotonic_ns)
         elif type(event) is Flushed:
             member.kept = self._ledger.ticks if not self._ledger.missing() else member.kept
         elif type(event) is Found:
-            yield from rebuilt(event.messages, self._ledger, self._plan.graph.topics, member.boots)
+            yield from self._rebuild(event, now)
         elif stage is _Stage.BROKEN:
             if type(event) is Woke:
                 self._stage = _Stage.CLOSING
@@ -158,6 +165,9 @@ class RecorderMachine:
         elif stage is not _Stage.SEEING_OFF or type(event) is not StopAsked:
             yield from member.handle(event, now.monotonic_ns)
             if type(event) is Token:
+                restart = self._restarts.take(event, now.monotonic_ns)
+                if restart is not None:
+                    yield from self._note(restart, now)
                 for asked in [self._asked_early.pop(name) for name in list(self._asked_early)]:
                     yield from self._recall(asked, now)
         if self._stage is _Stage.ASSEMBLING and member.running:
@@ -166,6 +176,27 @@ class RecorderMachine:
             yield from self._record(now)
         elif self._stage is _Stage.SEEING_OFF:
             yield from self._see_off(now)
+
+    def _rebuild(self, found: Found, now: Now) -> Iterator[Effect]:
+        """Go on with the recording of another start of the recorder."""
+        member, ledger = self._member, self._ledger
+        yield from rebuilt(found.messages, ledger, self._plan.graph.topics, member.boots)
+        member.ticks = ledger.ticks
+        took_s = (now.monotonic_ns - self._began_ns) / 10**9
+        yield from self._note(
+            Restart(node=RECORDER, before=member.before, start=member.start, tick=ledger.ticks, absent_s=took_s), now
+        )
+
+    def _note(self, restart: Restart, now: Now) -> Iterator[Effect]:
+        """Have it written that a process was started again."""
+        yield Tell(f"{restart.node} is back: started again after tick {restart.tick}, in {restart.absent_s:.1f} s")
+        if self._stage is _Stage.RECORDING:
+            yield Record("recorder/restart", self._envelope(self._noted, now), encode("recorder/restart", restart))
+            self._noted += 1
+
+    def _envelope(self, number: int, now: Now) -> Envelope:
+        ledger = self._ledger
+        return Envelope(RECORDER, self._member.start, number, ledger.ticks, ledger.stamp_ns, now.wall_ns)
 
     def _record(self, now: Now) -> Iterator[Effect]:
         """Close the recording when the run is complete, or when missing messages have not come in time."""
@@ -320,7 +351,7 @@ class RecorderMachine:
         if self._stage is _Stage.ASSEMBLING:
             return
         stamp_ns = self._ledger.stamp_ns
-        envelope = Envelope(RECORDER, self._member.start, self._warnings, self._ledger.ticks, stamp_ns, now.wall_ns)
+        envelope = self._envelope(self._warnings, now)
         self._warnings += 1
         message = Log(timestamp=timestamp(stamp_ns), level=LogLevel.WARNING, message=text, name=RECORDER)
         yield Record("log", envelope, encode("log", message))

@@ -28,6 +28,7 @@ class Change(Enum):
     NONE = "none"
     SECOND = "a second start of a process whose first one is ready"
     GONE = "the process was ready, and is gone"
+    ANOTHER = "another start counts, because the first one left before it was ready"
     BACK = "the process is back: connected again, or started again"
 
 
@@ -74,6 +75,7 @@ class Roster:
         self._alive: dict[str, list[str]] = {name: [] for name in self.names}
         self._ready: set[tuple[str, str]] = set()
         self._gone: set[tuple[str, str]] = set()
+        self._left: set[str] = set()  # who has been there, and was not ready
         self._seconds: Counter[str] = Counter()
 
     @property
@@ -110,14 +112,17 @@ class Roster:
         return self._appear(name, start, alive) if token.present else self._leave(name, start, alive)
 
     def _appear(self, name: str, start: str, alive: list[str]) -> Change:
-        counting = self.starts.get(name)
+        counting, change = self.starts.get(name), Change.NONE
         known = start in alive
         if counting is None:
             self._count(name, start)
+            change = Change.ANOTHER if name in self._left else Change.NONE
         if not known and (start == self.starts[name] or len(alive) < MOST_STARTS):
             alive.append(start)
-        if counting is None or start == counting:
-            back = counting is not None and not known and (name, start) in self._gone
+        if counting is None:
+            return change
+        if start == counting:
+            back = not known and (name, start) in self._gone
             self._gone.discard((name, start))
             return Change.BACK if back else Change.NONE
         if (name, counting) not in self._ready:
@@ -141,8 +146,10 @@ class Roster:
             self._gone.add((name, start))
             return Change.GONE
         del self.starts[name], self.boots[name]  # it left before the run began; another start may replace it
+        self._left.add(name)
         if alive:
             self._count(name, alive[0])
+            return Change.ANOTHER
         return Change.NONE
 
     def _count(self, name: str, start: str) -> None:

@@ -61,6 +61,7 @@ def test_what_is_told_by_the_wall_clock_or_by_a_host_is_never_compared() -> None
         "diagnostics",
         "log",
         "recorder/gap",
+        "recorder/restart",
         *(f"event/{node}" for node in NODES),
     }
 

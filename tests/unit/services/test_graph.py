@@ -97,6 +97,7 @@ def test_a_run_has_the_topics_of_its_nodes_of_logs_and_of_hosts_each_with_who_se
         ("log", (*nodes, "recorder")),
         ("diagnostics", nodes),
         ("recorder/gap", ("recorder",)),
+        ("recorder/restart", ("recorder",)),
     ]
 
 

@@ -1,0 +1,45 @@
+"""Restarts: which processes were gone in mid-run and have been started again, as the recorder notes it."""
+
+from dynpf_protocol.keys import ROUTER
+from dynpf_protocol.messages import Restart
+
+from dynpf_runtime.machines.events import Token
+from dynpf_runtime.machines.membership import Membership
+from dynpf_runtime.machines.roster import follows, holder
+
+__all__ = ["Restarts"]
+
+_SECOND_NS = 10**9
+
+
+class Restarts:
+    """What the recorder, a ``member`` of the run, sees of processes that go and come back."""
+
+    def __init__(self, member: Membership) -> None:
+        self._member = member
+        self._gone: dict[str, tuple[str, int, int]] = {}  # a process -> its start, ticks recorded, and when
+
+    def take(self, token: Token, now_ns: int) -> Restart | None:
+        """Note a token that ``member`` has taken; return what to record when a process has caught up with another."""
+        name, start, ready = holder(token)
+        if name == ROUTER:
+            return self._router(start, now_ns, present=token.present)
+        if name not in self._member.peers or self._member.starts.get(name) != start:
+            return None
+        if not token.present:
+            self._gone.setdefault(name, (start, self._member.ticks, now_ns))
+        elif ready and name in self._gone and follows(start, self._gone[name][0]):
+            return self._back(name, start, now_ns)
+        return None
+
+    def _router(self, start: str, now_ns: int, *, present: bool) -> Restart | None:
+        """The router takes nothing over: each of its starts has a name of its own."""
+        if not present:
+            self._gone[ROUTER] = start, self._member.ticks, now_ns
+        elif ROUTER in self._gone and self._gone[ROUTER][0] != start:
+            return self._back(ROUTER, start, now_ns)
+        return None
+
+    def _back(self, name: str, start: str, now_ns: int) -> Restart:
+        before, tick, gone_ns = self._gone.pop(name)
+        return Restart(node=name, before=before, start=start, tick=tick, absent_s=(now_ns - gone_ns) / _SECOND_NS)

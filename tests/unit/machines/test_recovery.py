@@ -1,0 +1,120 @@
+"""Processes that are killed or hang in mid-run and are started again: the run has the bytes of an undisturbed one."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from random import Random
+
+import pytest
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.info import restarts
+from dynpf_formats.recording.reader import read_recording
+from dynpf_lab.cli.main import main
+from dynpf_protocol.errors import BrokenOffError, RunError
+from dynpf_protocol.keys import RECORDER, ROUTER
+from dynpf_protocol.messages import Command
+from dynpf_runtime.machines.effects import Ended, Put, Tell
+from dynpf_runtime.node import Result
+from dynpf_runtime.simulation import Network, Simulation
+from dynpf_services.scenario.build import plan_of
+from dynpf_services.scenario.load import load_scenario
+from dynpf_services.scenario.record import record_inline
+
+from tests.unit.machines.recovering import NETWORK, PATIENCE_NS, Kill, recovered
+from tests.unit.machines.simulated_run import host_of, simulated
+from tests.unit.services.toy_nodes import ToyNode, graph_of, says
+
+SCENARIO = load_scenario("landmark-room", overrides=["max_ticks=8", "estimator.n=10"])
+PLAN = plan_of(SCENARIO)
+EVERYBODY = (ROUTER, RECORDER, *PLAN.graph.nodes)
+
+
+@pytest.fixture(name="undisturbed", scope="module")
+def content_of_an_undisturbed_run(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("undisturbed") / "run.mcap"
+    record_inline(SCENARIO, path)
+    return content_digest(read_recording(path))
+
+
+@pytest.fixture(name="lengths", scope="module")
+def events_and_effects_of_each_process(tmp_path_factory: pytest.TempPathFactory) -> dict[str, int]:
+    simulation = recovered(PLAN, tmp_path_factory.mktemp("lengths") / "run.mcap", 1, [])
+    return {name: sum(one.process == name for one in simulation.story) for name in EVERYBODY}
+
+
+def assert_whole(path: Path, digest: str) -> None:
+    recording = read_recording(path)
+    assert recording.end is not None
+    assert (recording.end.complete, recording.end.reason) == (True, "finished")
+    assert content_digest(recording) == digest
+
+
+@pytest.mark.parametrize("name", EVERYBODY)
+def test_a_process_that_is_killed_anywhere_does_not_change_the_run(
+    name: str, tmp_path: Path, undisturbed: str, lengths: dict[str, int]
+) -> None:
+    moments = 8
+    for part in range(moments + 1):
+        path = tmp_path / f"{part}.mcap"
+        network = NETWORK._replace(delay_ns=10 ** (5 + part % 3))
+        recovered(PLAN, path, part, [Kill(name, part * (lengths[name] - 1) // moments)], network=network)
+        assert_whole(path, undisturbed)
+
+
+@pytest.mark.parametrize("name", EVERYBODY)
+def test_a_process_that_hangs_and_is_started_again_does_not_change_the_run(
+    name: str, tmp_path: Path, undisturbed: str, lengths: dict[str, int]
+) -> None:
+    recovered(PLAN, tmp_path / "run.mcap", 3, [Kill(name, lengths[name] * 3 // 4)], act=Simulation.freeze)
+    assert_whole(tmp_path / "run.mcap", undisturbed)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_two_that_are_killed_one_in_the_others_recovery_do_not_change_the_run(
+    seed: int, tmp_path: Path, undisturbed: str, lengths: dict[str, int]
+) -> None:
+    random = Random(seed)
+    first, second = random.choice(EVERYBODY), random.choice(EVERYBODY)
+    kills = [Kill(first, random.randrange(lengths[first])), Kill(second, random.randrange(40))]
+    network = Network(10 ** random.randint(5, 7), 10 ** random.randint(4, 5), 10 ** random.randint(7, 8))
+    recovered(PLAN, tmp_path / "run.mcap", seed, kills, network=network)
+    assert_whole(tmp_path / "run.mcap", undisturbed)
+
+
+def test_the_recording_tells_who_was_started_again_and_what_it_has_cost(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recovered(PLAN, path, 1, [Kill("estimator", 80), Kill(RECORDER, 60)])
+    told = restarts(read_recording(path))
+    assert {one.node for one in told} == {"estimator", RECORDER}
+    assert all(0 < one.absent_s < 2 for one in told)
+    assert main(["doctor", str(path)]) == 0
+    assert main(["replay", str(path)]) == 0
+
+
+def test_a_run_whose_process_does_not_come_back_breaks_off_when_patience_has_ended(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    simulation = recovered(PLAN, path, 1, [Kill("estimator", 80)], act=_for_good)
+    assert PATIENCE_NS < simulation.now_ns < PATIENCE_NS + 2 * 10**9
+    assert type(simulation.ended[RECORDER]) is BrokenOffError
+    assert str(simulation.ended[RECORDER]).startswith("estimator is gone (killed, crashed, stopped or cut off)")
+    end = read_recording(path).end
+    assert end is not None
+    assert not end.complete
+
+
+def _for_good(simulation: Simulation, name: str) -> None:
+    simulation.kill(name)
+    simulation.restart = lambda *_: None  # type: ignore[method-assign]
+
+
+def test_a_node_that_does_not_do_the_same_again_is_not_believed(tmp_path: Path) -> None:
+    """A step that follows from something else than parameters and inputs cannot be taken over."""
+    calls: Iterator[int] = iter(range(10**6))
+    source = ToyNode(
+        "simulator", writes=["controller/command"], act=lambda _: says("controller/command", Command(v=next(calls)))
+    )
+    follower = ToyNode("estimator", reads=["controller/command"], act=lambda _: Result())
+    plan = PLAN._replace(graph=graph_of([source, follower]), max_ticks=30)
+    simulation = recovered(plan, tmp_path / "run.mcap", 1, [Kill("simulator", 60)])
+    error = simulation.ended["simulator"]
+    assert type(error) is RunError
+    assert "its step" in str(error)
