@@ -125,7 +125,7 @@ class Roster:
             back = not known and (name, start) in self._gone
             self._gone.discard((name, start))
             return Change.BACK if back else Change.NONE
-        if (name, counting) not in self._ready:
+        if not self._takes_part(name, counting):
             return Change.NONE
         if counting not in alive and follows(start, counting):
             self._count(name, start)
@@ -138,7 +138,7 @@ class Roster:
             alive.remove(start)
         if self.starts.get(name) != start:
             return Change.NONE
-        if (name, start) in self._ready:
+        if self._takes_part(name, start):
             heirs = [other for other in alive if follows(other, start)]
             if heirs:
                 self._count(name, heirs[0])
@@ -151,6 +151,10 @@ class Roster:
             self._count(name, alive[0])
             return Change.ANOTHER
         return Change.NONE
+
+    def _takes_part(self, name: str, start: str) -> bool:
+        """Return whether a start has been ready, or has taken over from one that had been."""
+        return any(other == name and (one == start or follows(start, one)) for other, one in self._ready)
 
     def _count(self, name: str, start: str) -> None:
         self.starts[name], self.boots[name] = start, boot_of(start)

@@ -43,7 +43,7 @@ class Campaign:
         self._reference = reference
         self._seed = seed
         self.folder = folder
-        self._size = play(run, Schedule(seed, -1, (), Network(), Care.WATCHED), folder).size
+        self.size = play(run, Schedule(seed, -1, (), Network(), Care.WATCHED), folder).size
 
     def on(self, folder: Path) -> Self:
         """Return the same campaign on another disk."""
@@ -58,7 +58,7 @@ class Campaign:
 
     def schedule(self, number: int, only: Sequence[int] | None = None) -> Schedule:
         """Return the schedule with a number, with ``only`` some of its faults if they are given."""
-        whole = draw(self._seed, number, self._size)
+        whole = draw(self._seed, number, self.size)
         if only is None:
             return whole
         return whole._replace(faults=tuple(whole.faults[index] for index in only))
