@@ -92,14 +92,15 @@ def broken(run: Run, reference: Reference | None, trial: Trial, *, replay: bool)
     kept = trial.schedule.care is Care.KEPT
     harmless = not trial.exhausted and all(is_harmless(fault, kept=kept) for fault in trial.schedule.faults)
     if not whole:
-        found += _called_whole(trial)
+        if not any(type(fault) is PowerLoss for fault in trial.schedule.faults):  # it was whole then
+            found += _called_whole(trial)
         if harmless:
             found.append("the run is not whole, though nothing befell it that could harm it")
     elif harmless:
         found += [
             f"the run is whole, and {name} ends: {error}"
             for name, error in trial.simulation.ended.items()
-            if error is not None
+            if error is not None and not (trial.failure == "" and isinstance(error, KeyboardInterrupt))
         ]
     return found
 
@@ -160,8 +161,7 @@ def _recording(run: Run, reference: Reference | None, trial: Trial, *, replay: b
     try:
         recording, damage = load(path)
     except RecordingError as error:
-        lost = trial.simulation.processes[RECORDER].exit_code == 0
-        return False, [] if spoilt and not lost else [f"the recording cannot be read: {error}"]
+        return False, [] if spoilt else [f"the recording cannot be read: {error}"]
     errors = [item.what for item in diagnose(path).findings if item.severity is not Severity.WARNING]
     whole = not errors
     if whole and (recording.end is None or not recording.end.complete):
