@@ -169,8 +169,9 @@ class NodeHost:
         elif type(event) is Arrived and event.key.startswith(RUN):
             past.put_off(event)
         elif member.alive and (past.wake_ns == NEVER_NS or now.monotonic_ns >= past.wake_ns):
+            if self._executor.boot != member.boot:
+                self._executor.boot, self._unconfirmed = member.boot, Unconfirmed()
             if self._turns is None:
-                self._executor.boot = member.boot
                 self._turns, self._running = self._turns_of(now), True
             yield past.ask(now.monotonic_ns)
 
