@@ -73,7 +73,7 @@ class Simulation:
         self.ended: dict[str, BaseException | None] = {}
         self.watch: Callable[[Happened], None] | None = None
         self.wall_ns = 0
-        self.watched = False  # whether somebody kills those that hang
+        self._watched = False
         self.processes: dict[str, Process] = {}
         self._random = Random(seed)
         self._router = router
@@ -167,7 +167,11 @@ class Simulation:
     @property
     def going(self) -> bool:
         """Whether some process is still to do something, or to be killed by the one that watches it."""
-        return any(process.running if self.watched else process.alive for process in self.processes.values())
+        return self._watched or any(process.alive for process in self.processes.values())
+
+    def be_watched(self, watched: bool) -> None:
+        """Note whether somebody kills those that hang: then the simulation goes on as long as that one does."""
+        self._watched, self._changed = watched, True
 
     def befall(self, name: str, event: int, act: Callable[[], None]) -> None:
         """Call ``act`` just before a process handles its event with this number, from 0."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from dynpf_protocol.control import TickDone, decode_control
 from dynpf_protocol.keys import ALIVE, READY, RECORDED, STOP, TICK
 
 from dynpf_runtime.machines.effects import Close, Declare, Ended, Put, Tell
@@ -16,12 +17,13 @@ _EVERY = 10
 
 def timeline(trial: Trial, source: str) -> Iterator[str]:
     """Yield the lines of a trial's story: moment, process, what happened. ``source`` is the node that leads the run."""
-    ticks = 0
+    following = 0
     for at_ns, process, what in trial.simulation.story:
         text = _text(what)
         if type(what) is Put and what.key == TICK + source:
-            ticks += 1
-            text = f"has ended tick {ticks - 1}" if ticks % _EVERY == 1 else ""
+            tick = decode_control(what.payload, TickDone).tick
+            if tick >= following:
+                text, following = f"has ended tick {tick}", tick + _EVERY
         if text:
             yield f"{at_ns / 1e9:10.6f} s  {process:<12} {text}"
 

@@ -44,7 +44,7 @@ class Watch:
         self._started: Counter[str] = Counter()
         self._supervision = Supervision(tuple(simulation.processes), restarts)
         self._asked = Asked()
-        simulation.watched = True
+        simulation.be_watched(True)
         simulation.later(POLL_NS, self._look)
 
     def interrupt(self, *, at_once: bool) -> None:
@@ -101,3 +101,4 @@ class Watch:
         for name, process in self._simulation.processes.items():
             if process.running:
                 self._simulation.kill(name)
+        self._simulation.be_watched(False)
