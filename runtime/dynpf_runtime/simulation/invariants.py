@@ -97,6 +97,8 @@ def broken(run: Run, reference: Reference | None, trial: Trial, *, replay: bool)
         if harmless:
             found.append("the run is not whole, though nothing befell it that could harm it")
     elif harmless:
+        if nodes := [name for name in trial.waited if name in run.plan.graph.nodes]:
+            found.append(f"the run is whole, and {', '.join(nodes)} had to be killed in the end")
         found += [
             f"the run is whole, and {name} ends: {error}"
             for name, error in trial.simulation.ended.items()

@@ -88,7 +88,7 @@ class Trial(NamedTuple):
     """A run that was simulated. ``hung`` says that it did not end; ``failure`` is what ``dynpf run`` said of it.
 
     ``asked`` says that the user had to end it, ``exhausted`` that a process was killed more often than it may be
-    started again.
+    started again, ``waited`` who neither hung nor was cut off when ``dynpf run`` had to kill it in the end.
     """
 
     schedule: Schedule
@@ -98,6 +98,7 @@ class Trial(NamedTuple):
     asked: bool
     exhausted: bool
     failure: str | None
+    waited: tuple[str, ...]
 
     @property
     def path(self) -> Path:
@@ -162,7 +163,8 @@ def _play(run: Run, schedule: Schedule, disk: Disk) -> Trial:
             _interrupt(simulation, watch, at_once=at_once)
             hung = not _ends_within(limit_ns, simulation)
     exhausted, failure = (False, None) if watch is None else (watch.exhausted, watch.failure)
-    return Trial(schedule, simulation, disk, hung, asked, exhausted, failure)
+    waited = () if watch is None else tuple(watch.waited)
+    return Trial(schedule, simulation, disk, hung, asked, exhausted, failure, waited)
 
 
 class _Cast:

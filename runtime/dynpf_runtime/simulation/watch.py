@@ -29,7 +29,7 @@ class Watch:
 
     Who was killed is started again by ``start``, at most ``restarts`` times. ``failure`` says, once all have ended, why
     the run has failed: an empty text if it has not, None before. ``exhausted`` says that a process was killed more
-    often than that.
+    often than that. ``waited`` names those who neither hung nor were cut off when they had to be killed in the end.
     """
 
     def __init__(
@@ -37,6 +37,7 @@ class Watch:
     ) -> None:
         self.failure: str | None = None
         self.exhausted = False
+        self.waited: list[str] = []
         self._simulation = simulation
         self._ticks = ticks
         self._restarts = restarts
@@ -87,6 +88,7 @@ class Watch:
         self.failure = failure
         processes = simulation.processes.items()
         killed = [name for name, process in processes if process.exit_code == KILLED]
+        self.waited = [name for name, one in processes if one.running and not one.hangs and one.connection]
         self.exhausted = any(self._started[name] == self._restarts for name in killed)
         simulation.tell(NAME, failure or "finished")
         recorder = simulation.processes[RECORDER]

@@ -19,10 +19,10 @@ HARMLESS: tuple[Fault, ...] = (
 )
 
 BRINGS_IT_ABOUT: dict[str, Fault] = {
-    "a lost confirmation": Crash("recorder", 120),
-    "an off-by-one in the successor's sequence": Crash("estimator", 30),
+    "a lost confirmation": Crash("recorder", 100),
+    "an off-by-one in the successor's sequence": Crash("sensors", 28),
     "a recorder that appends twice": Crash("estimator", 30),
-    "a swallowed duplicate": Duplicate("controller", 18, 95_455),
+    "a swallowed duplicate": Duplicate("controller", 8, 50_000),
     "a forgotten timer": Tear(14, 7),
 }
 
