@@ -38,7 +38,7 @@ from dynpf_runtime.machines.events import (
 )
 from dynpf_runtime.simulation.agenda import Agenda
 from dynpf_runtime.simulation.connections import LEASE_NS, Connections
-from dynpf_runtime.simulation.process import KILLED, Killed, Link, Network, Perform, Process
+from dynpf_runtime.simulation.process import KILLED, Closing, Killed, Link, Network, Perform, Process
 
 __all__ = ["EPOCH_NS", "LEASE_NS", "Happened", "Network", "Simulation"]
 
@@ -83,13 +83,7 @@ class Simulation:
         self._changed = True  # whether a process has ended, hangs, or goes on since ``going`` was looked at
         self._befalls: defaultdict[tuple[str, int], list[Callable[[], None]]] = defaultdict(list)
 
-    def add(
-        self,
-        name: str,
-        machine: Machine,
-        perform: Perform | None = None,
-        closing: Callable[[BaseException | None], None] | None = None,
-    ) -> None:
+    def add(self, name: str, machine: Machine, perform: Perform | None = None, closing: Closing | None = None) -> None:
         """Start a process after a random delay; ``perform`` carries out effects that do not concern the bus.
 
         ``closing`` is called with the process's error, or None, when it ends by itself.
@@ -99,11 +93,7 @@ class Simulation:
         self._start(name, machine, perform, closing)
 
     def restart(
-        self,
-        name: str,
-        machine: Machine,
-        perform: Perform | None = None,
-        closing: Callable[[BaseException | None], None] | None = None,
+        self, name: str, machine: Machine, perform: Perform | None = None, closing: Closing | None = None
     ) -> None:
         """Start a process again, after ending the one that has its name; those connected find a new router."""
         if self.processes[name].running:
@@ -114,13 +104,7 @@ class Simulation:
         if name == self._router:
             self._bus.reopen(process)
 
-    def _start(
-        self,
-        name: str,
-        machine: Machine,
-        perform: Perform | None,
-        closing: Callable[[BaseException | None], None] | None,
-    ) -> Process:
+    def _start(self, name: str, machine: Machine, perform: Perform | None, closing: Closing | None) -> Process:
         delay_ns = 0 if name == self._router else self._network.delay_ns
         links = [Link(self._random, delay_ns) for _ in range(2)]
         before = self.processes.get(name)

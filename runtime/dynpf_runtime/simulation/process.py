@@ -11,13 +11,16 @@ from dynpf_runtime.machines.effects import NEVER_NS, Effect, Machine
 from dynpf_runtime.machines.events import Event, Started
 from dynpf_runtime.simulation.keys import first_match
 
-__all__ = ["KILLED", "Killed", "Link", "Network", "Perform", "Process"]
+__all__ = ["KILLED", "Closing", "Killed", "Link", "Network", "Perform", "Process"]
 
 KILLED = -9
 """Exit code of a process that was killed."""
 
 Perform = Callable[[Effect], Event | None]
 """Carries out an effect that does not concern the bus, and returns the event that follows, if any."""
+
+Closing = Callable[[BaseException | None], None]
+"""What a process does on its way out, with its error if it has one."""
 
 
 class Killed(BaseException):
@@ -63,7 +66,7 @@ class Process:
         machine: Machine,
         perform: Perform,
         links: list[Link],
-        closing: Callable[[BaseException | None], None] | None = None,
+        closing: Closing | None = None,
     ) -> None:
         self.name = name
         self.machine = machine

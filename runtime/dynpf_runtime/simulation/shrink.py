@@ -15,16 +15,16 @@ def shrunk(items: Sequence[_Item], fails: Callable[[Sequence[_Item]], bool]) -> 
     ``items`` as a whole have to fail.
     """
     kept = tuple(items)
-    parts = 2
+    pieces = 2
     while kept:
-        size = max(1, len(kept) // parts)
+        size = max(1, len(kept) // pieces)
         for start in range(0, len(kept), size):
             fewer = kept[:start] + kept[start + size :]
             if fails(fewer):
-                kept, parts = fewer, 2
+                kept, pieces = fewer, 2
                 break
         else:
             if size == 1:
                 break
-            parts *= 2
+            pieces *= 2
     return kept
