@@ -3,10 +3,10 @@
 import errno
 import functools
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 import msgspec
 from dynpf_protocol.codec import encode
@@ -24,7 +24,7 @@ from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, Ru
 from dynpf_formats.recording.stream import RecordedSchema, Source
 from dynpf_formats.shipped import known_topics
 
-__all__ = ["CHUNK_BYTES", "FLUSH_NS", "MAX_PAYLOAD", "RecordingWriter"]
+__all__ = ["CHUNK_BYTES", "FLUSH_NS", "MAX_PAYLOAD", "File", "RecordingWriter"]
 
 CHUNK_BYTES = 256 * 1024
 """Largest chunk, uncompressed, in bytes; only a single larger message makes a larger chunk."""
@@ -40,6 +40,22 @@ _MAX_CHANNELS = 2**16 - 1
 
 _RECORDER = "recorder"
 _GAP_TOPIC = "recorder/gap"
+
+
+class File(Protocol):
+    """What a recording is written into; what is written survives the end of the process."""
+
+    def write(self, data: bytes) -> int:
+        """Write all of ``data``; raises OSError."""
+
+    def tell(self) -> int:
+        """Return the number of bytes written."""
+
+    def flush(self) -> None:
+        """Do nothing: there is no buffer."""
+
+    def close(self) -> None:
+        """Close the file."""
 
 
 class _File:
@@ -90,12 +106,14 @@ class RecordingWriter:
         boot: str = "recorder",
         topics: Mapping[str, Topic] | None = None,
         schemas: Mapping[str, RecordedSchema] = {},
+        open_file: Callable[[Path, bool], File] = _File,
     ) -> None:
         """Open the file and write the header and the attachments.
 
         All goes into the file ``draft``, if one is given, until ``place`` moves that to ``path``.
         ``topics`` are the run's, by default those that come with dynpf. ``schemas`` are those of another recording of
-        the run, for topics whose types are not available.
+        the run, for topics whose types are not available. ``open_file`` opens the file, and is told whether it may
+        replace one; it raises OSError.
         """
         self.path = Path(path)
         self.header = header
@@ -114,7 +132,7 @@ class RecordingWriter:
             _check_size(self.path, f"attachment {attachment.name!r}", len(attachment.data))
         try:
             self._draft = draft
-            self._file = _File(draft or self.path, overwrite or draft is not None)
+            self._file = open_file(draft or self.path, overwrite or draft is not None)
         except FileExistsError:
             raise _exists(self.path) from None
         except OSError as error:

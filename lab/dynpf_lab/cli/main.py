@@ -39,6 +39,7 @@ _COMMANDS = {
     "import": ("import_", "make a recording from a log of another format"),
     "export": ("export", "write a topic of a recording for other programs"),
     "study": ("study", "an experiment of the source documents, with confidence intervals"),
+    "sim": ("sim", "simulate the processes of a run under faults"),
     "sweep": ("sweep", "a scenario with several settings, over many seeds"),
     "bench": ("bench", "times of updates, against plain NumPy and other libraries"),
     "references": ("references", "check the reference recordings, or record them again"),

@@ -172,7 +172,8 @@ class Supervision:
     def _over(self, seen: Mapping[str, Seen]) -> bool:
         """Return whether the run is recorded to its end: who was killed since then is of no matter."""
         nodes = [one.exit_code for name, one in seen.items() if name not in (ROUTER, RECORDER)]
-        recorded = seen[RECORDER].exit_code == 0 or all(code == 0 for code in nodes)
+        recorder = seen[RECORDER].exit_code or 0
+        recorded = seen[RECORDER].exit_code == 0 or (all(code == 0 for code in nodes) and recorder <= 0)
         return bool(self._restarts) and not self._failed and recorded
 
     def _may_again(self, name: str, one: Seen) -> bool:

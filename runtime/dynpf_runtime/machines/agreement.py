@@ -9,6 +9,8 @@ __all__ = ["first_difference"]
 
 def first_difference(ours: str, theirs: str) -> tuple[str, Any, Any] | None:
     """Return the first key in which two resolved scenarios differ, with both values, or None."""
+    if ours == theirs:
+        return None
     mine, other = dict(_leaves(json.loads(ours), "")), dict(_leaves(json.loads(theirs), ""))
     for key in sorted(mine.keys() | other.keys()):
         if mine.get(key) != other.get(key):

@@ -1,12 +1,13 @@
 """The recorder process: the recorder's machine on the bus, and its file."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Self
 
 from dynpf_formats.recording.errors import RecordingError, RecordingExistsError
 from dynpf_formats.recording.header import Attachment, RunEnd, RunHeader
+from dynpf_formats.recording.mcap_records import Damage, End
 from dynpf_formats.recording.stream import StreamedMessage, stream
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_protocol.envelope import Envelope
@@ -61,8 +62,16 @@ class RecorderFile:
     recorded. If an error leaves the context while the file is open, the recording's end names the error.
     """
 
-    def __init__(self, plan: Plan, boot: str, path: Path, attachments: Sequence[Attachment] = ()) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        boot: str,
+        path: Path,
+        attachments: Sequence[Attachment] = (),
+        open_writer: Callable[..., RecordingWriter] = RecordingWriter,
+    ) -> None:
         self.end: RunEnd | None = None
+        self._open_writer = open_writer
         self._plan, self._boot, self._path, self._attachments = plan, boot, path, tuple(attachments)
         self._writer: RecordingWriter | None = None
         self._placed = False
@@ -113,7 +122,7 @@ class RecorderFile:
             raise RecordingExistsError(f"{self._path}: the file exists; choose another name or overwrite it")
         draft = self._path.with_name(f".{self._path.name}.draft")
         header, topics = run_header(self._plan), self._plan.graph.topics
-        self._writer = RecordingWriter(
+        self._writer = self._open_writer(
             self._path, header, self._attachments, draft=draft, boot=self._boot, topics=topics
         )
         if exists and again:
@@ -159,11 +168,15 @@ def _whole_end(path: Path, plan: Plan) -> RunEnd | None:
     """Return the end of a recording of ``plan`` that is whole, or None."""
     if not path.exists():
         return None
-    found = None
+    found, ended = None, False
     for item in stream(path):
         match item:
             case RunHeader():
                 _check_header(path, item, plan)
             case RunEnd():
                 found = item
-    return found if found is not None and found.complete else None
+            case Damage():
+                return None
+            case End():
+                ended = True  # else the recorder was killed while it wrote the last bytes
+    return found if ended and found is not None and found.complete else None

@@ -1,0 +1,49 @@
+"""Bugs that the simulator has found."""
+
+import pytest
+from dynpf_protocol.control import Doing
+from dynpf_protocol.keys import ALIVE, READY, RECORDER
+from dynpf_runtime.bus.pulse import Reading
+from dynpf_runtime.bus.supervision import Asked, Finish, Seen, Supervision
+from dynpf_runtime.machines.events import Token
+from dynpf_runtime.machines.roster import Change, Roster
+from dynpf_runtime.simulation.campaign import Campaign
+from dynpf_runtime.simulation.faults import Tear
+from dynpf_runtime.simulation.process import Network
+from dynpf_runtime.simulation.schedule import Care, Schedule
+
+
+def test_a_start_that_took_over_and_was_killed_before_it_was_ready_has_an_heir() -> None:
+    roster = Roster([RECORDER])
+
+    def take(prefix: str, start: str, *, present: bool = True) -> Change:
+        return roster.take(Token(f"{prefix}{RECORDER}/{start}", present))
+
+    take(ALIVE, "a")
+    take(READY, "a")
+    assert take(ALIVE, "a", present=False) is Change.GONE
+    assert take(ALIVE, "a.1.b") is Change.BACK
+    assert take(ALIVE, "a.1.b", present=False) is Change.GONE
+    assert roster.starts == {RECORDER: "a.1.b"}, "who comes next would not learn from whom to take over"
+    assert take(ALIVE, "a.2.c") is Change.BACK
+    assert roster.starts == {RECORDER: "a.2.c"}
+
+
+@pytest.mark.parametrize("code", [0, -9, 1])
+def test_a_recorder_that_says_that_the_run_is_incomplete_is_heard_though_all_nodes_are_done(code: int) -> None:
+    supervision = Supervision(("router", "recorder", "sensors"), restarts=3)
+    ended = Reading(Doing.ENDED, 0, 9, 99)
+    codes = {"router": 3 if code else 0, "recorder": code, "sensors": 0}
+    seen = {name: Seen(code, False, ended) for name, code in codes.items()}
+    (finish,) = supervision.look(seen, Asked(), 0)
+    assert finish == Finish("recorder ended with exit code 1" if code == 1 else "")
+
+
+@pytest.mark.parametrize("kept", [0, 200])
+def test_a_recorder_that_is_killed_in_any_write_is_taken_over(kept: int, campaign: Campaign) -> None:
+    """The last ones follow the end of the run, which says that it is whole."""
+    for write in range(campaign.size.writes):
+        schedule = Schedule(1, write, (Tear(write, kept),), Network(), Care.KEPT)
+        verdict, trial = campaign.judge(schedule, replay=False)
+        assert (verdict.whole, verdict.broken) == (True, ())
+        assert trial.simulation.processes[RECORDER].exit_code == 0
