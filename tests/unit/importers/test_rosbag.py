@@ -1,17 +1,22 @@
 """The importer of ROS bags: the same small log in every format, every way to be broken, and real bags read apart."""
 
+import bz2
 import json
 import math
 import struct
 import tracemalloc
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import zstandard
 
 pytest.importorskip("rosbags", reason="the package rosbags is not installed")
 
+import lz4.frame
+from dynpf_formats.importers.bag_bounds import bound_chunks
 from dynpf_formats.importers.errors import ImportFailedError
 from dynpf_formats.importers.log import ImportedLog, Record
 from dynpf_formats.importers.rosbag import BagChoice, import_rosbag
@@ -21,6 +26,7 @@ from dynpf_lab.cli.main import main
 from dynpf_protocol.codec import decode
 from dynpf_protocol.messages import LaserScan, OdometryPose, RobotState, Scanner, heading
 from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag1.reader import Chunk
 from rosbags.rosbag2 import StoragePlugin
 
 from dynpf.maps.map_server import decode as decode_map
@@ -272,6 +278,8 @@ def test_broken_bags_are_refused_in_one_line_and_leave_no_file(
         "cut.db3": sqlite[: len(sqlite) // 2],
         "cut.mcap": mcap[: len(mcap) // 2],
         "none.mcap": b"\x89MCAP0\r\n",
+        "many.mcap": with_chunk(mcap, bytes(9 * 1_600_000)),  # records without content, in 1.5 kB
+        "large.mcap": with_chunk(mcap, bytes(80 * 2**20)),
     }
     output = tmp_path / "new.mcap"
     for name, data in broken.items():
@@ -283,6 +291,29 @@ def test_broken_bags_are_refused_in_one_line_and_leave_no_file(
         assert (code, more) == (2, []), name
         assert line.startswith(f"dynpf import: {source}: "), name
         assert not output.exists(), name
+        if name == "many.mcap":
+            assert "more than 20" in line
+            assert "records" in line
+
+
+def with_chunk(mcap: bytes, content: bytes) -> bytes:
+    """Return the beginning of a bag, a chunk, and an end without a summary, so that all records have to be read."""
+    packed = zstandard.compress(content)
+    fields = struct.pack("<QQQII4sQ", 0, 1, len(content), 0, 4, b"zstd", len(packed))
+    chunk = struct.pack("<BQ", 6, len(fields) + len(packed)) + fields + packed
+    header = mcap[: 8 + 9 + struct.unpack_from("<Q", mcap, 9)[0]]
+    return header + chunk + struct.pack("<BQI", 15, 4, 0) + struct.pack("<BQQQI", 2, 20, 0, 0, 0) + mcap[:8]
+
+
+@pytest.mark.parametrize("compress", [bz2.compress, lz4.frame.compress])
+def test_chunks_of_a_bag_unpack_to_what_a_chunk_may_hold(compress: Callable[[bytes], bytes]) -> None:
+    decompress = {bz2.compress: bz2.decompress, lz4.frame.compress: lz4.frame.decompress}[compress]
+    reader = SimpleNamespace(chunks={7: Chunk(0, 0, decompress), 8: Chunk(0, 0, bytes)})
+    bound_chunks(reader)
+    assert reader.chunks[7].decompressor(compress(b"a message")) == b"a message"
+    assert reader.chunks[8].decompressor is bytes
+    with pytest.raises(ValueError, match="unpacks to more than 67108864 bytes"):
+        reader.chunks[7].decompressor(compress(bytes(2**26 + 1)))
 
 
 def test_memory_does_not_grow_with_the_scans_in_a_bag(tmp_path: Path) -> None:
