@@ -102,7 +102,7 @@ class Ledger:
         self.doubt = ""  # why the run is doubtful
         self.split = False  # whether it is doubtful which tick is the last: then the run cannot end by itself
         self.dropped: list[Dropped] = []
-        self.over: set[str] = set()  # the nodes of whose last step the end of the tick is here
+        self.over: dict[str, int] = {}  # the nodes of whose last step the end of the tick is here, and that tick
 
     @property
     def ended(self) -> bool:
@@ -162,7 +162,7 @@ class Ledger:
         if len(ends) < _CLAIMS:
             ends.append(done)
             if done.last:
-                self.over.add(name)
+                self.over[name] = done.tick
         yield from self._write_complete(name, node)
 
     def entry(self, envelope: Envelope, entry: JournalEntry, payload: bytes) -> Iterator[Record]:
@@ -190,6 +190,12 @@ class Ledger:
         for name, node in self._nodes.items():
             for step in sorted(node.open):
                 yield from self._write(name, node, step, *_first(node.open[step]))
+
+    def lacking(self) -> dict[str, int]:
+        """Return the nodes of whose run something is missing, and their last ticks."""
+        return {
+            name: last for name, last in self.over.items() if self._nodes[name].missing or not self._nodes[name].ended
+        }
 
     def missing(self) -> dict[str, int]:
         """Return how many messages were promised and have not come, by topic."""
@@ -335,7 +341,10 @@ class Ledger:
             self.stamp_ns = max(self.stamp_ns, end.stamp_ns)
             node.ended = end.last
             self.outcome = end.outcome or self.outcome
-            (self.over.add if end.last else self.over.discard)(name)
+            if end.last:
+                self.over[name] = end.tick
+            else:
+                self.over.pop(name, None)
         node.past.append(_Past(written, end, entry))
         node.written = number + 1
         self.written += 1

@@ -5,7 +5,7 @@ The source begins when all are ready, so no message can precede its subscribers,
 """
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from enum import IntEnum
 
 from dynpf_protocol.control import Beat, Recorded, Stop, decode_control, encode_control
@@ -69,7 +69,7 @@ class Membership:
         self.peers = frozenset({*plan.graph.nodes, RECORDER} - {name})
         self.ticks = 0  # how many this process has ended
         self.recorded: Recorded | None = None
-        self.over: set[str] = set()  # peers of whose last step this process knows: they may go
+        self.over: Collection[str] = ()  # peers of whose last step this process knows: they may go
         self._closed_early = ""
         self.stop_reason = ""
         self.leaving = False  # the run is over: peers may go

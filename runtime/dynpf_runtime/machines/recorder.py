@@ -35,7 +35,10 @@ __all__ = ["SETTLE_NS", "RecorderMachine"]
 
 FLUSH_NS = 50_000_000
 SETTLE_NS = 3_000_000_000
-"""How long the recorder waits, after the last step of every node, for messages that are still missing."""
+"""How long the recorder waits for messages that are still missing after their senders say to have sent them."""
+
+LATE_NS = 20_000_000_000
+"""How long it waits, after the last end of a tick, for a sender that does not say so: a busy machine may hold it up."""
 
 STILL_NS = 5_000_000_000
 """How long a run in which two have spoken under one name may stand still."""
@@ -71,6 +74,7 @@ class RecorderMachine:
         self._doubted = False
         self._written, self._written_ns = 0, 0  # steps, and when the last one was
         self._due_ns = NEVER_NS  # deadline of the stage: for missing messages, or for the others to leave
+        self._settling = False  # whether what is missing now was said to be sent
         self._flush_at_ns = 0
 
     @property
@@ -151,12 +155,20 @@ class RecorderMachine:
             doubt = self._ledger.doubt
             yield Close(not doubt, doubt or self._member.stop_reason or "finished", self._ledger.outcome)
         elif self._due_ns == NEVER_NS:
-            self._due_ns = now.monotonic_ns + SETTLE_NS
+            self._due_ns = now.monotonic_ns + LATE_NS
+        elif not self._settling and self._all_sent():
+            self._settling, self._due_ns = True, min(self._due_ns, now.monotonic_ns + SETTLE_NS)
         elif now.monotonic_ns >= self._due_ns:
             self._stage = _Stage.CLOSING
             yield from self._ledger.rest()
             yield from self._sum_up(now)
             yield Close(False, self._lacking())
+
+    def _all_sent(self) -> bool:
+        """Return whether every node that lacks something says, by its heartbeat, that it has sent all, or is gone."""
+        member = self._member
+        lacking = self._ledger.lacking().items()
+        return all(member.behind(name) > last or name not in member.present for name, last in lacking)
 
     def _sum_up(self, now: Now) -> Iterator[Effect]:
         """Tell of refusals that have not been told yet."""
