@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import lz4.frame  # rosbags needs it, too
+from mcap.records import Header
 
 from dynpf_formats.importers.errors import ImportFailedError
 from dynpf_formats.recording.mcap_records import MAGIC, MAX_RECORD, Damage, DamageKind, Region, scan
@@ -22,7 +23,7 @@ _MOST_RECORDS, _BYTES_A_RECORD = 20_000, 4
 def check_mcap(path: Path) -> None:
     """Raise ImportFailedError for an MCAP file whose chunks unpack to more bytes or records than a bag of its size has.
 
-    Other damage is left to who reads the bag.
+    A file with ROS 1 messages is refused, too. Other damage is left to who reads the bag.
     """
     with open_regular(path) as stream:
         size = path.stat().st_size
@@ -31,6 +32,11 @@ def check_mcap(path: Path) -> None:
         most = left = _MOST_RECORDS + size // _BYTES_A_RECORD
         for item in scan(stream, size):
             match item:
+                case Header(profile="ros1"):
+                    raise ImportFailedError(
+                        f"{path}: holds ROS 1 messages in MCAP, which are not read; import the .bag that it was made "
+                        "from, or convert that to ROS 2 (rosbags-convert)"
+                    )
                 case Damage(DamageKind.OVERSIZE, offset, text):
                     raise ImportFailedError(f"{path}: at byte {offset}: {text}")
                 case Region(offset, _, data):

@@ -35,7 +35,9 @@ class Bag:
     def __init__(self, path: Path, reader: Any, types: Collection[str]) -> None:
         self.path = path
         self._reader = reader
-        self.topics: dict[str, str] = {connection.topic: connection.msgtype for connection in reader.connections}
+        # A topic that was announced and never used is none; a bag that was cut off may not know its counts.
+        used = [connection for connection in reader.connections if connection.msgcount] or reader.connections
+        self.topics: dict[str, str] = {connection.topic: connection.msgtype for connection in used}
         store = _typestore([connection for connection in reader.connections if connection.msgtype in types])
         self._decode = store.deserialize_ros1 if isinstance(reader, Reader1) else store.deserialize_cdr
 
@@ -74,9 +76,9 @@ def open_bag(path: Path, types: Collection[str]) -> Iterator[Bag]:
 
     ``types`` are the message types to be read; a bag may hold unreadable messages of other types.
     """
+    if path.is_dir() and not (path / "metadata.yaml").is_file():
+        path = _only_part(path)
     if path.is_dir():
-        if not (path / "metadata.yaml").is_file():
-            raise ImportFailedError(f"{path}: no metadata.yaml in it; expected the folder of a ROS 2 bag")
         for part in sorted(path.iterdir()):
             if part.suffix in SUFFIXES:
                 _check_file(part)
@@ -94,6 +96,16 @@ def open_bag(path: Path, types: Collection[str]) -> Iterator[Bag]:
         except Exception as error:  # the library lets through what its parts raise on broken bytes
             raise ImportFailedError(f"{path}: cannot be read: {_in_a_line(error)}") from error
         yield bag
+
+
+def _only_part(folder: Path) -> Path:
+    """Return the one bag file in a folder whose metadata were never written; raises ImportFailedError."""
+    parts = sorted(part for part in folder.iterdir() if part.suffix in SUFFIXES)
+    if len(parts) == 1:
+        return parts[0]
+    names = ", ".join(part.name for part in parts[:5])
+    hint = f"import one of its files: {names}" if parts else "expected the folder of a ROS 2 bag"
+    raise ImportFailedError(f"{folder}: no metadata.yaml in it; {hint}")
 
 
 def _check_file(path: Path) -> None:
