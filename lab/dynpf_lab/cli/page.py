@@ -1,0 +1,37 @@
+"""The page that commands leave beside a recording, and what they say of it."""
+
+import argparse
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dynpf_protocol.errors import DynpfError
+
+from dynpf_lab.cli.failures import sentence
+
+if TYPE_CHECKING:
+    from dynpf_formats.recording.reader import Recording
+
+__all__ = ["add_no_page", "leave_page"]
+
+
+def add_no_page(parser: argparse.ArgumentParser) -> None:
+    """Add --no-page."""
+    parser.add_argument("--no-page", action="store_true", help="make no page (NAME.html beside the recording)")
+
+
+def leave_page(command: str, recording: "Recording", measures: Mapping[str, Any] | None = None) -> Path | None:
+    """Make the page of a recording beside it and return its path; where that fails, say so in a line, and return None."""
+    from dynpf_lab.page import Unmade, make_page, page_of
+
+    path = page_of(recording.path)
+    try:
+        make_page([recording], path, measures)
+    except (DynpfError, Unmade) as error:
+        print(f"dynpf {command}: no page: {error}", file=sys.stderr)
+    except Exception as error:  # the run is recorded and measured: nothing of that is lost for want of a picture
+        print(f"dynpf {command}: no page: {sentence(error)}", file=sys.stderr)
+    else:
+        return path
+    return None
