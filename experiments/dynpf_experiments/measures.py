@@ -20,7 +20,17 @@ from dynpf_services.scenario.schema import Scenario
 
 from dynpf_experiments.messages import RunMessages, recorded
 
-__all__ = ["Measures", "differing", "estimates_of", "lines_of", "measure", "measure_run", "measured_topics", "summary", "truth_of"]
+__all__ = [
+    "Measures",
+    "differing",
+    "estimates_of",
+    "lines_of",
+    "measure",
+    "measure_run",
+    "measured_topics",
+    "summary",
+    "truth_of",
+]
 
 
 class Measures(NamedTuple):

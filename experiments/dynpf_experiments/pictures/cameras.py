@@ -47,9 +47,7 @@ def cameras_of(source: RunSource, circles: Mapping[str, Callable[[int], Sequence
     return [_camera(source, topic, source.budget.frames // len(topics), circles.get(topic)) for topic in topics]
 
 
-def _camera(
-    source: RunSource, topic: str, most: int, circles: Callable[[int], Sequence[Circle]] | None
-) -> Camera:
+def _camera(source: RunSource, topic: str, most: int, circles: Callable[[int], Sequence[Circle]] | None) -> Camera:
     records = source.records(topic)
     frames: list[Frame] = []
     width, height = 0, 0

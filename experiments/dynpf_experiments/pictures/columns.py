@@ -55,13 +55,15 @@ def column(values: ArrayLike, quantum: float) -> dict[str, Any]:
 
 
 def points(clouds: Sequence[FloatArray], least: float = 1e-3) -> dict[str, Any]:
-    """Return sets of points (2, M) packed into one text: 16-bit offsets from each set's middle in steps of a ``quantum``.
+    """Return sets of points (2, M) packed into one text: 16-bit offsets from each set's middle, in steps of a quantum.
 
     The quantum is the same for all, and at least ``least``. Points that are no numbers are left out.
     """
     kept = [cloud[:, np.all(np.isfinite(cloud) & (np.abs(cloud) <= LARGEST), axis=0)] for cloud in clouds]
     middles = [0.5 * (cloud.min(axis=1) + cloud.max(axis=1)) if cloud.size else np.zeros(2) for cloud in kept]
-    reach = max((float(np.max(np.abs(c - m[:, None]))) for c, m in zip(kept, middles, strict=True) if c.size), default=0)
+    reach = max(
+        (float(np.max(np.abs(c - m[:, None]))) for c, m in zip(kept, middles, strict=True) if c.size), default=0
+    )
     quantum = max(least, reach / _STEPS)
     packed = [
         np.rint((cloud - middle[:, None]) / quantum).T.astype("<i2")
@@ -81,4 +83,4 @@ def runs(cells: NDArray[np.uint8]) -> list[int]:
     flat = cells.reshape(-1)
     starts = np.concatenate([[0], np.flatnonzero(np.diff(flat)) + 1])
     lengths = np.diff(np.append(starts, flat.size))
-    return (4 * lengths + flat[starts]).tolist()
+    return [int(run) for run in 4 * lengths + flat[starts]]

@@ -1,11 +1,10 @@
-"""What can be drawn of a run, in the plane of its map and over time. Systems bring drawings of their own (``PICTURES``).
+"""What can be drawn of a run, in the plane of its map and over time; systems bring drawings too (``PICTURES``).
 
 Positions are in metres of the map as it is drawn, or, where a drawing has another ``Unit``, in that unit.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Literal, NamedTuple
-
 
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.types import FloatArray
@@ -48,8 +47,10 @@ class Track(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """A shape from above: a line or ``loop`` through points (2, M), separate lines between ``pairs`` of them, a ``disc``
-    around each, a filled ``area``, or a ``text``. ``colour`` is ``#rrggbb``, or "" for that of its part of the world.
+    """A shape from above: a ``line`` or ``loop`` through points (2, M), lines between ``pairs`` of them, a ``disc``
+    around each, a filled ``area``, or a ``text``.
+
+    ``colour`` is ``#rrggbb``, or "" for that of its part of the world.
     """
 
     form: Form
@@ -138,5 +139,3 @@ def merged(drawings: Sequence[Drawing]) -> Drawing:
         replaced=frozenset[str]().union(*(drawing.replaced for drawing in drawings)),
         radii={robot: radius for drawing in drawings for robot, radius in drawing.radii.items()},
     )
-
-

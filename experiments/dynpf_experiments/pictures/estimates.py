@@ -96,13 +96,20 @@ def error_plots(tracks: Sequence[Track]) -> list[Plot]:
     position += _reckoned(tracks, truths)
     if squared:
         ends = np.array([squared[0].seconds[0], squared[0].seconds[-1]]) if squared[0].seconds.size else np.empty(0)
-        squared += [Line(f"95 % {word}", ends, np.full(ends.size, bound), "bound")
-                    for word, bound in zip(("low", "high"), CHI_SQUARE_2, strict=True)]
+        squared += [
+            Line(f"95 % {word}", ends, np.full(ends.size, bound), "bound")
+            for word, bound in zip(("low", "high"), CHI_SQUARE_2, strict=True)
+        ]
     plots = (
         Plot("position_error", "Position error", "m", position, "Below the band the filter knows how far off it is."),
         Plot("heading_error", "Heading error", "deg", heading, signed=True),
-        Plot("nees", "NEES of the position", "", squared,
-             "Squared error in units of its own covariance; an honest filter is between the dashed lines 95 % of the time."),
+        Plot(
+            "nees",
+            "NEES of the position",
+            "",
+            squared,
+            "Squared error in units of its own covariance; of an honest filter 95 % lie between the dashed lines.",
+        ),
     )
     return [plot for plot in plots if any(line.values.size for line in plot.lines)]
 
@@ -153,7 +160,7 @@ def _greatest(covariances: FloatArray) -> FloatArray:
     """Return the variance of the position in the direction in which it is greatest, (T,)."""
     xx, xy, yy = covariances[0, 0], covariances[0, 1], covariances[1, 1]
     half = 0.5 * (xx - yy)
-    return np.maximum(0.5 * (xx + yy) + np.sqrt(half * half + xy * xy), 0.0)
+    return np.asarray(np.maximum(0.5 * (xx + yy) + np.sqrt(half * half + xy * xy), 0.0))
 
 
 def _nees(errors: FloatArray, covariances: FloatArray) -> FloatArray:

@@ -37,7 +37,11 @@ def faults_of(source: RunSource) -> list[str]:
     faults = () if source.scenario is None else source.scenario.faults
     texts = []
     for fault in faults[:MOST_EVENTS]:
-        late = f", {fault.delay_s:g} to {fault.delay_s + fault.jitter_s:g} s late" if fault.delay_s or fault.jitter_s else ""
+        late = (
+            f", {fault.delay_s:g} to {fault.delay_s + fault.jitter_s:g} s late"
+            if fault.delay_s or fault.jitter_s
+            else ""
+        )
         texts.append(f"{printable(fault.topic)} to {printable(fault.to)}: {100.0 * fault.loss:g} % lost{late}")
     return texts
 

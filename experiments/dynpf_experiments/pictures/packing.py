@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from dynpf_protocol.printable import printable
 
 from dynpf.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from dynpf.types import FloatArray
@@ -32,9 +33,9 @@ def thinned(track: Track, moments: FloatArray) -> Track:
 def track(each: Track) -> dict[str, Any]:
     """Return a track; of the covariance that of the position."""
     found = {
-        "name": each.name,
+        "name": printable(each.name, 80),
         "role": each.role,
-        "robot": each.robot,
+        "robot": printable(each.robot, 80),
         "radius": _bare(each.radius),
         "t": column(each.seconds, SECOND),
         "x": column(each.poses[0], POSITION),
@@ -49,14 +50,14 @@ def track(each: Track) -> dict[str, Any]:
 
 def cloud(each: Clouds) -> dict[str, Any]:
     """Return the particles of a node."""
-    return {"node": each.node, "t": column(each.seconds, SECOND), "p": points(each.points)}
+    return {"node": printable(each.node, 80), "t": column(each.seconds, SECOND), "p": points(each.points)}
 
 
 def reading(each: Readings) -> dict[str, Any]:
     """Return the readings of a sensor."""
     return {
-        "topic": each.topic,
-        "robot": each.robot,
+        "topic": printable(each.topic, 80),
+        "robot": printable(each.robot, 80),
         "form": each.form,
         "t": column(each.seconds, SECOND),
         "p": points(each.points),
@@ -73,7 +74,7 @@ def shape(each: Shape) -> dict[str, Any]:
 def layer(each: Layer) -> dict[str, Any]:
     """Return shapes that change."""
     return {
-        "name": each.name,
+        "name": printable(each.name, 80),
         "t": column(each.seconds, SECOND),
         "shapes": [[shape(one) for one in shapes] for shapes in each.shapes],
     }
@@ -114,12 +115,14 @@ def plot(each: Plot, most: int) -> dict[str, Any]:
 def camera(each: Camera) -> dict[str, Any]:
     """Return a camera's thumbnails."""
     return {
-        "topic": each.topic,
+        "topic": printable(each.topic, 80),
         "w": each.width,
         "h": each.height,
         "t": column([frame.seconds for frame in each.frames], SECOND),
         "src": [as_uri(frame.jpeg) for frame in each.frames],
-        "circles": [[[round(float(value), 1) for value in circle] for circle in frame.circles] for frame in each.frames],
+        "circles": [
+            [[round(float(value), 1) for value in circle] for circle in frame.circles] for frame in each.frames
+        ],
     }
 
 
@@ -171,7 +174,7 @@ def _line(line: Line, most: int) -> dict[str, Any]:
     values = line.values[chosen]
     largest = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
     return {
-        "label": line.label,
+        "label": printable(line.label, 80),
         "kind": line.kind,
         "hidden": line.hidden,
         "t": column(line.seconds[chosen], SECOND),

@@ -19,7 +19,7 @@ from dynpf_experiments.pictures.cameras import Camera, cameras_of
 from dynpf_experiments.pictures.columns import column, evenly
 from dynpf_experiments.pictures.commands import command_plots
 from dynpf_experiments.pictures.drawing import Drawing, Pictures, Track, merged
-from dynpf_experiments.pictures.estimates import Estimated, Span, error_plots, estimates_of, filter_plots, verdicts
+from dynpf_experiments.pictures.estimates import Span, error_plots, estimates_of, filter_plots, verdicts
 from dynpf_experiments.pictures.events import Event, events_of, faults_of
 from dynpf_experiments.pictures.figures import Figure, figures
 from dynpf_experiments.pictures.scenes import scenes_of
@@ -29,6 +29,8 @@ from dynpf_experiments.pictures.tracks import Clouds, Readings, clouds_of, readi
 __all__ = ["Apart", "Head", "RunPicture", "apart", "run_picture"]
 
 MOST_ROWS = 60
+
+Others = tuple[Sequence[Clouds], Sequence[Readings], Sequence[Camera]]
 
 
 class Head(NamedTuple):
@@ -95,11 +97,13 @@ def run_picture(recording: Recording, measures: Mapping[str, Any], budget: Budge
     at, ticks = _moments(source, tracks)
     head = _head(source, measures, ticks)
     chosen = evenly(at.size, budget.moments)
-    thinned = [packing.thinned(each, at[chosen]) for each in tracks if each.seconds.size]
+    tracks = [each for each in tracks if each.seconds.size]
+    thinned = [packing.thinned(each, at[chosen]) for each in tracks]
+    fixed = [*drawing.shapes, *(each for one in drawing.layers for shapes in one.shapes for each in shapes)]
     data = {
         "unit": drawing.unit.name,
         "seconds": round(head.seconds, 3),
-        "bounds": list(packing.bounds_of(drawing.shapes, drawing.grids, tracks)),
+        "bounds": list(packing.bounds_of(fixed, drawing.grids, tracks)),
         "moments": {"t": column(at[chosen], packing.SECOND), "tick": column(ticks[chosen], 1.0)},
         "grids": [packing.grid(each) for each in drawing.grids],
         "shapes": [packing.shape(each) for each in drawing.shapes],
@@ -108,11 +112,16 @@ def run_picture(recording: Recording, measures: Mapping[str, Any], budget: Budge
         "clouds": [packing.cloud(each) for each in clouds],
         "readings": [packing.reading(each) for each in readings],
         "plots": [packing.plot(each, budget.values) for each in plots],
-        "health": [{"node": node, "spans": [list(span) for span in spans]} for node, spans in health.items() if spans],
+        "health": [
+            {"node": printable(node, 80), "spans": [list(span) for span in spans]}
+            for node, spans in health.items()
+            if spans
+        ],
         "events": [list(event) for event in events],
         "cameras": [packing.camera(each) for each in cameras if each.frames],
     }
-    notes = _notes(source, tracks, thinned, clouds, readings, cameras)
+    poses = {a.name: (a.seconds.size, b.seconds.size) for a, b in zip(thinned, tracks, strict=True)}
+    notes = _notes(source, poses, (clouds, readings, cameras))
     return RunPicture(head, _figures(measures), health, events, in_all, faults_of(source), notes, data)
 
 
@@ -175,9 +184,13 @@ def _head(source: RunSource, measures: Mapping[str, Any], ticks: FloatArray) -> 
 
 
 def _lines(measures: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return what ``dynpf run`` says of the measures, each line's name and text, without its tables."""
+    """Return the measures in a few words: what ``dynpf run`` says of them, or a line for each of several estimators."""
+    several = measures.get("estimators")
+    if isinstance(several, Mapping):
+        rows = ((str(name), figures(each)[:2]) for name, each in several.items())
+        return [(name, ", ".join(f"{row.label} {row.value} {row.unit}" for row in told)) for name, told in rows if told]
     split = [re.split(r" {2,}", line, maxsplit=1) for line in lines_of(measures)]
-    return [(line[0], line[1]) for line in split if len(line) == 2 and "estimators" not in measures]
+    return [(line[0], line[1]) for line in split if len(line) == 2]
 
 
 def _replay(recording: Recording) -> str:
@@ -195,29 +208,19 @@ def _figures(measures: Mapping[str, Any]) -> dict[str, list[Figure]]:
     return {"": figures(measures)}
 
 
-def _notes(
-    source: RunSource,
-    tracks: Sequence[Track],
-    thinned: Sequence[Track],
-    clouds: Sequence[Clouds],
-    readings: Sequence[Readings],
-    cameras: Sequence[Camera],
-) -> list[str]:
-    """Return what the page leaves out, a sentence each."""
-    notes = []
-    moving = [each for each in tracks if each.seconds.size]
-    for whole, part in zip(moving, thinned, strict=True):
-        if part.seconds.size < whole.seconds.size:
-            notes.append(f"{part.seconds.size} of {whole.seconds.size} poses of {printable(whole.name)}")
+def _notes(source: RunSource, poses: Mapping[str, tuple[int, int]], others: Others) -> list[str]:
+    """Return what the page leaves out, a sentence each; ``poses`` are those shown and those recorded, by track."""
+    clouds, readings, cameras = others
     counted = [
+        *((f"poses of {printable(name)}", shown, told) for name, (shown, told) in poses.items()),
         *((f"clouds of particles of {printable(each.node)}", len(each.points), each.told) for each in clouds),
         *((f"messages of {printable(each.topic)}", len(each.points), each.told) for each in readings),
         *((f"frames of {printable(each.topic)}, as thumbnails", len(each.frames), each.told) for each in cameras),
     ]
-    notes += [f"{shown} of {told} {what}" for what, shown, told in counted if shown < told]
+    notes = [f"{shown} of {told} {what}" for what, shown, told in counted if shown < told]
     if source.unreadable:
         notes.append(f"{source.unreadable} messages do not decode and are left out")
-    return list(dict.fromkeys(notes))[:MOST_ROWS]
+    return notes[:MOST_ROWS]
 
 
 def _told(value: Any) -> str:

@@ -3,7 +3,17 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from dynpf_protocol.messages import Color, LinePrimitive, Point3, Pose, SceneEntity, SceneUpdate, heading
+from dynpf_protocol.messages import (
+    Color,
+    CylinderPrimitive,
+    LinePrimitive,
+    Point3,
+    Pose,
+    SceneEntity,
+    SceneUpdate,
+    SpherePrimitive,
+    heading,
+)
 from dynpf_protocol.printable import printable
 
 from dynpf.portable import sincos
@@ -32,7 +42,9 @@ def scenes_of(source: RunSource, replaced: frozenset[str], per_metre: float) -> 
         known |= {name for name, _ in entities}
         for name, moments in entities:
             drawn = [(at, [*_shapes(entity, per_metre)] if entity else []) for at, entity in moments]
-            changes = [drawn[index] for index in range(len(drawn)) if index == 0 or not _same(drawn[index], drawn[index - 1])]
+            changes = [
+                drawn[index] for index in range(len(drawn)) if index == 0 or not _same(drawn[index], drawn[index - 1])
+            ]
             while changes and sum(_size(each) for _, each in changes) > left:
                 changes.pop()
             left -= sum(_size(each) for _, each in changes)
@@ -63,8 +75,9 @@ def _entities(
 
 
 def _shapes(entity: SceneEntity, scale: float) -> Iterator[Shape]:
-    for round_ in (*entity.cylinders, *entity.spheres)[:MOST_SHAPES]:
-        yield _shape("disc", _placed(round_.pose, [(0.0, 0.0)], scale), round_.color, 0.5 * scale * abs(round_.size.x))
+    discs: list[CylinderPrimitive | SpherePrimitive] = [*entity.cylinders, *entity.spheres]
+    for disc in discs[:MOST_SHAPES]:
+        yield _shape("disc", _placed(disc.pose, [(0.0, 0.0)], scale), disc.color, 0.5 * scale * abs(disc.size.x))
     for cube in entity.cubes[:MOST_SHAPES]:
         x, y = 0.5 * cube.size.x, 0.5 * cube.size.y
         yield _shape("area", _placed(cube.pose, [(-x, -y), (x, -y), (x, y), (-x, y)], scale), cube.color)

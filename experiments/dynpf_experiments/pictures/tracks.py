@@ -44,8 +44,8 @@ class Clouds(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """Readings of a sensor, as points (2, M) seen from the robot: of a ``scan``, of ``rays`` to what was sighted, ends of
-    ``segments``; or a ``fix``, a position in the map. ``told`` is how many were recorded.
+    """Readings of a sensor, as points (2, M) seen from the robot: of a ``scan``, of ``rays`` to what was sighted, or
+    ends of ``segments``; or a ``fix``, a position in the map. ``told`` is how many were recorded.
     """
 
     topic: str
@@ -89,7 +89,7 @@ def clouds_of(source: RunSource, per_metre: float) -> list[Clouds]:
 
 
 def readings_of(source: RunSource) -> list[Readings]:
-    """Return the readings of all sensors whose messages dynpf knows; of a log's records those that sensors passed on."""
+    """Return the readings of all sensors that dynpf knows; of a log's records those that sensors did not pass on."""
     topics = source.carrying(LaserScan, LandmarkReadings, LineReadings, PositionFix)
     passed_on = {topic for topic in topics if "sensors/" in topic}
     topics = [topic for topic in topics if topic.replace("log/", "sensors/") not in passed_on - {topic}]
@@ -130,9 +130,7 @@ def _integrated(source: RunSource, topic: str, robot: str, truth: Track | None) 
     return Track("odometry", "odometry", robot, *dead_reckoning(seconds, rows[:2], start))
 
 
-def _carried(
-    seconds: FloatArray, poses: FloatArray, start: tuple[float, ...]
-) -> tuple[FloatArray, FloatArray]:
+def _carried(seconds: FloatArray, poses: FloatArray, start: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
     """Return poses of a frame of their own moved so that the first is ``start``."""
     turn = start[2] - float(poses[2, 0])
     sine, cosine = (float(value) for value in sincos(turn))
@@ -189,7 +187,7 @@ def _scan(scan: LaserScan, greatest: float) -> FloatArray:
         for beam in range(0, beams, stride or 1)
         if 0.0 < scan.ranges[beam] < greatest
     ]
-    return _polar(rows) + np.array([[at.x], [at.y]])
+    return np.asarray(_polar(rows) + np.array([[at.x], [at.y]]))
 
 
 def _polar(rows: list[tuple[float, float]]) -> FloatArray:
@@ -199,11 +197,9 @@ def _polar(rows: list[tuple[float, float]]) -> FloatArray:
 
 
 def _pieces(rows: list[tuple[float, float, float]]) -> FloatArray:
-    """Return the ends of pieces of wall, two after two, each centred where the perpendicular from the robot meets it."""
+    """Return the ends of pieces of wall, two after two, each centred at the foot of the robot's perpendicular."""
     table = np.array(rows, dtype=np.float64).reshape(-1, 3)
     sines, cosines = sincos(table[:, 1])
     foot = table[:, 0] * np.stack([cosines, sines])
     along = 0.5 * table[:, 2] * np.stack([-sines, cosines])
     return np.stack([foot - along, foot + along], axis=2).reshape(2, -1)
-
-

@@ -21,17 +21,24 @@ def add_no_page(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-page", action="store_true", help="make no page (NAME.html beside the recording)")
 
 
-def leave_page(command: str, recording: "Recording", measures: Mapping[str, Any] | None = None) -> Path | None:
-    """Make the page of a recording beside it and return its path; where that fails, say so in a line, and return None."""
+def leave_page(
+    command: str, path: Path, recording: "Recording | None" = None, measures: Mapping[str, Any] | None = None
+) -> Path | None:
+    """Make the page of a recording beside it and return its path; where that fails, say so in a line, and return None.
+
+    ``recording`` and ``measures`` are those of the file at ``path``, where they are known.
+    """
+    from dynpf_formats.recording.reader import read_recording
+
     from dynpf_lab.page import Unmade, make_page, page_of
 
-    path = page_of(recording.path)
+    page = page_of(path)
     try:
-        make_page([recording], path, measures)
+        make_page([recording or read_recording(path, allow_truncated=True)], page, measures)
     except (DynpfError, Unmade) as error:
         print(f"dynpf {command}: no page: {error}", file=sys.stderr)
     except Exception as error:  # the run is recorded and measured: nothing of that is lost for want of a picture
         print(f"dynpf {command}: no page: {sentence(error)}", file=sys.stderr)
     else:
-        return path
+        return page
     return None

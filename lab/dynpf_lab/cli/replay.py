@@ -153,8 +153,6 @@ def _compare(options: argparse.Namespace, recording: "Recording", write: Callabl
 
 def _leave_page(options: argparse.Namespace) -> None:
     """Make the page of the replayed run beside its recording, and say where it is."""
-    from dynpf_formats.recording.reader import read_recording
-
-    page = None if options.no_page else leave_page("replay", read_recording(options.output))
+    page = None if options.no_page else leave_page("replay", options.output)
     if page is not None:
         print(f"page        {page}", file=sys.stderr)

@@ -83,8 +83,10 @@ def run(options: argparse.Namespace) -> int:
         if path.is_file():
             if options.sign is not None:
                 sign_recording(path, options.sign)
+            page = None if options.no_page else leave_page("run", path)
+            shown = "" if page is None else f", {page} shows them"
             print(
-                f"dynpf run: the messages recorded so far are in {path} (dynpf doctor tells what is missing)",
+                f"dynpf run: the messages recorded so far are in {path}{shown} (dynpf doctor tells what is missing)",
                 file=sys.stderr,
             )
         raise
@@ -149,7 +151,7 @@ def _summary(path: Path, *, with_page: bool, as_json: bool) -> int:
 
     recording = read_recording(path)
     measures = measure(recording)
-    page = leave_page("run", recording, measures) if with_page else None
+    page = leave_page("run", path, recording, measures) if with_page else None
     if as_json:
         print(json.dumps({"recording": str(path), **({} if page is None else {"page": str(page)}), **measures}))
     else:

@@ -13,8 +13,8 @@ __all__ = ["add_arguments"]
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``dynpf view``."""
     parser.description = (
-        "Makes the page of a recording, unless it is there already, prints its path and opens it in a browser. With two "
-        "recordings the page shows both runs, and what sets them apart. A page needs no network and no server."
+        "Makes the page of a recording, unless it is there already, prints its path and opens it in a browser. With "
+        "two recordings the page shows both runs, and what sets them apart. A page needs no network and no server."
     )
     parser.add_argument("recording", type=Path, metavar="RUN.mcap")
     parser.add_argument("other", type=Path, nargs="?", metavar="OTHER.mcap", help="another run, to be compared with")

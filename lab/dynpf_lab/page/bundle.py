@@ -1,4 +1,4 @@
-"""Puts the page's ES modules into one script: each in a scope of its own, in the order in which they need each other."""
+"""Puts the page's ES modules into one script: each in a scope of its own, after those that it needs."""
 
 import re
 from collections.abc import Mapping
@@ -13,8 +13,8 @@ _ANY = re.compile(r"^(?:import|export)\b.*", re.MULTILINE)
 def bundled(modules: Mapping[str, str], entry: str) -> str:
     """Return the script that does what the module ``entry`` does; ``modules`` maps names to sources.
 
-    Imports are ``import { a, b } from "./name.mjs";`` on a line of their own, and exports are functions and constants where
-    they are declared. Raises ValueError for another form, for a name that is not exported, and for modules that need
+    Imports are ``import { a, b } from "./name.mjs";`` on a line of their own, and exports are functions and
+    constants where they are declared. Raises ValueError for another form, for a name that is not exported, and for modules that need
     each other in a circle.
     """
     parts: list[str] = []

@@ -1,4 +1,4 @@
-"""The HTML of a page. All that comes from a recording is text: it is escaped here, once, and never becomes markup or code."""
+"""The HTML of a page. All that comes from a recording is escaped: it is text, and never becomes markup or code."""
 
 import base64
 import hashlib
@@ -69,7 +69,7 @@ def made_by() -> str:
 
 
 def _sources() -> Iterable[Path]:
-    import dynpf_experiments.pictures as pictures  # noqa: PLC0415 - only its folder
+    from dynpf_experiments import pictures  # noqa: PLC0415 - only its folder
 
     return sorted([*FOLDER.glob("*.py"), *Path(pictures.__path__[0]).glob("*.py")])
 

@@ -58,7 +58,14 @@ def _facts(run: RunPicture, name: str) -> Iterator[str]:
     head = run.head
     missing = "" if head.missing is None else f", {head.missing} missing"
     ticks = f"{head.ticks} ticks" if head.ticks else "no ticks"
-    facts = (head.file, f"seed {head.seed}", head.clock, f"{head.seconds:.1f} s", ticks, f"{head.messages} messages{missing}")
+    facts = (
+        head.file,
+        f"seed {head.seed}",
+        head.clock,
+        f"{head.seconds:.1f} s",
+        ticks,
+        f"{head.messages} messages{missing}",
+    )
     before = f"<b>{name}</b> · " if name else ""
     yield f'<p class="facts">{before}{escape(" · ".join(facts))}</p>'
     if head.lines:
@@ -79,10 +86,15 @@ def _apart(apart: Apart) -> Iterator[str]:
 
 
 def _stage(runs: Sequence[RunPicture]) -> Iterator[str]:
+    yield '<div class="bar"><h2>The world, from above</h2>'
+    yield '<button id="farther" type="button" aria-label="Farther">−</button>'
+    yield '<button id="fit" type="button">Fit</button>'
+    yield '<button id="closer" type="button" aria-label="Closer">+</button></div>'
     yield f'<div class="stage{" two" if len(runs) > 1 else ""}">'
     for index, run in enumerate(runs):
-        name = f"World of {'AB'[index]}" if len(runs) > 1 else "The world"
-        yield f'<section class="world"><h2>{name}, from above</h2>'
+        yield '<section class="world">'
+        if len(runs) > 1:
+            yield f"<h3>{'AB'[index]}: {escape(run.head.file)}</h3>"
         text = f"The world of {run.head.file} from above; the table of poses says where the robot is."
         yield f'<canvas id="world-{index}" role="img" aria-label="{escape(text)}"></canvas>'
         if len(runs) > 1:
@@ -99,18 +111,18 @@ def _stage(runs: Sequence[RunPicture]) -> Iterator[str]:
 
 def _readout(run: RunPicture, index: int) -> Iterator[str]:
     unit = escape(run.data["unit"])
-    yield f'<div class="scroll"><table class="readout"><thead><tr><th scope="col">now</th><th scope="col">x ({unit})</th>'
-    yield f'<th scope="col">y ({unit})</th><th scope="col">heading (°)</th><th scope="col">off by ({unit})</th></tr></thead>'
+    heads = ("now", f"x ({unit})", f"y ({unit})", "heading (°)", f"off by ({unit})")
+    cells = "".join(f'<th scope="col">{head}</th>' for head in heads)
+    yield f'<div class="scroll" tabindex="0"><table class="readout"><thead><tr>{cells}</tr></thead>'
     yield f'<tbody id="readout-{index}"></tbody></table></div>'
-    for each in run.data["health"]:
-        node = escape(each["node"])
-        yield f'<p class="quiet">{node} takes itself for <b data-verdict="{index} {node}"></b></p>'
+    for number, each in enumerate(run.data["health"]):
+        yield f'<p class="now-verdict">{escape(each["node"])} says: <b id="verdict-{index}-{number}"></b></p>'
 
 
 def _cameras(run: RunPicture, index: int, of_run: str) -> Iterator[str]:
     for number, camera in enumerate(run.data["cameras"]):
-        size = f"{camera['w']} {camera['h']}"
-        yield f'<figure class="camera" id="camera-{index}-{number}"><svg viewBox="0 0 {size}" role="img" aria-label="frame">'
+        yield f'<figure class="camera" id="camera-{index}-{number}">'
+        yield f'<svg viewBox="0 0 {camera["w"]} {camera["h"]}" role="img" aria-label="frame">'
         yield f'<image width="{camera["w"]}" height="{camera["h"]}"></image><g></g></svg>'
         yield f'<figcaption><b>{escape(camera["topic"])}{of_run}</b>, <span class="when"></span></figcaption></figure>'
 
@@ -124,7 +136,8 @@ def _legend(runs: Sequence[RunPicture]) -> Iterator[str]:
     yield '<fieldset class="legend"><legend>Shown</legend>'
     for name, key, text in LAYERS:
         if name in there:
-            yield f'<label><input type="checkbox" data-shows="{name}" checked><span class="key {key}"></span>{text}</label>'
+            box = f'<input type="checkbox" data-shows="{name}" checked>'
+            yield f'<label>{box}<span class="key {key}"></span>{text}</label>'
     yield "</fieldset>"
 
 
@@ -132,12 +145,14 @@ def _player(runs: Sequence[RunPicture], apart: Apart | None) -> Iterator[str]:
     yield '<section class="player" aria-label="Player">'
     for index, run in enumerate(runs):
         for each in run.data["health"]:
-            spans = "".join(_verdict(*span) for span in each["spans"])
-            name = f"{'AB'[index]}: " if len(runs) > 1 else ""
-            yield f'<div class="lane" aria-hidden="true" title="{name}health of {escape(each["node"])}">{spans}</div>'
+            run_name = f"{'AB'[index]}: " if len(runs) > 1 else ""
+            name = f"{run_name}{each['node']}: " if len(run.data["health"]) > 1 else run_name
+            spans = "".join(_verdict(name, *span) for span in each["spans"])
+            yield f'<div class="lane" aria-hidden="true">{spans}</div>'
     marks = [event for run in runs for event in run.events if event.kind != "end"][:MOST_MARKS]
     texts = [
-        f'<span class="{event.level}" data-from="{event.seconds:.3f}" title="{escape(event.text)}"></span>' for event in marks
+        f'<span class="{event.level}" data-from="{event.seconds:.3f}" title="{escape(event.text)}"></span>'
+        for event in marks
     ]
     if apart is not None and (at := _first_time(runs[0], apart)) is not None:
         texts.append(f'<span class="first" data-from="{at:.3f}" title="first difference"></span>')
@@ -147,16 +162,14 @@ def _player(runs: Sequence[RunPicture], apart: Apart | None) -> Iterator[str]:
     yield '<div class="controls"><button id="play" type="button">Play</button>'
     options = "".join(f'<option value="{speed}">{speed} ×</option>' for speed in SPEEDS)
     yield f'<label>Speed <select id="speed">{options}</select></label> <span id="time"></span>'
-    yield '<span class="push"></span><button id="farther" type="button" aria-label="Farther">−</button>'
-    yield '<button id="fit" type="button">Fit</button><button id="closer" type="button" aria-label="Closer">+</button>'
     yield "</div></section>"
 
 
-def _verdict(begin: float, end: float, status: str, reason: str) -> str:
+def _verdict(name: str, begin: float, end: float, status: str, reason: str) -> str:
     title = escape(f"{status}: {reason}")
     kind = escape(status)
     times = f'data-from="{begin:.3f}" data-to="{end:.3f}"'
-    return f'<span class="verdict {kind}" {times} title="{title}">{escape(_spoken(status))}</span>'
+    return f'<span class="verdict {kind}" {times} title="{title}">{escape(name + _spoken(status))}</span>'
 
 
 def _first_time(run: RunPicture, apart: Apart) -> float | None:
@@ -209,7 +222,8 @@ def _health(run: RunPicture) -> Iterator[str]:
         yield '<p class="quiet">No node says how reliable its estimate is.</p>'
         return
     rows = [
-        (_Seek(begin), f"{end - begin:.1f} s", node, _spoken(status), reason) for node, begin, end, status, reason in spans
+        (_Seek(begin), f"{end - begin:.1f} s", node, _spoken(status), reason)
+        for node, begin, end, status, reason in spans
     ]
     heads = ("from", "for", "node", "verdict", "reason")
     if len(rows) <= 8:
@@ -233,8 +247,8 @@ def _events(run: RunPicture) -> Iterator[str]:
 
 def _provenance(run: RunPicture) -> Iterator[str]:
     head = run.head
-    yield f'<p class="command"><code id="replay">{escape(head.replay)}</code> <button id="copy" type="button">Copy</button>'
-    yield '<span id="copied" role="status"></span></p>'
+    yield f'<p class="command"><code>{escape(head.replay)}</code> <button class="copy" type="button">Copy</button>'
+    yield '<span role="status"></span></p>'
     yield f"<p>Content digest <code>{escape(head.digest)}</code></p>"
     yield from _folded("Versions", ("what", "version"), head.versions)
     if run.notes:

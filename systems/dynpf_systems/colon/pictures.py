@@ -1,4 +1,4 @@
-"""COLON from above, in pixels of its maps: the capsule, true and estimated; the tubes come from the scenes of the nodes."""
+"""COLON from above, in pixels of its maps: the capsule, true and estimated; the tubes come from scenes of the nodes."""
 
 from typing import Literal
 

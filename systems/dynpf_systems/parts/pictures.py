@@ -1,4 +1,4 @@
-"""PARTS from above: the workspace, parts true and estimated, their goals; and the discs that vision found, in the frames."""
+"""PARTS from above: the workspace, parts true and estimated, their goals; and the discs found in camera frames."""
 
 from collections.abc import Callable, Sequence
 
@@ -79,7 +79,7 @@ def _distance(positions: FloatArray, goal: tuple[float, float]) -> FloatArray:
 
 
 def _found_discs(source: RunSource) -> dict[str, Callable[[int], list[Circle]]]:
-    """Return what vision found in each frame, as circles in its pixels; nothing where it calibrates itself by a board."""
+    """Return what vision found in each frame, in its pixels; nothing where it calibrates itself by a board."""
     vision = None if source.scenario is None else source.scenario.vision
     if not isinstance(vision, VisionConfig) or vision.calibration is None or isinstance(vision.calibration, Board):
         return {}

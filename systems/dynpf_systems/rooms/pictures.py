@@ -38,7 +38,7 @@ def _draw(source: RunSource) -> Drawing | None:
         shapes=[*(wall for wall in walls if wall is not None), *_marks(landmarks)],
         layers=[_company(source)] if source.carrying(Obstacles) else [],
         replaced=REPLACED,
-        radii={"": room.robot_radius for room in rooms[:1]},
+        radii={"": rooms[0].robot_radius} if rooms else {},
     )
 
 

@@ -177,10 +177,11 @@ function drawClouds(context, scene, view, t, colours) {
   }
 }
 
-/** Draw the last reading of each sensor as seen from the estimate, and faintly from odometry. */
+/** Draw the last reading of each sensor, as seen from where the robot was estimated then, and faintly by odometry. */
 function drawReadings(context, scene, view, t, colours) {
   for (const reading of scene.readings) {
-    const points = reading.points[held(reading.t, t)];
+    const last = held(reading.t, t);
+    const points = reading.points[last];
     if (!points) continue;
     if (reading.form === "fix") {
       drawFix(context, points, view, colours.readings);
@@ -188,7 +189,7 @@ function drawReadings(context, scene, view, t, colours) {
     }
     for (const [role, colour, alpha] of [["odometry", colours.odometry, 0.45], ["estimate", colours.readings, 0.9]]) {
       const track = scene.tracks.find((each) => each.role === role && each.robot === reading.robot);
-      const at = track && pose(track, t);
+      const at = track && pose(track, reading.t[last]);
       if (!at) continue;
       context.globalAlpha = alpha;
       context.strokeStyle = context.fillStyle = colour;
@@ -250,6 +251,7 @@ function drawBody(context, scene, track, view, t, colours, shown) {
     context.arc(u, v, track.radius ? track.radius * view.scale : 2.5, 0, 2 * Math.PI);
     faintly(context, () => context.fill());
     context.stroke();
+    if (track.radius * view.scale > 9) drawText(context, track.name.split(" ").at(-1), u, v);
     return;
   }
   if (track.cov && shown.has("ellipse")) drawEllipse(context, track.cov, at.index, u, v, view);

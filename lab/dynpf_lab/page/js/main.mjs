@@ -59,11 +59,10 @@ function showReadout(scene, index) {
     return row;
   });
   body.replaceChildren(...rows);
-  for (const { node, spans } of scene.health) {
+  scene.health.forEach(({ spans }, number) => {
     const now = verdict(spans, t);
-    const place = document.querySelector(`[data-verdict="${index} ${CSS.escape(node)}"]`);
-    if (place) place.textContent = now ? now[2].replaceAll("_", " ") : "";
-  }
+    find(`#verdict-${index}-${number}`).textContent = now ? now[2].replaceAll("_", " ") : "";
+  });
 }
 
 function showCameras(scene, index) {
@@ -181,7 +180,7 @@ function connect() {
   }
   find("#fit").addEventListener("click", () => stages.forEach((stage) => stage.fit()));
   find("#theme").addEventListener("click", () => setTheme(theme.name === "dark" ? "light" : "dark"));
-  find("#copy").addEventListener("click", copy);
+  for (const button of document.querySelectorAll(".copy")) button.addEventListener("click", copy);
   document.addEventListener("keydown", onKey);
   addEventListener("resize", () => {
     stages.forEach((stage) => stage.resize());
@@ -197,14 +196,15 @@ function connect() {
   addEventListener("afterprint", () => setTheme(kept));
 }
 
-async function copy() {
-  const command = find("#replay").textContent;
+async function copy(event) {
+  const place = event.target.parentElement;
+  const [command, status] = [find("code", place), find("[role=status]", place)];
   try {
-    await navigator.clipboard.writeText(command);
-    find("#copied").textContent = "copied";
+    await navigator.clipboard.writeText(command.textContent);
+    status.textContent = "copied";
   } catch {
-    getSelection().selectAllChildren(find("#replay"));
-    find("#copied").textContent = "selected: copy it by keyboard";
+    getSelection().selectAllChildren(command);
+    status.textContent = "selected: copy it by keyboard";
   }
 }
 

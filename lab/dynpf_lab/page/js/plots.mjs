@@ -86,7 +86,7 @@ function lines(plot, theme) {
     if (line.kind === "band") {
       const first = series.length + 1;
       const fill = plot.lines.length > 3 ? "transparent" : theme.band;
-      series.push({ ...common, label: `${line.label} (low)`, stroke: theme.bandEdge, width: 1, dash: [3, 3] });
+      series.push({ ...common, label: line.label, class: "edge", stroke: theme.bandEdge, width: 1, dash: [3, 3] });
       series.push({ ...common, label: line.label, stroke: theme.bandEdge, width: 1, dash: [3, 3] });
       bands.push({ series: [first + 1, first], fill });
     } else if (line.kind === "bound") {

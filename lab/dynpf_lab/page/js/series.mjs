@@ -48,7 +48,7 @@ export function range(plot, data) {
   for (const line of plot.lines) {
     const columns = line.kind === "band" ? [data[position], data[position + 1]] : [data[position]];
     position += columns.length;
-    if (line.hidden || line.kind === "bound") continue;
+    if (line.hidden) continue;
     for (const value of columns.flat()) {
       if (value === null || value === undefined) continue;
       if (line.kind === "band") [bandLow, bandHigh] = [Math.min(bandLow, value), Math.max(bandHigh, value)];
