@@ -14,8 +14,8 @@ def bundled(modules: Mapping[str, str], entry: str) -> str:
     """Return the script that does what the module ``entry`` does; ``modules`` maps names to sources.
 
     Imports are ``import { a, b } from "./name.mjs";`` on a line of their own, and exports are functions and
-    constants where they are declared. Raises ValueError for another form, for a name that is not exported, and for modules that need
-    each other in a circle.
+    constants where they are declared. Raises ValueError for another form, for a name that is not exported, and for
+    modules that need each other in a circle.
     """
     parts: list[str] = []
     done: list[str] = []

@@ -151,7 +151,7 @@ def _player(runs: Sequence[RunPicture], apart: Apart | None) -> Iterator[str]:
             yield f'<div class="lane" aria-hidden="true">{spans}</div>'
     marks = [event for run in runs for event in run.events if event.kind != "end"][:MOST_MARKS]
     texts = [
-        f'<span class="{event.level}" data-from="{event.seconds:.3f}" title="{escape(event.text)}"></span>'
+        f'<span class="{escape(event.level)}" data-from="{event.seconds:.3f}" title="{escape(event.text)}"></span>'
         for event in marks
     ]
     if apart is not None and (at := _first_time(runs[0], apart)) is not None:
