@@ -33,8 +33,8 @@ class Track(NamedTuple):
     """Poses of something that moves: at ``seconds`` (T,) it was at ``poses`` (3, T), until the next.
 
     ``role`` says what it is: the true robot, an estimate, odometry alone, or a body beside the robot. ``covariances``
-    (3, 3, T) are those of an estimate; ``radius`` is that of a disc, 0 if it has no size. Tracks of one ``robot``, its
-    namespace, belong together.
+    (3, 3, T) are those of an estimate; ``radius`` is that of a disc, 0 if it has no size. The heading is NaN where it
+    is not known. Tracks of one ``robot``, its namespace, belong together.
     """
 
     name: str

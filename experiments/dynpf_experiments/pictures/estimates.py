@@ -72,11 +72,15 @@ def verdicts(estimated: Estimated, end: float) -> list[Span]:
     return spans
 
 
-def error_plots(tracks: Sequence[Track]) -> list[Plot]:
-    """Return the errors of estimates against the truth of the same robot, with what the filters expect of them."""
+def error_plots(tracks: Sequence[Track], unit: str) -> list[Plot]:
+    """Return the errors of estimates against the truth of the same robot, with what the filters expect of them.
+
+    ``unit`` is that of positions.
+    """
     truths = {track.robot: track for track in tracks if track.role == "truth" and track.seconds.size >= 2}
     judged = [track for track in tracks if track.role == "estimate" and track.robot in truths]
     several = len(judged) > 1
+    # Odometry is shown on demand beside estimates: it soon leaves their scale.
     position: list[Line] = []
     heading: list[Line] = []
     squared: list[Line] = []
@@ -93,7 +97,7 @@ def error_plots(tracks: Sequence[Track]) -> list[Plot]:
             position.insert(0, Line("3 sigma", seconds, sigma, "band"))
             if np.any(turned > 0.0):
                 heading.insert(0, Line("3 sigma", seconds, turned, "band"))
-    position += _reckoned(tracks, truths)
+    position += [line._replace(hidden=bool(judged)) for line in _reckoned(tracks, truths)]
     if squared:
         ends = np.array([squared[0].seconds[0], squared[0].seconds[-1]]) if squared[0].seconds.size else np.empty(0)
         squared += [
@@ -101,7 +105,7 @@ def error_plots(tracks: Sequence[Track]) -> list[Plot]:
             for word, bound in zip(("low", "high"), CHI_SQUARE_2, strict=True)
         ]
     plots = (
-        Plot("position_error", "Position error", "m", position, "Below the band the filter knows how far off it is."),
+        Plot("position_error", "Position error", unit, position, "Below the band the filter knows how far off it is."),
         Plot("heading_error", "Heading error", "deg", heading, signed=True),
         Plot(
             "nees",
@@ -145,14 +149,14 @@ def _errors(track: Track, truth: Track) -> tuple[FloatArray, FloatArray, FloatAr
 
 
 def _reckoned(tracks: Sequence[Track], truths: dict[str, Track]) -> list[Line]:
-    """Return the errors of odometry alone, hidden at first: they soon leave the scale."""
+    """Return the errors of odometry alone."""
     lines = []
     for track in tracks:
         if track.role == "odometry" and track.robot in truths and track.seconds.size:
             seconds, errors, _ = _errors(track, truths[track.robot])
             label = f"odometry of {track.robot}" if track.robot else "odometry alone"
             distance = np.sqrt(errors[0] * errors[0] + errors[1] * errors[1])
-            lines.append(Line(label, seconds, distance, hidden=True))
+            lines.append(Line(label, seconds, distance))
     return lines
 
 

@@ -90,7 +90,7 @@ def run_picture(recording: Recording, measures: Mapping[str, Any], budget: Budge
     drawing = drawing._replace(shapes=[*drawing.shapes, *shapes], layers=[*drawing.layers, *layers])
     clouds, readings = clouds_of(source, drawing.unit.per_metre), readings_of(source)
     cameras = cameras_of(source, drawing.circles)
-    plots = [*error_plots(tracks), *drawing.plots, *filter_plots(estimates), *command_plots(source)]
+    plots = [*error_plots(tracks, drawing.unit.name), *drawing.plots, *filter_plots(estimates), *command_plots(source)]
     begin, end = source.span_ns
     health = {each.track.name: verdicts(each, (end - begin) * 1e-9) for each in estimates}
     events, in_all = events_of(source)

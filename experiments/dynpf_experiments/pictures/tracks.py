@@ -100,7 +100,8 @@ def readings_of(source: RunSource) -> list[Readings]:
 def _truth(source: RunSource, topic: str) -> Track:
     ends = next(end for end in TRUTHS if topic.endswith(end))
     robot = topic.removesuffix(ends).removesuffix("/")
-    states = [(at, m.x, m.y, m.theta) for at, m in source.messages(topic) if isinstance(m, RobotState)]
+    known = [(at, m) for at, m in source.messages(topic) if isinstance(m, RobotState)]
+    states = [(at, m.x, m.y, m.theta if m.heading_valid else math.nan) for at, m in known]
     return Track("truth", "truth", robot, *columns_of(states))
 
 
@@ -117,8 +118,9 @@ def _integrated(source: RunSource, topic: str, robot: str, truth: Track | None) 
         return Track("odometry", "odometry", robot, *columns_of([]))
     start = (0.0, 0.0, 0.0)
     if truth is not None and known and truth.seconds[-1] >= known[0][0]:
-        first = int(np.searchsorted(truth.seconds, known[0][0]))
-        start = tuple(truth.poses[:, first].tolist())
+        after = np.flatnonzero((truth.seconds >= known[0][0]) & np.isfinite(truth.poses[2]))
+        first = int(after[0]) if after.size else 0
+        start = tuple(np.nan_to_num(truth.poses[:, first]).tolist())
         known = [(at, message) for at, message in known if at >= truth.seconds[first]]
     poses = [(at, m.x, m.y, m.theta) for at, m in known if isinstance(m, OdometryPose)]
     if poses:
@@ -140,9 +142,8 @@ def _carried(seconds: FloatArray, poses: FloatArray, start: tuple[float, ...]) -
 
 
 def columns_of(rows: list[tuple[float, float, float, float]]) -> tuple[FloatArray, FloatArray]:
-    """Return times (T,) and poses (3, T) of those rows whose numbers are finite."""
+    """Return times (T,) and poses (3, T)."""
     table = np.array(rows, dtype=np.float64).reshape(-1, 4)
-    table = table[np.isfinite(table).all(axis=1)]
     return table[:, 0], table[:, 1:].T
 
 

@@ -81,7 +81,7 @@ def _apart(apart: Apart) -> Iterator[str]:
         rows = [(name, a, b, differ) for name, a, b, differ in apart.topics]
         yield from _folded("Messages that differ, by topic", ("topic", "A", "B", "differ"), rows)
     if apart.measures:
-        yield from _table(("measure", "A", "B"), apart.measures)
+        yield from _folded("Measures that differ", ("measure", "A", "B"), apart.measures)
     yield "</section>"
 
 

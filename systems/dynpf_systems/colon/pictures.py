@@ -4,7 +4,6 @@ from typing import Literal
 
 import numpy as np
 from dynpf_experiments.pictures.drawing import Drawing, Line, Pictures, Plot, Track, Unit
-from dynpf_experiments.pictures.estimates import error_plots
 from dynpf_experiments.pictures.source import RunSource
 
 from dynpf_systems.colon.messages import CapsuleEstimate, CapsuleState
@@ -30,7 +29,6 @@ def _draw(source: RunSource) -> Drawing | None:
     seconds = np.array([at for at, _ in estimates])
     n_eff = Line("effective", seconds, np.array([m.n_eff for _, m in estimates]))
     plots = [
-        *(plot._replace(unit="px" if plot.unit == "m" else plot.unit) for plot in error_plots([truth, estimate])),
         *([posterior] if posterior.lines else []),
         *([Plot("n_eff", "Effective sample size", "", [n_eff])] if estimates else []),
     ]

@@ -60,7 +60,7 @@ def test_errors_are_those_of_the_measures() -> None:
 
 
 def test_a_run_without_truth_has_no_errors() -> None:
-    assert error_plots([]) == []
+    assert error_plots([], "m") == []
 
 
 def test_less_is_shown_of_a_long_run_and_the_page_says_so() -> None:

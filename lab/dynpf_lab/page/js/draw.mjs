@@ -264,8 +264,10 @@ function drawRobot(context, u, v, h, radius, role) {
   context.beginPath();
   context.arc(u, v, radius, 0, 2 * Math.PI);
   if (role === "truth") faintly(context, () => context.fill());
-  context.moveTo(u, v);
-  context.lineTo(u + 1.5 * radius * Math.cos(h), v - 1.5 * radius * Math.sin(h));
+  if (!Number.isNaN(h)) {
+    context.moveTo(u, v);
+    context.lineTo(u + 1.5 * radius * Math.cos(h), v - 1.5 * radius * Math.sin(h));
+  }
   context.stroke();
   context.setLineDash([]);
 }

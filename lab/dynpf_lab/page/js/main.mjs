@@ -46,7 +46,8 @@ function showReadout(scene, index) {
   const body = find(`#readout-${index}`);
   const rows = told(scene, t).map(({ track, pose, off }) => {
     const row = document.createElement("tr");
-    const cells = [pose.x, pose.y, (pose.h * 180) / Math.PI].map((value, at) => value.toFixed(at < 2 ? 3 : 1));
+    const heading = Number.isNaN(pose.h) ? "-" : ((pose.h * 180) / Math.PI).toFixed(1);
+    const cells = [pose.x.toFixed(3), pose.y.toFixed(3), heading];
     const name = track.robot && track.role !== "estimate" ? `${track.name} of ${track.robot}` : track.name;
     [name, ...cells, off === null ? "" : off.toFixed(3)].forEach((cell, at) => {
       const place = document.createElement(at === 0 ? "th" : "td");
