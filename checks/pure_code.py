@@ -33,7 +33,7 @@ PURE = (
 )
 
 _BESIDE = ("measures", "pictures", "studies")
-"""What a system measures of its runs, draws of them and studies by them stands beside its nodes, and no node reaches it."""
+"""What a system measures of its runs, draws of them and studies by them is beside its nodes; no node reaches it."""
 _EXPERIMENT = re.compile(rf"(systems[/.])?dynpf_systems[/.]\w+[/.]({'|'.join(_BESIDE)})\b")
 _MEASURES = "measures runs, and is no part of one"
 

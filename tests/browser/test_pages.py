@@ -61,7 +61,12 @@ def found(packages: Path, recordings: Mapping[str, Path]) -> dict[str, Any]:
     files = {name: recordings["faults"].with_name(f"page-of-{name}.html") for name in pages}
     for name, runs in pages.items():
         make_page(runs, files[name])
-    words = [command("node"), HERE / "pages.mjs", command("chromium", "chromium-browser"), *files.values()]
+    words: list[str | Path] = [
+        command("node"),
+        HERE / "pages.mjs",
+        command("chromium", "chromium-browser"),
+        *files.values(),
+    ]
     done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=HERE)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout.splitlines()[-1])

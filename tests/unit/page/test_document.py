@@ -73,7 +73,7 @@ def test_text_from_a_recording_is_never_markup() -> None:
     harmless = Seen(document([honest], None, "mark"))
     data = {**honest.data, "events": evil(honest.data["events"]), "health": evil(honest.data["health"])}
     events = [evil(event)._replace(kind=event.kind) for event in honest.events]
-    hostile = RunPicture(*map(evil, honest[:-1]), data=data)._replace(events=events)
+    hostile = RunPicture(*map(evil, honest))._replace(events=events, data=data)
     found = Seen(document([hostile], None, "mark"))
     assert found.tags == harmless.tags
     assert found.code == []
