@@ -64,7 +64,6 @@ class Shape(NamedTuple):
 class Layer(NamedTuple):
     """Shapes that change: those of a moment (T,) are shown until the next."""
 
-    name: str
     seconds: FloatArray
     shapes: Sequence[Sequence[Shape]]
 

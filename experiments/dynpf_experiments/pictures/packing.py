@@ -74,7 +74,6 @@ def shape(each: Shape) -> dict[str, Any]:
 def layer(each: Layer) -> dict[str, Any]:
     """Return shapes that change."""
     return {
-        "name": printable(each.name, 80),
         "t": column(each.seconds, SECOND),
         "shapes": [[shape(one) for one in shapes] for shapes in each.shapes],
     }

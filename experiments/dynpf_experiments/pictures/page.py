@@ -179,7 +179,7 @@ def _head(source: RunSource, measures: Mapping[str, Any], ticks: FloatArray) -> 
         digest=str(measures["content_digest"]),
         versions=[(printable(name, 80), printable(text, 80)) for name, text in versions[:MOST_ROWS]],
         lines=_lines(measures),
-        replay=_replay(recording),
+        replay=printable(_replay(recording)),
     )
 
 

@@ -40,7 +40,7 @@ def scenes_of(source: RunSource, replaced: frozenset[str], per_metre: float) -> 
     for topic in source.carrying(SceneUpdate):
         entities = _entities(source, topic, known)
         known |= {name for name, _ in entities}
-        for name, moments in entities:
+        for _, moments in entities:
             drawn = [(at, [*_shapes(entity, per_metre)] if entity else []) for at, entity in moments]
             changes = [
                 drawn[index] for index in range(len(drawn)) if index == 0 or not _same(drawn[index], drawn[index - 1])
@@ -51,7 +51,7 @@ def scenes_of(source: RunSource, replaced: frozenset[str], per_metre: float) -> 
             if len(changes) == 1:
                 shapes += changes[0][1]
             elif changes:
-                layers.append(Layer(printable(name, 80), np.array([at for at, _ in changes]), [s for _, s in changes]))
+                layers.append(Layer(np.array([at for at, _ in changes]), [s for _, s in changes]))
     return shapes, layers
 
 

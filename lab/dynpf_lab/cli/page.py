@@ -30,12 +30,12 @@ def leave_page(
     """
     from dynpf_formats.recording.reader import read_recording
 
-    from dynpf_lab.page import Unmade, make_page, page_of
+    from dynpf_lab.page import make_page, page_of
 
     page = page_of(path)
     try:
         make_page([recording or read_recording(path, allow_truncated=True)], page, measures)
-    except (DynpfError, Unmade) as error:
+    except DynpfError as error:
         print(f"dynpf {command}: no page: {error}", file=sys.stderr)
     except Exception as error:  # the run is recorded and measured: nothing of that is lost for want of a picture
         print(f"dynpf {command}: no page: {sentence(error)}", file=sys.stderr)

@@ -5,8 +5,6 @@ import os
 import sys
 from pathlib import Path
 
-from dynpf_protocol.errors import UsageError
-
 __all__ = ["add_arguments"]
 
 
@@ -29,15 +27,12 @@ def run(options: argparse.Namespace) -> int:
     """Execute ``dynpf view`` and return its exit code."""
     from dynpf_formats.recording.reader import read_recording
 
-    from dynpf_lab.page import Unmade, make_page, page_of
+    from dynpf_lab.page import make_page, page_of
 
     paths = [path for path in (options.recording, options.other) if path is not None]
     page = options.output or page_of(*paths)
     recordings = [read_recording(path, allow_truncated=True) for path in paths]
-    try:
-        make_page(recordings, page)
-    except Unmade as error:
-        raise UsageError(str(error)) from error
+    make_page(recordings, page)
     print(page)
     if not options.no_open and _has_screen():
         import webbrowser

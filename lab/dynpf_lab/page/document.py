@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 from functools import cache
 from html import escape
 from pathlib import Path
-from typing import Any
 
+from dynpf_experiments import pictures
 from dynpf_experiments.pictures.page import Apart, RunPicture
 
 from dynpf_lab.page import parts
@@ -33,7 +33,6 @@ def document(runs: Sequence[RunPicture], apart: Apart | None, mark: str) -> str:
             "form-action 'none'",
         )
     )
-    first = None if apart is None else apart.tick
     return "\n".join(
         (
             "<!doctype html>",
@@ -49,7 +48,7 @@ def document(runs: Sequence[RunPicture], apart: Apart | None, mark: str) -> str:
             "</head>",
             "<body>",
             *parts.body(runs, apart),
-            f'<script type="application/json" id="data">{_data(runs, first)}</script>',
+            f'<script type="application/json" id="data">{_data(runs)}</script>',
             f"<script>{scripts[0]}</script>",
             f'<script type="module">{scripts[1]}</script>',
             "</body>",
@@ -69,14 +68,13 @@ def made_by() -> str:
 
 
 def _sources() -> Iterable[Path]:
-    from dynpf_experiments import pictures  # noqa: PLC0415 - only its folder
 
     return sorted([*FOLDER.glob("*.py"), *Path(pictures.__path__[0]).glob("*.py")])
 
 
-def _data(runs: Sequence[RunPicture], first: int | None) -> str:
+def _data(runs: Sequence[RunPicture]) -> str:
     """Return the data as JSON in which nothing can end a script; raises ValueError for a number that is not finite."""
-    data: dict[str, Any] = {"runs": [run.data for run in runs], "first": first}
+    data = {"runs": [run.data for run in runs]}
     text = json.dumps(data, allow_nan=False, separators=(",", ":"), ensure_ascii=True)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 

@@ -4,30 +4,22 @@ import hashlib
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from dynpf_experiments.measures import measure
 from dynpf_experiments.pictures.page import apart, run_picture
 from dynpf_experiments.pictures.source import Budget
 from dynpf_formats.recording.reader import Recording
+from dynpf_protocol.errors import UsageError
 
 from dynpf_lab.page.document import document, made_by
 
-__all__ = ["Unmade", "make_page", "page_of"]
+__all__ = ["make_page", "page_of"]
 
 MOST_BYTES = 2_000_000
 """A page is at most so large: where a run is longer or richer, less of it is drawn."""
 
 _MARK = "dynpf page"
-
-
-class Unmade(Exception):  # noqa: N818 - no fault of dynpf's: a reason to be told
-    """A page cannot be written; the text says which and why."""
-
-
-class _Made(NamedTuple):
-    text: str
-    mark: str
 
 
 def page_of(*recordings: Path) -> Path:
@@ -39,7 +31,7 @@ def page_of(*recordings: Path) -> Path:
 def make_page(recordings: Sequence[Recording], path: Path, measures: Mapping[str, Any] | None = None) -> bool:
     """Write the page of one recording, or of two, unless it is there already; return whether it was written.
 
-    ``measures`` are those of the first recording, where they are known. Raises Unmade for a file that is there and is
+    ``measures`` are those of the first recording, where they are known. Raises UsageError for a file that is there and is
     no page of dynpf's, and for one that cannot be written; a RecordingError for a damaged recording.
     """
     mark = f"{_MARK} {made_by()} {' '.join(_digest(recording.path) for recording in recordings)}"
@@ -47,7 +39,7 @@ def make_page(recordings: Sequence[Recording], path: Path, measures: Mapping[str
     if there == mark:
         return False
     if there is not None and not there.startswith(_MARK):
-        raise Unmade(f"{path}: the file exists and is no page of dynpf's; name another one with dynpf view -o")
+        raise UsageError(f"{path}: the file exists and is no page of dynpf's; name another one with dynpf view -o")
     known = [measures or measure(recordings[0]), *(measure(recording) for recording in recordings[1:])]
     _write(path, _text(recordings, known, mark))
     return True
@@ -73,14 +65,17 @@ def _mark_of(path: Path) -> str | None:
     except FileNotFoundError:
         return None
     except OSError as error:
-        raise Unmade(f"{path}: cannot be read: {error.strerror}") from error
+        raise UsageError(f"{path}: cannot be read: {error.strerror}") from error
     line = lines[1] if len(lines) > 2 else ""
     return line.removeprefix("<!-- ").removesuffix(" -->") if line.startswith(f"<!-- {_MARK} ") else ""
 
 
 def _digest(path: Path) -> str:
+    """Return a digest of a recording's content and name, both of which its page shows."""
     with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        content = hashlib.file_digest(file, "sha256")
+    content.update(os.fsencode(path.name))
+    return content.hexdigest()
 
 
 def _write(path: Path, text: str) -> None:
@@ -91,4 +86,4 @@ def _write(path: Path, text: str) -> None:
         scratch.replace(path)
     except OSError as error:
         scratch.unlink(missing_ok=True)
-        raise Unmade(f"{path}: cannot be written: {error.strerror}") from error
+        raise UsageError(f"{path}: cannot be written: {error.strerror}") from error

@@ -93,7 +93,7 @@ def _company(source: RunSource) -> Layer:
             for person in obstacles.people
         ]
         shapes.append([*people, *([Shape("pairs", doors, "obstacle")] if doors.size else [])])
-    return Layer("people and doors", np.array([at for at, _ in known]), shapes)
+    return Layer(np.array([at for at, _ in known]), shapes)
 
 
 PICTURES = Pictures(_draw)

@@ -17,7 +17,8 @@ from dynpf_lab.cli.main import main
 from dynpf_lab.page import making
 from dynpf_lab.page.bundle import bundled
 from dynpf_lab.page.document import document
-from dynpf_lab.page.making import MOST_BYTES, Unmade, make_page, page_of
+from dynpf_lab.page.making import MOST_BYTES, make_page, page_of
+from dynpf_protocol.errors import UsageError
 
 from tests.unit.page.runs import picture, recorded, short_run
 
@@ -119,7 +120,7 @@ def test_a_page_is_made_once_and_anew_where_the_recording_is_another(tmp_path: P
 def test_a_file_of_the_users_is_never_overwritten(tmp_path: Path) -> None:
     page = tmp_path / "notes.html"
     page.write_text("<!doctype html>\n<p>mine</p>\n")
-    with pytest.raises(Unmade, match="is no page of dynpf's"):
+    with pytest.raises(UsageError, match="is no page of dynpf's"):
         make_page([recorded("colon")], page)
     assert "mine" in page.read_text()
     assert [*tmp_path.iterdir()] == [page]
