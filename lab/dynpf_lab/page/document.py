@@ -10,6 +10,7 @@ from pathlib import Path
 
 from dynpf_experiments import pictures
 from dynpf_experiments.pictures.page import Apart, RunPicture
+from dynpf_formats.shipped import systems
 
 from dynpf_lab.page import parts
 from dynpf_lab.page.bundle import bundled
@@ -68,8 +69,10 @@ def made_by() -> str:
 
 
 def _sources() -> Iterable[Path]:
-
-    return sorted([*FOLDER.glob("*.py"), *Path(pictures.__path__[0]).glob("*.py")])
+    """Return the modules that decide what is on a page."""
+    folders = [FOLDER, *map(Path, pictures.__path__)]
+    own = [Path(system.__path__[0]) / "pictures.py" for system in systems()]
+    return sorted(file for folder in folders for file in folder.glob("*.py")) + [file for file in own if file.is_file()]
 
 
 def _data(runs: Sequence[RunPicture]) -> str:

@@ -31,8 +31,8 @@ def page_of(*recordings: Path) -> Path:
 def make_page(recordings: Sequence[Recording], path: Path, measures: Mapping[str, Any] | None = None) -> bool:
     """Write the page of one recording, or of two, unless it is there already; return whether it was written.
 
-    ``measures`` are those of the first recording, where they are known. Raises UsageError for a file that is there and is
-    no page of dynpf's, and for one that cannot be written; a RecordingError for a damaged recording.
+    ``measures`` are those of the first recording, where they are known. Raises UsageError for a file that is there
+    and is no page of dynpf's, and for one that cannot be written; a RecordingError for a damaged recording.
     """
     mark = f"{_MARK} {made_by()} {' '.join(_digest(recording.path) for recording in recordings)}"
     there = _mark_of(path)
