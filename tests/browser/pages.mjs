@@ -1,7 +1,7 @@
 // Opens pages in Chromium, without a network, and prints as JSON what it finds: node pages.mjs CHROMIUM PAGE...
 //
-// For each page: what the console says, the time until its first picture, the poses that it tells at 20 moments of the
-// slider, serious faults that axe finds, and whether it fits a phone's width.
+// For each page: what the console says, the poses that it tells at 20 moments of the slider, how much is drawn, serious
+// faults that axe finds, whether it fits the window's width, and the time after a step by key and after playing.
 
 import { readFileSync } from "node:fs";
 import { pathToFileURL } from "node:url";
@@ -70,7 +70,7 @@ async function look(browser, file, width, colorScheme) {
   found.second = await page.textContent("#time");
   await page.locator("body").press("Space");
   await page.waitForFunction((before) => document.querySelector("#time").textContent !== before, found.second);
-  found.playing = await page.textContent("#play");
+  found.played = await page.textContent("#time");
   await context.close();
   return found;
 }

@@ -84,7 +84,7 @@ def test_a_page_opens_in_silence_fits_and_has_no_serious_fault(found: dict[str, 
     assert page["overflow"] <= 0
     assert page["faults"] == []
     assert page["inked"] > 1000
-    assert page["playing"] == "Pause"
+    assert page["played"] != page["second"] != "0.00 s, tick 0"
 
 
 @pytest.mark.parametrize("name", ["room-scan", "landmarks", "rearrangement", "two"])
