@@ -17,7 +17,7 @@ LAYERS = (
     ("particles", "dots particles", "particles"),
     ("readings", "dots readings", "readings"),
     ("ellipse", "ellipse", "3-sigma ellipse"),
-    ("body", "body", "parts"),
+    ("body", "body", "bodies"),
     ("map", "map", "map and landmarks"),
 )
 MOST_MARKS = 100
