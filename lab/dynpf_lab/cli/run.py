@@ -151,9 +151,11 @@ def _summary(path: Path, *, with_page: bool, as_json: bool) -> int:
 
     recording = read_recording(path)
     measures = measure(recording)
+    if not as_json:
+        print(summary(recording, measures), flush=True)  # before the page, which takes a moment
     page = leave_page("run", path, recording, measures) if with_page else None
     if as_json:
         print(json.dumps({"recording": str(path), **({} if page is None else {"page": str(page)}), **measures}))
-    else:
-        print(summary(recording, measures) + ("" if page is None else f"\npage        {page}"))
+    elif page is not None:
+        print(f"page        {page}")
     return 0 if measures["complete"] else 1
