@@ -32,8 +32,8 @@ PURE = (
     "systems/dynpf_systems",
 )
 
-_BESIDE = ("measures", "studies")
-"""What a system measures of its runs and studies by them stands beside its nodes, and no node reaches it."""
+_BESIDE = ("measures", "pictures", "studies")
+"""What a system measures of its runs, draws of them and studies by them is beside its nodes; no node reaches it."""
 _EXPERIMENT = re.compile(rf"(systems[/.])?dynpf_systems[/.]\w+[/.]({'|'.join(_BESIDE)})\b")
 _MEASURES = "measures runs, and is no part of one"
 
@@ -180,7 +180,7 @@ def dotted(node: ast.expr) -> tuple[str, ...]:
 
 
 def is_experiment(name: str) -> bool:
-    """Return whether a file or a module of a system is none of its nodes', but measures or studies."""
+    """Return whether a file or a module of a system is none of its nodes', but measures, pictures or studies."""
     return _EXPERIMENT.match(name) is not None
 
 

@@ -343,6 +343,9 @@ RECORDING_TRIALS: Mapping[str, Callable[[Random, Workshop, Path, Path], Trial]] 
     "parquet": lambda _random, workshop, _sound, path: Trial(
         "parquet", lambda: _written("export", workshop.folder / "p", path, "--format", "parquet")
     ),
+    "view": lambda _random, workshop, _sound, path: Trial(
+        "view", lambda: _written("view", workshop.folder / "page.html", path, "--no-open")
+    ),
     "recover": lambda _random, workshop, _sound, path: Trial(
         "recover", lambda: recovered(path, workshop.folder / "recovered.mcap")
     ),

@@ -12,6 +12,7 @@ from dynpf_protocol.errors import UsageError
 
 from dynpf_lab.cli.arguments import add_json, add_recording, add_set
 from dynpf_lab.cli.options import add_allow_code, add_code
+from dynpf_lab.cli.page import add_no_page, leave_page
 
 if TYPE_CHECKING:
     from dynpf_formats.recording.findings import Finding
@@ -36,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_allow_code(parser)
     add_code(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="NEW.mcap", help="write the replayed run")
+    add_no_page(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -61,6 +63,7 @@ def run(options: argparse.Namespace) -> int:
         return _compare(options, recording, lambda path: write_nodes(recording, scenario, outcomes, path))
     if options.output is not None:
         write_nodes(recording, scenario, outcomes, options.output)
+        _leave_page(options)
     findings, inputs = check_run(recording, scenario)
     found = [mismatch for mismatch in (inputs, *(outcome.mismatch for outcome in outcomes)) if mismatch is not None]
     _print_outcomes(recording, outcomes, findings, found, as_json=options.json)
@@ -142,5 +145,14 @@ def _compare(options: argparse.Namespace, recording: "Recording", write: Callabl
     with tempfile.TemporaryDirectory(prefix="dynpf-") as folder:
         path = options.output or Path(folder) / "replayed.mcap"
         write(path)
+        if options.output is not None:
+            _leave_page(options)
         name = f"with {' '.join(options.overrides)}"
         return print_difference(recording, read_recording(path), str(options.recording), name, as_json=options.json)
+
+
+def _leave_page(options: argparse.Namespace) -> None:
+    """Make the page of the replayed run beside its recording, and say where it is."""
+    page = None if options.no_page else leave_page("replay", options.output)
+    if page is not None:
+        print(f"page        {page}", file=sys.stderr)
