@@ -17,7 +17,7 @@ from dynpf_runtime.executor import Executor, Sent
 from dynpf_runtime.gaps import GapWatch
 from dynpf_runtime.node import decode_state
 
-__all__ = ["Snapshots", "freeze_host", "thaw_host"]
+__all__ = ["Snapshots", "freeze_host", "thaw_executor", "thaw_host"]
 
 _OFTEN = 100
 """Steps between two snapshots, at least."""
@@ -31,6 +31,9 @@ states hardly smaller: so snapshots have about eight percent of it."""
 
 _OVERHEAD = 500
 """Bytes of a snapshot besides the node's state, about."""
+
+_ENTRY = 250
+"""Bytes of a journal entry, about: they depend on the runner, by the length of boots."""
 
 
 class _Inbox(Protocol):
@@ -56,6 +59,7 @@ class Snapshots:
         ``now_ns`` is the time by which a realtime inbox holds messages back.
         """
         self._steps += 1
+        self._bytes += _ENTRY
         for message in sent:
             self._bytes += len(message.payload)
         if entry.last or not self._due():
@@ -103,6 +107,16 @@ def thaw_host(snapshot: Snapshot, executor: Executor, gaps: GapWatch, inbox: _In
 
     Raises BadMessageError if the snapshot is none of this node.
     """
+    frozen = thaw_executor(snapshot, executor)
+    gaps.thaw(frozen.expected)
+    inbox.thaw(frozen.inbox, now_ns)
+
+
+def thaw_executor(snapshot: Snapshot, executor: Executor) -> Frozen:
+    """Let a new executor alone go on after the step of a snapshot, and return all that was frozen.
+
+    Raises BadMessageError if the snapshot is none of this node.
+    """
     frozen = unpack(snapshot.state)
     try:
         executor.node.thaw(decode_state(frozen.state))
@@ -111,5 +125,4 @@ def thaw_host(snapshot: Snapshot, executor: Executor, gaps: GapWatch, inbox: _In
         name = executor.spec.name
         raise BadMessageError(f"the snapshot after step {snapshot.step} is none of {name}: {error}") from error
     executor.thaw(snapshot.step + 1, chain, frozen.sequences)
-    gaps.thaw(frozen.expected)
-    inbox.thaw(frozen.inbox, now_ns)
+    return frozen
