@@ -124,22 +124,36 @@ class Executor:
         node's messages, ``hosted`` those that its host published in the step. ``last`` marks the node's last step.
         Raises StepError if the state cannot be encoded.
         """
+        made = tuple([Hosted(one.envelope.node, one.topic, one.envelope.sequence) for one in hosted])
+        entry = self.unchained(tick, stamp_ns, inputs, sent, hosted=made, last=last)
+        messages = [(message.envelope.stamp_ns, message.payload) for message in (*hosted, *sent)]
+        self.chain = chain_after(self.chain, self.boot, entry, messages)
+        return msgspec.structs.replace(entry, chain=self.chain.hex()) if entry.state else entry
+
+    def unchained(
+        self,
+        tick: int,
+        stamp_ns: int,
+        inputs: Sequence[Received],
+        sent: Sequence[Sent],
+        *,
+        hosted: tuple[Hosted, ...] = (),
+        last: bool,
+    ) -> JournalEntry:
+        """Return the journal entry of the step just run without a chain value, for a replay; see ``journal``."""
         self.frozen = self.freeze() if last or (self.steps + 1) % self._digest_every == 0 else b""
-        state = hashlib.sha256(self.frozen).hexdigest() if self.frozen else ""
         entry = JournalEntry(
             step=self.steps,
             tick=tick,
             stamp_ns=stamp_ns,
-            consumed=tuple(Consumed(item.node, item.boot, item.topic, item.sequence) for item in inputs),
-            produced=tuple(Produced(message.topic, message.envelope.sequence) for message in sent),
+            consumed=tuple([Consumed(item.node, item.boot, item.topic, item.sequence) for item in inputs]),
+            produced=tuple([Produced(message.topic, message.envelope.sequence) for message in sent]),
             last=last,
-            state=state,
-            hosted=tuple(Hosted(made.envelope.node, made.topic, made.envelope.sequence) for made in hosted),
+            state=hashlib.sha256(self.frozen).hexdigest() if self.frozen else "",
+            hosted=hosted,
         )
-        messages = [(message.envelope.stamp_ns, message.payload) for message in (*hosted, *sent)]
-        self.chain = chain_after(self.chain, self.boot, entry, messages)
         self.steps += 1
-        return msgspec.structs.replace(entry, chain=self.chain.hex()) if state else entry
+        return entry
 
     def freeze(self) -> bytes:
         """Return the node's state, encoded; raises StepError if it cannot be."""

@@ -98,16 +98,16 @@ def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = Fal
             inputs = list(_inputs(recording, topics, name, entry))
             sent, finished = executor.step(entry.tick, entry.stamp_ns, inputs, 0)
             last = entry.last or finished
-            replayed_entry = executor.journal(entry.tick, entry.stamp_ns, inputs, sent, last=last)
-            replayed_entry = replace(replayed_entry, hosted=entry.hosted, chain="")  # the host's work is not repeated
-            first = first or _compare(recording, name, boot, (entry, replayed_entry), sent)
+            # The host's work is not repeated.
+            again = executor.unchained(entry.tick, entry.stamp_ns, inputs, sent, hosted=entry.hosted, last=last)
+            first = first or _compare(recording, name, boot, (entry, again), sent)
             stamps = [*stamps[:1], entry.stamp_ns]
             if span.first is None or not span.first.after(entry):
                 steps += 1
                 messages += len(sent)
                 digests += bool(entry.state)
             if keep:
-                kept.append((boot, sent, replayed_entry))
+                kept.append((boot, sent, again))
             if name == plan.graph.source and last:
                 first = first or _compare_outcome(recording, plan, entry, finished=finished)
     duration_ns = stamps[-1] - stamps[0] if stamps else 0

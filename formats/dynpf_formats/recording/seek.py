@@ -71,13 +71,14 @@ class Indexed:
         self.header, self.attachments = _head(path)
         self._regions: OrderedDict[int, Region] = OrderedDict()  # the last ones read
         self._counted: set[int] = set()  # the chunks that have been read once
+        self._file: BinaryIO = open_regular(path)
         try:
-            self._file: BinaryIO = open_regular(path)
             size = os.fstat(self._file.fileno()).st_size
             self._left = MAX_UNPACKED + MAX_RATIO * size  # bytes that chunks may still hold
             self._summary = read_summary(self._file, size)
             self.end = _end(self._file, self._summary)
         except (OSError, ValueError) as error:
+            self._file.close()
             raise NoIndexError(f"{path}: {error}") from error
         self._sources = {
             channel.id: Source(channel.topic, channel.metadata["node"], channel.metadata["boot"])
