@@ -4,6 +4,7 @@ With a sink the run becomes a recording. Without one nothing is encoded; an obse
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import islice
 from typing import NamedTuple, Protocol
 
 import cv2
@@ -19,7 +20,7 @@ from dynpf_runtime.progress import Progress
 from dynpf_runtime.seat import Seat
 from dynpf_runtime.source import Feed, LogRecord, feed_log, feed_ticks
 
-__all__ = ["BOOT", "Observer", "Ran", "Sink", "run_inline"]
+__all__ = ["BOOT", "Begun", "Observer", "Ran", "Sink", "run_inline"]
 
 BOOT = "inline"
 
@@ -48,6 +49,13 @@ class Ran(NamedTuple):
     outcome: Outcome
 
 
+class Begun(NamedTuple):
+    """A run after some ticks: its nodes' seats, whose inboxes have what they are yet to consume of the last one."""
+
+    ticks: int
+    seats: dict[str, Seat]
+
+
 def run_inline(
     plan: Plan,
     log: Iterable[LogRecord],
@@ -55,20 +63,22 @@ def run_inline(
     *,
     observe: Observer | None = None,
     stopped: Callable[[], bool] = lambda: False,
+    begun: Begun | None = None,
 ) -> Ran:
     """Run ``plan`` to its end and return how many ticks it had, and why it ended.
 
     The messages, their order and every state equal those of the same plan on the bus. ``sink`` gets the encoded
     messages and the journal; without it nothing is encoded or journalled. A tick before which ``stopped`` returns true
-    is the last.
+    is the last. With ``begun`` the run goes on instead of beginning.
     """
     cv2.setNumThreads(1)
     graph = plan.graph
-    run = _Run({name: Seat(spec, plan, BOOT) for name, spec in graph.specs.items()}, sink, observe)
+    begun = begun or Begun(0, {name: Seat(spec, plan, BOOT) for name, spec in graph.specs.items()})
+    run = _Run(begun.seats, sink, observe)
     source = run.seats[graph.source]
     progress = Progress()
-    ticks, outcome = 0, Outcome.BUDGET
-    for feed in _feeds(plan, log):
+    ticks, outcome = begun.ticks, Outcome.BUDGET
+    for feed in islice(_feeds(plan, log, source.boot), begun.ticks, None):
         ready = source.take(feed.stamp_ns)
         inputs = [*feed.inputs, *ready.inputs]
         asked = stopped()
@@ -87,11 +97,11 @@ def run_inline(
     return Ran(ticks, outcome)
 
 
-def _feeds(plan: Plan, log: Iterable[LogRecord]) -> Iterator[Feed]:
+def _feeds(plan: Plan, log: Iterable[LogRecord], boot: str) -> Iterator[Feed]:
     """Return the feeds that begin the ticks: of the clock, or of the log."""
     if not plan.plays_log:
         return feed_ticks(plan.tick_ns, plan.max_ticks)
-    return feed_log(log, plan.graph, boot=BOOT, publish_ns=0, max_ticks=plan.max_ticks)
+    return feed_log(log, plan.graph, boot=boot, publish_ns=0, max_ticks=plan.max_ticks)
 
 
 class _Run:
@@ -112,7 +122,7 @@ class _Run:
             done, sent, entry, snapshot = seat.step(ready, stamp_ns, fed, last=last)
             for encoded in sent:
                 self._sink.message(*encoded)
-            self._sink.journal(Envelope(done.node, BOOT, done.step, done.tick, stamp_ns, 0), encode_entry(entry))
+            self._sink.journal(Envelope(done.node, done.boot, done.step, done.tick, stamp_ns, 0), encode_entry(entry))
             if snapshot is not None:
                 self._sink.message(*snapshot)
         for message in sent:

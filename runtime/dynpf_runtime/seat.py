@@ -13,6 +13,7 @@ from dynpf_runtime.faults import FaultyLink
 from dynpf_runtime.gaps import GapWatch, notice_gaps
 from dynpf_runtime.graph import NodeSpec
 from dynpf_runtime.inbox import LockstepInbox, Ready
+from dynpf_runtime.node import Takeover
 from dynpf_runtime.plan import Plan
 from dynpf_runtime.snapshot import Snapshots, freeze_host, thaw_host
 
@@ -32,7 +33,7 @@ class Seat:
     """The seat of the node that ``spec`` describes in a run of ``plan``, under one boot."""
 
     def __init__(self, spec: NodeSpec, plan: Plan, boot: str) -> None:
-        self.name, self.reads = spec.name, spec.reads
+        self.name, self.reads, self.boot = spec.name, spec.reads, boot
         self.topics = plan.graph.topics
         chain = genesis(spec.name, plan.text)
         self._executor = Executor(spec.build(), spec, self.topics, boot, plan.state_digest_ticks, chain=chain)
@@ -71,12 +72,12 @@ class Seat:
         """Return a snapshot after the last step, journalled as ``entry``, or None if it would be too large."""
         return freeze_host(self._executor, self._gaps, self.inbox, entry)
 
-    def thaw(self, snapshot: Snapshot) -> None:
+    def thaw(self, snapshot: Snapshot, takeover: Takeover = Takeover.ITSELF) -> None:
         """Go on after the step of a snapshot; the inbox then needs what was sent and not consumed before it.
 
         Raises BadMessageError if the snapshot is none of this node.
         """
-        thaw_host(snapshot, self._executor, self._gaps, self.inbox)
+        thaw_host(snapshot, self._executor, self._gaps, self.inbox, takeover=takeover)
 
     def _done(self, tick: int, stamp_ns: int, sent: Sequence[Sent | Unsent], *, last: bool, finished: bool) -> TickDone:
         executor = self._executor

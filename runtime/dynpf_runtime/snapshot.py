@@ -15,7 +15,7 @@ from dynpf_protocol.snapshots import SNAPSHOT_PREFIX, Frozen, FrozenInbox, pack,
 
 from dynpf_runtime.executor import Executor, Sent
 from dynpf_runtime.gaps import GapWatch
-from dynpf_runtime.node import decode_state
+from dynpf_runtime.node import Adopting, Takeover, decode_state
 
 __all__ = ["Snapshots", "freeze_host", "thaw_executor", "thaw_host"]
 
@@ -102,24 +102,35 @@ def freeze_host(
     return Snapshot(step=entry.step, tick=entry.tick, chain=executor.chain.hex(), state=packed)
 
 
-def thaw_host(snapshot: Snapshot, executor: Executor, gaps: GapWatch, inbox: _Inbox, now_ns: int = 0) -> None:
+def thaw_host(
+    snapshot: Snapshot,
+    executor: Executor,
+    gaps: GapWatch,
+    inbox: _Inbox,
+    now_ns: int = 0,
+    *,
+    takeover: Takeover = Takeover.ITSELF,
+) -> None:
     """Let a new executor with its node in its first state, gap watch and inbox go on after the step of a snapshot.
 
     Raises BadMessageError if the snapshot is none of this node.
     """
-    frozen = thaw_executor(snapshot, executor)
+    frozen = thaw_executor(snapshot, executor, takeover=takeover)
     gaps.thaw(frozen.expected)
     inbox.thaw(frozen.inbox, now_ns)
 
 
-def thaw_executor(snapshot: Snapshot, executor: Executor) -> Frozen:
+def thaw_executor(snapshot: Snapshot, executor: Executor, *, takeover: Takeover = Takeover.ITSELF) -> Frozen:
     """Let a new executor alone go on after the step of a snapshot, and return all that was frozen.
 
     Raises BadMessageError if the snapshot is none of this node.
     """
-    frozen = unpack(snapshot.state)
+    frozen, node = unpack(snapshot.state), executor.node
     try:
-        executor.node.thaw(decode_state(frozen.state))
+        if takeover is Takeover.OTHER and isinstance(node, Adopting):
+            node.adopt(decode_state(frozen.state))
+        elif takeover is not Takeover.FRESH:
+            node.thaw(decode_state(frozen.state))
         chain = bytes.fromhex(snapshot.chain)
     except Exception as error:  # whatever a node says to a state that is none of its own
         name = executor.spec.name

@@ -32,7 +32,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "from the recording, except those that --set names."
     )
     add_recording(parser)
-    parser.add_argument("--node", metavar="NAME", help="only this node (default: all of them)")
+    parser.add_argument(
+        "--node",
+        metavar="NAME",
+        help="only this node (default: all of them); with --at NAME=MODULE:CLASS, which takes the node's place",
+    )
     for option, name, what in (("--from", "first", "begin"), ("--until", "last", "end")):
         parser.add_argument(
             option,
@@ -41,6 +45,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             help=f"{what} there, such as 120s after the run's first step, or tick:500; nodes go on from their last "
             "snapshots before, and only what is needed is read and checked",
         )
+    parser.add_argument(
+        "--at",
+        metavar="TIME",
+        help="what if: the run as it was up to there, then with --set or another --node in closed loop to its end, "
+        "compared with the run as it was",
+    )
     add_set(parser, "override one key of the recorded scenario, such as estimator.n=500")
     add_allow_code(parser)
     add_code(parser)
@@ -59,6 +69,10 @@ def run(options: argparse.Namespace) -> int:
     from dynpf_services.scenario.user_code import add_folders, code_folders
 
     add_folders(code_folders(options.code))
+    if options.at is not None:
+        from dynpf_lab.cli.what_if import print_branch
+
+        return print_branch(options)
     if options.first is not None or options.last is not None:
         return _replay_part(options)
     recording = read_recording(options.recording)

@@ -18,7 +18,7 @@ from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.replay import check_run, scenario_of_replay
 from dynpf_services.scenario.schema import Scenario
 
-__all__ = ["Part", "moment_of", "rehearse_nodes", "replay_parts", "speed_of"]
+__all__ = ["Part", "absolute", "moment_of", "rehearse_nodes", "replay_parts", "speed_of"]
 
 
 class Part(NamedTuple):
@@ -74,7 +74,7 @@ def _by_index(
     head = indexed.part(0, 0)
     scenario = scenario_of_replay(head, node, (), allow_code)
     plan = plan_of(scenario)
-    first, last = (_absolute(moment, head, plan) for moment in (first, last))
+    first, last = (moment and absolute(moment, head, plan) for moment in (first, last))
     rehearse_nodes(plan, node)
     began_s = process_time()
     nodes = tuple(replay_part(indexed, plan, name, first, last) for name in _chosen(plan, node))
@@ -87,7 +87,7 @@ def _by_whole_file(
     recording = read_recording(path, allow_truncated=True)
     scenario = scenario_of_replay(recording, node, (), allow_code)
     plan = plan_of(scenario)
-    first, last = (_absolute(moment, recording, plan) for moment in (first, last))
+    first, last = (moment and absolute(moment, recording, plan) for moment in (first, last))
     rehearse_nodes(plan, node)
     began_s = process_time()
     span = Span(None, first, last)
@@ -101,9 +101,9 @@ def _chosen(plan: Plan, node: str | None) -> tuple[str, ...]:
     return (node,) if node else plan.graph.nodes
 
 
-def _absolute(moment: Moment | None, recording: Recording, plan: Plan) -> Moment | None:
+def absolute(moment: Moment, recording: Recording, plan: Plan) -> Moment:
     """Return a moment in the logical time of the run, which begins with its first step."""
-    if moment is None or moment.unit == "tick":
+    if moment.unit == "tick":
         return moment
     source = plan.graph.source
     boots = [boot for name, boot in recording.journals() if name == source]
