@@ -6,6 +6,7 @@ what hosts do, is not executed.
 """
 
 from collections.abc import Iterator
+from itertools import chain
 from typing import NamedTuple
 
 from dynpf_formats.recording.journals import messages_of
@@ -36,7 +37,7 @@ def replay_part(indexed: Indexed, plan: Plan, name: str, first: Moment | None, l
     Raises NoIndexError if that needs more than the file's index, UsageError if the recording lacks an input.
     """
     found = origins(indexed, name, first) if first is not None else iter(())
-    for origin in (*found, None):
+    for origin in chain(found, (None,)):  # the next snapshot is looked for only if the node refuses the last one
         try:
             outcome = _replayed(indexed, plan, name, Span(origin, first, last))
         except BadMessageError:
@@ -89,9 +90,9 @@ def _check_reached(indexed: Indexed, recording: Recording, name: str, last: Mome
 
 def _broken_chain(recording: Recording, plan: Plan, name: str, span: Span) -> Mismatch | None:
     """Return the first chain value that does not follow from the one before it and what is in the recording."""
-    chain = genesis(name, plan.text) if span.origin is None else bytes.fromhex(span.origin.snapshot.chain)
+    value = genesis(name, plan.text) if span.origin is None else bytes.fromhex(span.origin.snapshot.chain)
     for boot, entry in _covered(recording, name, span):
-        chain = chain_after(chain, boot, entry, messages_of(recording, name, boot, entry) or [])
-        if entry.chain and entry.chain != chain.hex():
-            return Mismatch(name, JOURNAL_PREFIX + name, entry.tick, entry.step, "chain", entry.chain, chain.hex())
+        value = chain_after(value, boot, entry, messages_of(recording, name, boot, entry) or [])
+        if entry.chain and entry.chain != value.hex():
+            return Mismatch(name, JOURNAL_PREFIX + name, entry.tick, entry.step, "chain", entry.chain, value.hex())
     return None

@@ -7,7 +7,6 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import pytest
-from dynpf_lab.cli.main import main
 from dynpf_protocol.codec import decode, encode
 from dynpf_protocol.control import TickDone
 from dynpf_protocol.envelope import Envelope
@@ -24,12 +23,13 @@ from dynpf_runtime.source import Feed, feed_log, feed_ticks
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.kinds import node_kinds
 from dynpf_services.scenario.load import load_scenario
-from dynpf_services.scenario.played_log import PlayedLog
 from dynpf_services.scenario.schema import Scenario
 from dynpf_services.scenario.user_code import add_folders
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
+
+from tests.replay.laser_log import laser_log
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LATE = "faults=[{topic='sensors/odometry', to='estimator', loss=0.1, delay_s=0.1, jitter_s=0.4}]"
@@ -46,8 +46,6 @@ CASES: dict[str, tuple[str, ...]] = {
     f"{EXAMPLES}/controller/controller.toml": ("max_ticks=30",),
     "laser-log": (),
 }
-MAP = ("image: house.pgm\nresolution: 0.5\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n",)
-HOUSE = b"P5\n40 40\n255\n" + bytes(0 if {0, 39} & {x, y} else 254 for y in range(40) for x in range(40))
 
 
 class Step(NamedTuple):
@@ -91,21 +89,6 @@ class Case(NamedTuple):
     steps: dict[str, list[Step]]
     feeds: list[Feed]
     snapshots: dict[str, list[Snapshot]]
-
-
-def laser_log(folder: Path) -> PlayedLog:
-    lines = []
-    for second in range(24):
-        x, time = 5 + 0.2 * second, f"{second}.0 h {second}.0"
-        ranges = " ".join(f"{max(0.5, 10 - abs(angle) / 15):.2f}" for angle in range(-90, 90))
-        lines += [f"ODOM {x} 10 0 0 0 0 {time}", f"FLASER 180 {ranges} {x} 10 0 {x} 10 0 {time}"]
-        lines += [f"TRUEPOS {x} 10 0 {x} 10 0 {time}"] if second == 0 else []
-    (folder / "log.txt").write_text("\n".join(lines))
-    (folder / "house.yaml").write_text(*MAP)
-    (folder / "house.pgm").write_bytes(HOUSE)
-    words = ["import", "carmen", str(folder / "log.txt"), "--range-max", "60", "--map", str(folder / "house.yaml")]
-    assert main([*words, "-o", str(folder / "log.mcap")]) == 0
-    return PlayedLog(folder / "log.mcap")
 
 
 @cache

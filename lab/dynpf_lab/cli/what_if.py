@@ -28,7 +28,7 @@ def print_branch(options: argparse.Namespace) -> int:
 
     if options.first is not None or options.last is not None:
         raise UsageError("--at goes on to the end of the run: it goes without --from and --until")
-    overrides = [*options.overrides, *((exchange(options.node),) if options.node is not None else ())]
+    overrides = [*([] if options.node is None else [exchange(options.node)]), *options.overrides]
     if not overrides:
         raise UsageError("--at: say what changes there, by --set KEY=VALUE or --node NAME=MODULE:CLASS")
     if options.output is not None and exists(options.output):
