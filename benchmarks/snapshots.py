@@ -8,7 +8,6 @@ import sys
 import tempfile
 from pathlib import Path
 from time import process_time
-from unittest.mock import patch
 
 from dynpf_formats.recording.reader import read_recording
 from dynpf_protocol.snapshots import SNAPSHOT_PREFIX
@@ -44,12 +43,15 @@ def measured(name: str, ticks: int, folder: Path) -> str:
         finally:
             spent[0] += process_time() - began
 
-    with patch.object(Snapshots, "after", timed):
+    try:
+        Snapshots.after = timed
         began = process_time()
         made = record_inline(scenario, folder / f"{name}.mcap")
         whole = process_time() - began
-    with patch.object(Snapshots, "after", lambda *_, **__: None):
+        Snapshots.after = lambda *_, **__: None
         record_inline(scenario, folder / f"{name}-without.mcap")
+    finally:
+        Snapshots.after = after
     sizes = [(folder / f"{name}{which}.mcap").stat().st_size for which in ("", "-without")]
     recording = read_recording(folder / f"{name}.mcap")
     kept = sum(topic.startswith(SNAPSHOT_PREFIX) for topic in (one.topic for one in recording.messages()))
