@@ -136,6 +136,9 @@ def test_a_node_with_other_settings_adopts_a_state_if_its_model_is_the_same() ->
     plain = node(n=40, calibration=None)
     with pytest.raises(ValueError, match="numbers a state; expected 3"):
         plain.adopt(decode_state(encode_state(state)))
+    state["belief"]["weights"] = state["belief"]["weights"][1:]
+    with pytest.raises(ValueError, match="particles, weights and their logarithms have the shapes"):
+        same.thaw(state)
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:

@@ -152,6 +152,9 @@ class ParticleLocalizer:
     def thaw(self, state: Mapping[str, Any]) -> Cloud:
         """See Localizer."""
         arrays = {name: np.array(state[name]) for name in ("particles", "weights", "log_weights")}
+        shapes = [array.shape for array in arrays.values()]
+        if len(shapes[0]) != 2 or not shapes[0][1] or shapes[1:] != [shapes[0][1:]] * 2:
+            raise ValueError(f"particles, weights and their logarithms have the shapes {shapes}")
         return Cloud(**arrays, n_eff=state["n_eff"], moved=state["moved"], memory=tuple(state["memory"]))
 
     def adopt(self, belief: Cloud, first: Cloud, n: int) -> Cloud:
@@ -221,7 +224,10 @@ class GaussianLocalizer:
 
     def thaw(self, state: Mapping[str, Any]) -> Gaussian:
         """See Localizer."""
-        return Gaussian(np.array(state["mean"]), np.array(state["covariance"]))
+        mean, covariance = np.array(state["mean"]), np.array(state["covariance"])
+        if covariance.shape != mean.shape * 2 or mean.ndim != 1:
+            raise ValueError(f"mean and covariance have the shapes {mean.shape} and {covariance.shape}")
+        return Gaussian(mean, covariance)
 
     def adopt(self, belief: Gaussian, first: Gaussian, n: int) -> Gaussian:  # noqa: ARG002
         """See Localizer."""
