@@ -35,6 +35,7 @@ from dynpf_protocol.messages.hosts import (
     Diagnostics,
     Gap,
     HostEvent,
+    Snapshot,
 )
 from dynpf_protocol.messages.robot import (
     Command,
@@ -106,6 +107,7 @@ __all__ = [
     "SceneEntity",
     "SceneEntityDeletion",
     "SceneUpdate",
+    "Snapshot",
     "SpherePrimitive",
     "TextPrimitive",
     "Timestamp",

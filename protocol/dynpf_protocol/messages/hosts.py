@@ -3,11 +3,13 @@
 from typing import Literal
 
 from dynpf_protocol.messages.base import Count, Message, NonNegative
+from dynpf_protocol.numbers import Count63
 
 __all__ = [
     "Diagnostics",
     "Gap",
     "HostEvent",
+    "Snapshot",
 ]
 
 
@@ -31,6 +33,16 @@ class Gap(Message, frozen=True, kw_only=True):
     boot: str
     first: Count  # sequence number
     last: Count  # sequence number
+
+
+class Snapshot(Message, frozen=True, kw_only=True):
+    """The whole state of a node and its host after a step, from which both go on, here or elsewhere."""
+
+    schema_name = "dynpf.Snapshot"
+    step: Count63
+    tick: Count63
+    chain: str  # chain value of the node's journal after the step, in hexadecimal
+    state: bytes  # dynpf_protocol.snapshots has its layout; compressed by zstd
 
 
 class Diagnostics(Message, frozen=True, kw_only=True):

@@ -23,6 +23,7 @@ from dynpf_runtime.machines.roles import Roles
 from dynpf_runtime.machines.turns import FollowLockstep, FollowRealtime, LeadLockstep, LeadRealtime, Turn, Turns
 from dynpf_runtime.node import Node
 from dynpf_runtime.plan import Plan
+from dynpf_runtime.snapshot import Snapshots
 from dynpf_runtime.source import Feed, LogRecord, feed_log, feed_ticks
 
 __all__ = ["AHEAD", "Gauges", "NodeHost"]
@@ -83,6 +84,7 @@ class NodeHost:
         self._gaps = GapWatch()
         link = FaultyLink(plan.faults, name, plan.seed)
         self._inbox = (LockstepInbox if plan.clock == "lockstep" else RealtimeInbox)(graph, name, link)
+        self._snapshots = Snapshots(self._executor, self._gaps, self._inbox)
         self._intake = Intake(Roles(plan, self._member.boots), self._inbox)
         self._turns: Turns | None = None  # None until the run begins
         self._running = False
@@ -199,6 +201,9 @@ class NodeHost:
         entry = executor.journal(tick, stamp_ns, inputs, executed.sent, hosted=hosted, last=last)
         envelope = Envelope(name, executor.boot, entry.step, tick, stamp_ns, now.wall_ns)
         yield Put(JOURNAL + name, encode_entry(entry), encode_envelope(envelope))
+        snapshot = self._snapshots.after(entry, sent, now.wall_ns, now.monotonic_ns)
+        if snapshot is not None:
+            yield _put(snapshot)
         self._member.ticks = tick + 1
         if last:
             self._running = False
