@@ -118,7 +118,7 @@ class Campaign:
             subjects: dict[int, str] = {}
 
             def made(number: int, subjects: dict[int, str] = subjects) -> Callable[[], object]:
-                subjects[number], action = payload_case(number, self.plan.seed)
+                subjects[number], action, _ = payload_case(number, self.plan.seed)
                 return action
 
             outcomes = tried_together([partial(made, number) for number in some])

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -63,20 +64,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Execute ``dynpf replay`` and return its exit code."""
-    from dynpf_formats.recording.reader import read_recording
-    from dynpf_formats.regular_files import exists
-    from dynpf_services.scenario.build import plan_of
-    from dynpf_services.scenario.replay import check_run, replay_nodes, rerun, scenario_of_replay, write_nodes
-    from dynpf_services.scenario.replay_part import rehearse_nodes, speed_of
     from dynpf_services.scenario.user_code import add_folders, code_folders
 
     add_folders(code_folders(options.code))
+    if options.at is not None or options.first is not None:
+        # A snapshot may be anybody's work: no index in it leads a kernel out of an array. Read when numba is imported.
+        os.environ["NUMBA_BOUNDSCHECK"] = "1"
     if options.at is not None:
         from dynpf_lab.cli.what_if import print_branch
 
         return print_branch(options)
     if options.first is not None or options.last is not None:
         return _replay_part(options)
+    return _replay_whole(options)
+
+
+def _replay_whole(options: argparse.Namespace) -> int:
+    """Replay a run from its beginning, and return the exit code."""
+    from dynpf_formats.recording.reader import read_recording
+    from dynpf_formats.regular_files import exists
+    from dynpf_services.scenario.build import plan_of
+    from dynpf_services.scenario.replay import check_run, replay_nodes, rerun, scenario_of_replay, write_nodes
+    from dynpf_services.scenario.replay_part import rehearse_nodes, speed_of
+
     recording = read_recording(options.recording)
     if options.output is not None and exists(options.output):
         raise UsageError(f"{options.output}: the file exists; choose another name")

@@ -273,12 +273,14 @@ def test_everything_is_of_the_robot_whose_scan_is_taken(tmp_path: Path) -> None:
 def test_scans_as_drivers_leave_them(tmp_path: Path) -> None:
     """Failed beams that read 0, a step of 0 beside a last angle, and no greatest range."""
     endless = {"range_min": 0.0, "range_max": math.inf, "angle_increment": 0.0, "angle_max": 1.0}
-    said = [LOG[2], ("/scan", S + T, bags.scan(S + T, [2.0, 0.0, math.inf, 150.0], **endless))]
+    said = [LOG[2], ("/scan", S + T, bags.scan(S + T, [2.0, 0.0, math.inf, 150.0], "laser", **endless))]
     scan = next(one.message for one in taken(import_rosbag(bag(tmp_path, said))) if isinstance(one.message, LaserScan))
     assert scan.ranges == (2.0, 300.0, 300.0, 150.0)
     assert (scan.start_angle, scan.end_angle) == pytest.approx((-1.0, 1.0))
     flat = {"angle_increment": 0.0, "angle_max": -1.0}
-    log = import_rosbag(bag(tmp_path, [*LOG, ("/scan", S + 2 * T, bags.scan(S + 2 * T, [2.0, 2.0], **flat))], "flat"))
+    log = import_rosbag(
+        bag(tmp_path, [*LOG, ("/scan", S + 2 * T, bags.scan(S + 2 * T, [2.0, 2.0], "laser", **flat))], "flat")
+    )
     taken(log)
     assert lost(log)["scans without a geometry"] == 1
 
