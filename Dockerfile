@@ -29,6 +29,6 @@ USER dynpf
 WORKDIR /dynpf
 # What the scenarios need of the kernels is compiled into the image. Another kind of processor compiles anew when it runs.
 RUN for scenario in parts-3-easy parts-3-tracked landmark-room; do \
-        dynpf run $scenario --set max_ticks=20 --runner inline --output /tmp/warm.mcap && rm /tmp/warm.mcap; done
+        dynpf run $scenario --set max_ticks=20 --runner inline --no-page --output /tmp/warm.mcap && rm /tmp/warm.mcap; done
 ENTRYPOINT ["dynpf"]
 CMD ["--help"]

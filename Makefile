@@ -10,7 +10,8 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 SCENARIO ?= parts-3-easy
 
 .DELETE_ON_ERROR:
-.PHONY: run test fuzz test-container test-wheels test-machines test-arm64 test-old-x86 check format docs peers lock hooks clean
+.PHONY: run test fuzz test-browser test-container test-wheels test-machines test-arm64 test-old-x86 check format docs peers
+.PHONY: lock hooks clean
 
 run: .venv/.project
 	$(BIN)/dynpf run $(SCENARIO)
@@ -23,6 +24,10 @@ test: .venv/.dev
 # Hostile files and payloads, for an hour or so; FILES, PAYLOADS and SEED say how many, and which.
 fuzz: .venv/.dev
 	$(BIN)/python -m checks.fuzz --files $(or $(FILES),100000) --payloads $(or $(PAYLOADS),1000000) --seed $(or $(SEED),0)
+
+# Pages in Chromium, driven by the npm packages of tests/browser/package-lock.json; `.ci/browser --install` installs the rest.
+test-browser: .venv/.dev
+	$(BIN)/pytest -m browser tests/browser
 
 test-container: .venv/.dev
 	$(BIN)/pytest -m container
@@ -82,7 +87,7 @@ hooks:
 	chmod +x $(HOOK)
 
 clean:
-	rm -rf .venv .venv-peers .machines .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
+	rm -rf .venv .venv-peers tests/browser/node_modules .machines .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
 	find checks docs dynpf experiments formats lab protocol runtime services systems tests -name __pycache__ -prune -exec rm -rf {} +
 
 .venv/.runtime: requirements.lock

@@ -12,11 +12,11 @@ from pathlib import Path
 __all__ = ["README", "printed_by_make_run", "with_figures"]
 
 README = Path(__file__).parents[1] / "README.md"
-_PRINTED = re.compile(r"(and tells what happened:\n\n```\n).*?(```\n)", flags=re.DOTALL)
+_PRINTED = re.compile(r"(tells what happened:\n\n```\n).*?(```\n)", flags=re.DOTALL)
 
 
 def printed_by_make_run() -> str:
-    """Return what `make run` prints of its run; the recording's name has a date, which is left out."""
+    """Return what `make run` prints of its run; the names of its files have a date, which is left out."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.mcap"
         command = [
@@ -31,7 +31,8 @@ def printed_by_make_run() -> str:
             str(path),
         ]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
-        return done.stdout.replace(str(path), "runs/parts-3-easy-1-....mcap")
+        shown = done.stdout.replace(str(path), "runs/parts-3-easy-1-....mcap")
+        return shown.replace(str(path.with_suffix(".html")), "runs/parts-3-easy-1-....html")
 
 
 def with_figures(page: str, printed: str) -> str:

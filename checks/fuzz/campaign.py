@@ -107,7 +107,7 @@ class Campaign:
         for number in numbers:
             print(json.dumps({"number": number, "inputs": 1}), file=out)
             for trial in files_case(number, self.plan.seed, workshop):
-                outcome = tried(trial.action)
+                outcome = tried(trial.action, trial.limits)
                 self._keep(workshop.folder, trial.subject, outcome)
                 print(json.dumps({"number": number, "subject": trial.subject, "outcome": outcome}), file=out)
 
@@ -118,7 +118,7 @@ class Campaign:
             subjects: dict[int, str] = {}
 
             def made(number: int, subjects: dict[int, str] = subjects) -> Callable[[], object]:
-                subjects[number], action = payload_case(number, self.plan.seed)
+                subjects[number], action, _ = payload_case(number, self.plan.seed)
                 return action
 
             outcomes = tried_together([partial(made, number) for number in some])
@@ -191,7 +191,7 @@ def one_case(plan: Plan, sources: Sources, folder: Path, corpus: Path, keep: Pat
     workshop = Workshop(sources, work, tuple(sorted(corpus.glob("*.mcap"))))
     faults = 0
     for trial in files_case(plan.first, plan.seed, workshop):
-        outcome = tried(trial.action)
+        outcome = tried(trial.action, trial.limits)
         took = f"{outcome.seconds:.3f} s, {outcome.bytes / 2**20:.0f} MB"
         print(f"{trial.subject}: {outcome.verdict}: {outcome.text} ({took})")
         faults += outcome.verdict is Verdict.FAULT

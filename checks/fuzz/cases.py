@@ -26,6 +26,7 @@ from checks.fuzz.credentials import keys_trials, signature_action
 from checks.fuzz.edits import edited
 from checks.fuzz.sources import Sources
 from checks.fuzz.subjects import command, difference, quiet, recovered
+from checks.fuzz.trial import LIMITS, Limits
 from checks.fuzz.values import Values, torn
 
 __all__ = ["FILES", "Trial", "files_case"]
@@ -44,11 +45,16 @@ _FORMS = (["--format", "csv"], ["--format", "tum"])
 _TOPICS: tuple[list[str], ...] = ([], ["--topic", "sensors/scan"], ["--topic", "estimator/state"])
 
 
+EXECUTED = Limits(seconds=10.0, bytes=2**30)
+"""What a replay may take: it builds the maps of a run, which have a limit of their own, of 2e8 cells."""
+
+
 class Trial(NamedTuple):
     """An action on the input; ``subject`` names what is tried."""
 
     subject: str
     action: Callable[[], object]
+    limits: Limits = LIMITS
 
 
 class Workshop(NamedTuple):
@@ -78,9 +84,13 @@ def _recording(random: Random, workshop: Workshop) -> Iterator[Trial]:
     path.unlink()
 
 
-def _command(name: str, *choices: Sequence[str]) -> Callable[[Random, Workshop, Path, Path], Trial]:
+def _command(
+    name: str, *choices: Sequence[str], limits: Limits = LIMITS
+) -> Callable[[Random, Workshop, Path, Path], Trial]:
     """Return the maker of the trial of a command, with one of some further arguments."""
-    return lambda random, _workshop, _sound, path: Trial(name, partial(command, name, path, *random.choice(choices)))
+    return lambda random, _workshop, _sound, path: Trial(
+        name, partial(command, name, path, *random.choice(choices)), limits
+    )
 
 
 def _hostile_recording(random: Random, workshop: Workshop) -> tuple[Path, bytes]:
@@ -328,10 +338,13 @@ RECORDING_TRIALS: Mapping[str, Callable[[Random, Workshop, Path, Path], Trial]] 
     "info": _command("info", [], ["--json"]),
     "metrics": _command("metrics", []),
     "fit": _command("fit", []),
-    "replay": _command("replay", []),
+    "replay": _command("replay", [], limits=EXECUTED),
     "export": _command("export", *([*form, *topic] for form in _FORMS for topic in _TOPICS)),
     "parquet": lambda _random, workshop, _sound, path: Trial(
         "parquet", lambda: _written("export", workshop.folder / "p", path, "--format", "parquet")
+    ),
+    "view": lambda _random, workshop, _sound, path: Trial(
+        "view", lambda: _written("view", workshop.folder / "page.html", path, "--no-open")
     ),
     "recover": lambda _random, workshop, _sound, path: Trial(
         "recover", lambda: recovered(path, workshop.folder / "recovered.mcap")

@@ -12,7 +12,7 @@ from types import ModuleType
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.errors import RecordingError
 from dynpf_formats.recording.reader import read_recording
-from dynpf_lab.cli import diff, doctor, export, fit, import_, info, keys, metrics, recover, replay, sign
+from dynpf_lab.cli import diff, doctor, export, fit, import_, info, keys, metrics, recover, replay, sign, view
 
 from checks.fuzz.trial import WrongAnswerError
 
@@ -32,6 +32,7 @@ _COMMANDS: dict[str, ModuleType] = {
     "recover": recover,
     "replay": replay,
     "sign": sign,
+    "view": view,
 }
 
 

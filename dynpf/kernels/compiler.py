@@ -3,6 +3,8 @@
 IEEE arithmetic without contraction or reordering gives the same bits whatever the vector width, so a kernel agrees
 with itself on every slice of its particles. What numba compiles is kept on disk. Its own cache knows a kernel's file
 alone and would keep one that calls a changed function of another file; so the folder is named by all the sources.
+
+With NUMBA_BOUNDSCHECK=1 in the environment kernels check every index, and give the same bits more slowly.
 """
 
 import hashlib
@@ -47,7 +49,7 @@ def cache_folder() -> Path | None:
     That is below NUMBA_CACHE_DIR if it is set, else beside the sources, else in the user's cache or the system's
     temporary folder. Says so when the folder is new, since the first calls will then take seconds.
     """
-    name = f"dynpf-kernels-{_sources_digest()}"
+    name = f"dynpf-kernels-{_sources_digest()}{'-bounds' if _numba.BOUNDSCHECK else ''}"
     home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - no error without a home
     own = Path(tempfile.gettempdir()) / f"dynpf-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
     chosen = _numba.CACHE_DIR

@@ -20,7 +20,17 @@ from dynpf_services.scenario.schema import Scenario
 
 from dynpf_experiments.messages import RunMessages, recorded
 
-__all__ = ["Measures", "differing", "estimates_of", "measure", "measure_run", "measured_topics", "summary", "truth_of"]
+__all__ = [
+    "Measures",
+    "differing",
+    "estimates_of",
+    "lines_of",
+    "measure",
+    "measure_run",
+    "measured_topics",
+    "summary",
+    "truth_of",
+]
 
 
 class Measures(NamedTuple):
@@ -88,6 +98,11 @@ def _figures(recording: Recording) -> dict[str, Any]:
     }
 
 
+def lines_of(measures: Mapping[str, Any]) -> list[str]:
+    """Return the measures of the systems as text for a person."""
+    return [line for system in _all_measures() for line in system.lines(measures)]
+
+
 def summary(recording: Recording, measures: Mapping[str, Any]) -> str:
     """Return the measures as text for a person."""
     scenario = override_resolved(recording.header.scenario, (), str(recording.path))
@@ -101,7 +116,6 @@ def summary(recording: Recording, measures: Mapping[str, Any]) -> str:
             continue  # a damaged file: it describes the topic, and its messages are lost
         lines.append(f"duration    {(max(stamps) - min(stamps)) * 1e-9:.1f} s of logical time, {len(stamps)} estimates")
     lines.append(f"messages    {measures['messages']}, {measures['gaps']} missing")
-    for system in _all_measures():
-        lines += system.lines(measures)
+    lines += lines_of(measures)
     lines.append(f"digest      {measures['content_digest']}")
     return "\n".join(lines)

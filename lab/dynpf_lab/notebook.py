@@ -34,6 +34,7 @@ from dynpf_services.scenario.user_code import add_folders, code_folders
 from numpy.typing import NDArray
 
 from dynpf.types import FloatArray
+from dynpf_lab.page import make_page
 
 __all__ = ["Run", "TopicMessages", "read", "run"]
 
@@ -219,6 +220,11 @@ class Run:
     def difference(self, other: "Run") -> FirstDifference | None:
         """Return the first message or state in which another run differs, None if they are equal."""
         return diff(self.recording, other.recording).first
+
+    def page(self, path: str | Path) -> Path:
+        """Write the page of ``dynpf view`` and return its path; raises UsageError for a file that is no such page."""
+        make_page([self.recording], Path(path), self.metrics)
+        return Path(path)
 
     def __str__(self) -> str:
         return summary(self.recording, self.metrics)

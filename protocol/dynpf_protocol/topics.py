@@ -13,6 +13,7 @@ import msgspec
 from dynpf_protocol import messages
 from dynpf_protocol.errors import UnknownTopicError
 from dynpf_protocol.messages import Message
+from dynpf_protocol.snapshots import SNAPSHOT_PREFIX
 
 __all__ = [
     "EVENT_PREFIX",
@@ -221,6 +222,17 @@ _ROWS = (
         )
         for node in NODES
     ),
+    *(
+        Topic(
+            name=f"{SNAPSHOT_PREFIX}{node}",
+            type=messages.Snapshot,
+            publishers=(node,),
+            wakes=False,
+            compared=False,
+            description=f"The whole state of {node} and its host at intervals, for the recording alone",
+        )
+        for node in NODES
+    ),
     Topic(
         name="log",
         type=messages.Log,
@@ -287,7 +299,7 @@ def is_record(name: str) -> bool:
 
 def is_compared(name: str) -> bool:
     """Return whether a topic is part of "the same run"; topics of hosts and the recorder are not."""
-    return name not in _UNCOMPARED and not name.startswith(EVENT_PREFIX)
+    return name not in _UNCOMPARED and not name.startswith((EVENT_PREFIX, SNAPSHOT_PREFIX))
 
 
 TOPIC_NAME = re.compile(r"[a-z][a-z0-9_]*(/[a-z0-9_]+)*")

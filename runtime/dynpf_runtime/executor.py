@@ -3,6 +3,7 @@
 It is the same for the bus, inline and replay runners, and neither sends nor receives.
 """
 
+import hashlib
 import traceback
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,9 +19,11 @@ from dynpf_protocol.messages import Message
 from dynpf_protocol.topics import Topic
 
 from dynpf_runtime.graph import NodeSpec
-from dynpf_runtime.node import Node, Received, Result, Step, state_digest
+from dynpf_runtime.node import Node, Received, Result, Step, encode_state
 
 __all__ = ["Executed", "Executor", "Sent", "Unsent"]
+
+_REPORTS = "diagnostics"
 
 
 class Sent(NamedTuple):
@@ -80,6 +83,7 @@ class Executor:
         self._renamed = any(topic != own for topic, own in names)
         self._digest_every = digest_every
         self.chain = chain
+        self.frozen = b""  # the state after the last journalled step, if its entry has the digest
         self._sequences: defaultdict[str, int] = defaultdict(int)
         self.steps = 0
 
@@ -120,24 +124,50 @@ class Executor:
         node's messages, ``hosted`` those that its host published in the step. ``last`` marks the node's last step.
         Raises StepError if the state cannot be encoded.
         """
-        state = ""
-        if last or (self.steps + 1) % self._digest_every == 0:
-            with self._blamed(tick):
-                state = state_digest(self.node.freeze())
+        made = tuple([Hosted(one.envelope.node, one.topic, one.envelope.sequence) for one in hosted])
+        entry = self.unchained(tick, stamp_ns, inputs, sent, hosted=made, last=last)
+        messages = [(message.envelope.stamp_ns, message.payload) for message in (*hosted, *sent)]
+        self.chain = chain_after(self.chain, self.boot, entry, messages)
+        return msgspec.structs.replace(entry, chain=self.chain.hex()) if entry.state else entry
+
+    def unchained(
+        self,
+        tick: int,
+        stamp_ns: int,
+        inputs: Sequence[Received],
+        sent: Sequence[Sent],
+        *,
+        hosted: tuple[Hosted, ...] = (),
+        last: bool,
+    ) -> JournalEntry:
+        """Return the journal entry of the step just run without a chain value, for a replay; see ``journal``."""
+        self.frozen = self.freeze() if last or (self.steps + 1) % self._digest_every == 0 else b""
         entry = JournalEntry(
             step=self.steps,
             tick=tick,
             stamp_ns=stamp_ns,
-            consumed=tuple(Consumed(item.node, item.boot, item.topic, item.sequence) for item in inputs),
-            produced=tuple(Produced(message.topic, message.envelope.sequence) for message in sent),
+            consumed=tuple([Consumed(item.node, item.boot, item.topic, item.sequence) for item in inputs]),
+            produced=tuple([Produced(message.topic, message.envelope.sequence) for message in sent]),
             last=last,
-            state=state,
-            hosted=tuple(Hosted(made.envelope.node, made.topic, made.envelope.sequence) for made in hosted),
+            state=hashlib.sha256(self.frozen).hexdigest() if self.frozen else "",
+            hosted=hosted,
         )
-        messages = [(message.envelope.stamp_ns, message.payload) for message in (*hosted, *sent)]
-        self.chain = chain_after(self.chain, self.boot, entry, messages)
         self.steps += 1
-        return msgspec.structs.replace(entry, chain=self.chain.hex()) if state else entry
+        return entry
+
+    def freeze(self) -> bytes:
+        """Return the node's state, encoded; raises StepError if it cannot be."""
+        with self._blamed(self.steps):
+            return encode_state(self.node.freeze())
+
+    def sequences(self) -> dict[str, int]:
+        """Return the next sequence number of each topic but the host's own reports, which come by the wall clock."""
+        return {topic: count for topic, count in self._sequences.items() if topic != _REPORTS}
+
+    def thaw(self, steps: int, chain: bytes, sequences: Mapping[str, int]) -> None:
+        """Go on after ``steps`` steps, with the journal's chain value and the next sequence numbers of that moment."""
+        self.steps, self.chain = steps, chain
+        self._sequences.update(sequences)
 
     def stamp(self, topic: str, message: Message, tick: int, stamp_ns: int, publish_ns: int) -> Sent:
         """Encode a message and give it the topic's next sequence number of this boot."""
@@ -155,7 +185,7 @@ class Executor:
 
     def number_from(self, topic: str, sequence: int) -> None:
         """Give the topic's next message this sequence number, because those before have been sent."""
-        self._sequences[topic] = sequence
+        self._sequences[topic] = max(sequence, self._sequences[topic])
 
     def _result(self, tick: int, stamp_ns: int, inputs: Sequence[Received]) -> Result:
         """Run the node's step, translating topics to its own names and back."""

@@ -1,6 +1,9 @@
 """Gaps: messages that never reached a node, found by jumps in the sequence numbers of those that it consumes."""
 
+from collections.abc import Iterable
+
 from dynpf_protocol.messages import HostEvent
+from dynpf_protocol.snapshots import Expected
 from dynpf_protocol.topics import EVENT_PREFIX
 
 from dynpf_runtime.executor import Executor, Sent
@@ -23,6 +26,14 @@ class GapWatch:
         if sequence <= expected:
             return None
         return HostEvent(kind="gap", topic=topic, node=node, first=expected, last=sequence - 1)
+
+    def freeze(self) -> tuple[Expected, ...]:
+        """Return the whole state."""
+        return tuple(Expected(*source, sequence) for source, sequence in sorted(self._next.items()))
+
+    def thaw(self, expected: Iterable[Expected]) -> None:
+        """Restore what ``freeze`` returned."""
+        self._next = {(one.topic, one.node): one.sequence for one in expected}
 
 
 def notice_gaps(executor: Executor, watch: GapWatch, ready: Ready, stamp_ns: int, publish_ns: int) -> list[Sent]:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
+from dynpf_protocol.snapshots import SNAPSHOT_PREFIX
 from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, TOPICS, Topic
 from msgspec import structs
 
@@ -119,7 +120,8 @@ def topic_table(specs: Sequence[NodeSpec]) -> dict[str, Topic]:
     rows.update({row.name: row for _, row in sorted(written, key=lambda pair: pair[0])})
     nodes = tuple(spec.name for spec in specs)
     for name in nodes:
-        rows[EVENT_PREFIX + name] = structs.replace(_EVENT, name=EVENT_PREFIX + name, publishers=(name,))
+        for prefix, row in _OF_EACH_NODE.items():
+            rows[prefix + name] = structs.replace(row, name=prefix + name, publishers=(name,))
     for name, row in _HOST_TOPICS.items():
         senders = tuple(sender for sender in row.publishers if sender not in NODES)
         rows[name] = structs.replace(row, publishers=(*nodes, *senders) if set(NODES) & {*row.publishers} else senders)
@@ -129,4 +131,4 @@ def topic_table(specs: Sequence[NodeSpec]) -> dict[str, Topic]:
 _RANK = {name: rank for rank, name in enumerate(TOPICS)}
 _LOG_TOPICS = {name: row for name, row in TOPICS.items() if row.publishers == (LOG_NODE,)}
 _HOST_TOPICS = {name: TOPICS[name] for name in ("log", "diagnostics", "recorder/gap", "recorder/restart")}
-_EVENT = next(row for name, row in TOPICS.items() if name.startswith(EVENT_PREFIX))
+_OF_EACH_NODE = {prefix: TOPICS[prefix + NODES[0]] for prefix in (EVENT_PREFIX, SNAPSHOT_PREFIX)}

@@ -6,12 +6,14 @@ and the journal keeps what it took.
 
 import heapq
 from collections import defaultdict, deque
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Mapping
 from typing import NamedTuple
 
+from dynpf_protocol.codec import decode, encode
 from dynpf_protocol.control import TickDone
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import OrderError, RepeatError
+from dynpf_protocol.snapshots import FrozenInbox, Held, Seen
 from dynpf_protocol.topics import LOG_NODE, Delivery, Topic
 
 from dynpf_runtime.faults import FaultyLink
@@ -136,6 +138,17 @@ class LockstepInbox:
         self.tick += 1
         return ready
 
+    def freeze(self, _now_ns: int = 0) -> FrozenInbox:
+        """Return the state between two steps, without the messages that wait for the next one."""
+        held = tuple(_held(due_ns, received, self._graph.topics) for due_ns, received in self._late)
+        return FrozenInbox(tick=self.tick, next=dict(self._next), held=held)
+
+    def thaw(self, frozen: FrozenInbox, _now_ns: int = 0) -> None:
+        """Restore a state that ``freeze`` returned; raises BadMessageError for a message that cannot be decoded."""
+        self.tick = frozen.tick
+        self._next.update(frozen.next)
+        self._late = [(held.due_ns, _received(held, self._graph.topics)) for held in frozen.held]
+
     def _ended(self, node: str, tick: int) -> TickDone | None:
         ends = self._ends.get((node, tick))
         if ends is None:
@@ -212,6 +225,14 @@ class SeenNumbers:
         else:
             raise RepeatError(f"number {number} again; expected {self._next} or later")
 
+    def freeze(self) -> tuple[int, tuple[int, ...]]:
+        """Return the next number, and those before it that are yet to come."""
+        return self._next, tuple(sorted(self._open))
+
+    def thaw(self, following: int, lost: Iterable[int]) -> None:
+        """Restore what ``freeze`` returned."""
+        self._next, self._open = following, set(lost)
+
 
 class RealtimeInbox:
     """Gives the node all messages that have arrived as soon as one of them triggers it, by the wall clock."""
@@ -276,6 +297,31 @@ class RealtimeInbox:
         self._arrive(now_ns)
         return self._take(last=self.upstream_ended)
 
+    def freeze(self, now_ns: int) -> FrozenInbox:
+        """Return the state right after a step; delayed messages are due after a duration from ``now_ns``."""
+        late = sorted(self._late)
+        return FrozenInbox(
+            tick=self.tick,
+            held=tuple(_held(max(0, due_ns - now_ns), received, self._topics) for due_ns, _, received in late),
+            stamp_ns=self._stamp_ns,
+            seen=tuple(Seen(*source, *seen.freeze()) for source, seen in sorted(self._seen.items())),
+            ends=dict(self._ends),
+            running=tuple(sorted(self._running)),
+        )
+
+    def thaw(self, frozen: FrozenInbox, now_ns: int) -> None:
+        """Restore a state that ``freeze`` returned; raises BadMessageError for a message that cannot be decoded."""
+        self.tick, self._stamp_ns = frozen.tick, frozen.stamp_ns
+        self._count = len(frozen.held)
+        self._late = [
+            (now_ns + held.due_ns, number, _received(held, self._topics))
+            for number, held in enumerate(frozen.held, start=1)
+        ]  # sorted, and so a heap
+        for one in frozen.seen:
+            self._seen[one.node, one.topic].thaw(one.next, one.open)
+        self._ends.update(frozen.ends)
+        self._running &= {*frozen.running}
+
     def _arrive(self, now_ns: int) -> None:
         while self._late and self._late[0][0] <= now_ns:
             self._arrived.append(heapq.heappop(self._late)[2])
@@ -296,6 +342,16 @@ def _check_read(name: str, reads: Container[str]) -> None:
     """Raise OrderError for a topic that the node does not read: nobody sends it those."""
     if name not in reads:
         raise OrderError(f"{name} is no topic that this node reads")
+
+
+def _held(due_ns: int, received: Received, topics: Mapping[str, Topic]) -> Held:
+    topic, node, boot, sequence, stamp_ns, message = received
+    return Held(due_ns, topic, node, boot, sequence, stamp_ns, encode(topic, message, topics))
+
+
+def _received(held: Held, topics: Mapping[str, Topic]) -> Received:
+    message = decode(held.topic, held.payload, topics)
+    return Received(held.topic, held.node, held.boot, held.sequence, held.stamp_ns, message)
 
 
 def _fresh(arrived: list[Received], topics: Mapping[str, Topic]) -> list[Received]:

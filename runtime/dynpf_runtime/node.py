@@ -8,6 +8,7 @@ random generator, and starts no threads. Its whole state can be saved and restor
 import hashlib
 import math
 from collections.abc import Mapping
+from enum import Enum
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import msgspec
@@ -15,6 +16,7 @@ import numpy as np
 from dynpf_protocol.messages import Message
 
 __all__ = [
+    "Adopting",
     "Node",
     "Output",
     "Received",
@@ -22,6 +24,7 @@ __all__ = [
     "Result",
     "State",
     "Step",
+    "Takeover",
     "decode_state",
     "encode_state",
     "state_digest",
@@ -95,6 +98,22 @@ class Rehearsing(Protocol):
 
         Changes no state and no random stream. A host calls it before the node joins its run.
         """
+
+
+@runtime_checkable
+class Adopting(Protocol):
+    """A node whose settings are partly in its state: ``thaw`` alone would leave a changed one without effect."""
+
+    def adopt(self, state: State) -> None:
+        """Go on from a state of a node with other settings; raises an exception if there is no way to."""
+
+
+class Takeover(Enum):
+    """What becomes of the state of a snapshot in another process, or another run."""
+
+    ITSELF = "the node goes on"
+    OTHER = "a node with other settings goes on, and adopts it"
+    FRESH = "the node begins in its first state; its host alone goes on"
 
 
 _ARRAY = 1

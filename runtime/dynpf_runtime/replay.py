@@ -11,6 +11,7 @@ import msgspec
 from dynpf_formats.recording.diff import first_field
 from dynpf_formats.recording.journals import messages_of
 from dynpf_formats.recording.reader import Recording
+from dynpf_formats.recording.seek import Moment, Origin
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_protocol.codec import decode
 from dynpf_protocol.control import Outcome
@@ -23,8 +24,9 @@ from msgspec.structs import replace
 from dynpf_runtime.executor import Executor, Sent
 from dynpf_runtime.node import Received
 from dynpf_runtime.plan import Plan
+from dynpf_runtime.snapshot import thaw_executor
 
-__all__ = ["Mismatch", "Replayed", "replay_node", "write_replayed"]
+__all__ = ["Mismatch", "MissingMessageError", "Replayed", "Span", "replay_node", "write_replayed"]
 
 
 class Mismatch(NamedTuple):
@@ -39,8 +41,25 @@ class Mismatch(NamedTuple):
     replayed: Any
 
 
+class MissingMessageError(UsageError):
+    """The recording, or the part of it that was read, lacks a message that the journal names."""
+
+
+class Span(NamedTuple):
+    """A part of a run: where execution goes on from, and the first and the last moment that count."""
+
+    origin: Origin | None = None  # None: the node's first step
+    first: Moment | None = None
+    last: Moment | None = None
+
+
+_WHOLE = Span()
+
+
 class Replayed(NamedTuple):
-    """The result of replaying one node.
+    """The result of replaying one node; steps, messages and digests are those of the span.
+
+    ``duration_ns`` is the logical time from the first step that was executed to the last one.
 
     ``executed`` has boot, messages and journal entry of each step, if ``replay_node`` was asked to keep them.
     """
@@ -49,16 +68,18 @@ class Replayed(NamedTuple):
     steps: int
     messages: int
     digests: int
+    duration_ns: int
     mismatch: Mismatch | None
     executed: tuple[tuple[str, tuple[Sent, ...], JournalEntry], ...]
 
 
-def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = False) -> Replayed:
+def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = False, span: Span = _WHOLE) -> Replayed:
     """Replay the node ``name`` of ``plan`` on its recorded inputs, and compare the results with the recorded ones.
 
     The comparison covers messages, sequence numbers, stamps, state digests, and whether and why a step was the last.
 
-    Raises UsageError if the recording has no journal of the node or lacks an input that the journal names.
+    Raises UsageError if the recording has no journal of the node, MissingMessageError if it lacks an input that the
+    journal names, BadMessageError if the snapshot of the span is none of the node.
     """
     cv2.setNumThreads(1)
     boots = [boot for node, boot in recording.journals() if node == name]
@@ -69,31 +90,49 @@ def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = Fal
     node = spec.build()
     steps = messages = digests = 0
     first: Mismatch | None = None
+    stamps: list[int] = []
     kept: list[tuple[str, tuple[Sent, ...], JournalEntry]] = []
-    for boot in boots:
+    for boot in boots if span.origin is None else boots[boots.index(span.origin.boot) :]:
         executor = Executor(node, spec, topics, boot, plan.state_digest_ticks)
-        for entry in recording.journal(name, boot):
+        for entry in _entries(recording, executor, span):
             inputs = list(_inputs(recording, topics, name, entry))
             sent, finished = executor.step(entry.tick, entry.stamp_ns, inputs, 0)
             last = entry.last or finished
-            replayed_entry = executor.journal(entry.tick, entry.stamp_ns, inputs, sent, last=last)
-            replayed_entry = replace(replayed_entry, hosted=entry.hosted, chain="")  # the host's work is not repeated
-            first = first or _compare(recording, name, boot, (entry, replayed_entry), sent)
-            steps += 1
-            messages += len(sent)
-            digests += bool(entry.state)
+            # The host's work is not repeated.
+            again = executor.unchained(entry.tick, entry.stamp_ns, inputs, sent, hosted=entry.hosted, last=last)
+            first = first or _compare(recording, name, boot, (entry, again), sent)
+            stamps = [*stamps[:1], entry.stamp_ns]
+            if span.first is None or not span.first.after(entry):
+                steps += 1
+                messages += len(sent)
+                digests += bool(entry.state)
             if keep:
-                kept.append((boot, sent, replayed_entry))
+                kept.append((boot, sent, again))
             if name == plan.graph.source and last:
                 first = first or _compare_outcome(recording, plan, entry, finished=finished)
-    return Replayed(name, steps, messages, digests, first, tuple(kept))
+    duration_ns = stamps[-1] - stamps[0] if stamps else 0
+    return Replayed(name, steps, messages, digests, duration_ns, first, tuple(kept))
+
+
+def _entries(recording: Recording, executor: Executor, span: Span) -> Iterator[JournalEntry]:
+    """Yield the entries of the executor's boot that it has to execute, after it went on from the snapshot, if any."""
+    origin, name, boot = span.origin, executor.spec.name, executor.boot
+    if origin is not None and origin.boot == boot:
+        thaw_executor(origin.snapshot, executor)
+    for entry in recording.journal(name, boot):
+        if span.last is not None and span.last.before(entry):
+            return
+        if span is not _WHOLE and entry.step > executor.steps:
+            raise MissingMessageError(f"{recording.path}: step {executor.steps} of {name} is lacking")
+        if entry.step >= executor.steps or origin is None:
+            yield entry
 
 
 def _inputs(recording: Recording, topics: Mapping[str, Topic], node: str, entry: JournalEntry) -> Iterator[Received]:
     for sender, boot, topic, sequence in (msgspec.structs.astuple(consumed) for consumed in entry.consumed):
         record = recording.find(sender, boot, topic, sequence)
         if record is None:
-            raise UsageError(
+            raise MissingMessageError(
                 f"{recording.path}: step {entry.step} of {node} consumed {topic} {sequence} of {sender}, which the "
                 "recording lacks; dynpf doctor lists what else is missing"
             )

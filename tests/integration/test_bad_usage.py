@@ -135,7 +135,10 @@ def test_a_full_disk_ends_the_run_and_keeps_what_was_written(runner, tmp_path, d
     assert run.stderr.count("no room left") == 1
     assert "Traceback" not in run.stderr
     assert path.stat().st_size <= 64 * 1024
-    assert here("doctor", path).code == 1
+    doctor = here("doctor", path)
+    assert doctor.code == 1
+    assert f"dynpf recover {path} -o NEW.mcap" in doctor.out
+    assert len(doctor.out.splitlines()) <= 23
     assert here("recover", path, "-o", tmp_path / "mended.mcap").code == 0
 
 

@@ -22,6 +22,7 @@ def end_of(path):
     """Whether a recording is whole, what its end says but for the tick, and its digest if it is whole."""
     recording = read_recording(path)
     end = recording.end
+    assert end is not None
     return end.complete, end.reason.partition(" after tick")[0], content_digest(recording) if end.complete else ""
 
 
@@ -38,7 +39,9 @@ def test_a_schedule_of_crashes_ends_alike_simulated_and_real(care, tmp_path, dyn
     with watch_run(tmp_path, run) as watched:
         for number, crash in enumerate(CRASHES[: 1 + (restarts > 0)], start=1):
             watched.await_ticks(20 * number)
-            os.kill(service_of(tmp_path, crash.process).pid, signal.SIGKILL)
+            service = service_of(tmp_path, crash.process)
+            assert service is not None
+            os.kill(service.pid, signal.SIGKILL)
             if restarts:
                 run.says(f"{crash.process} was killed by signal 9; starting it again")
     assert run.wait() == int(not verdict.whole)

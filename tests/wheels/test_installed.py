@@ -169,7 +169,7 @@ def test_the_application_puts_no_name_but_its_own_into_other_peoples_way(applica
 
 def test_a_scenario_runs_from_an_empty_folder(application: Environment, tmp_path: Path) -> None:
     landmark_room(application, tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["RUN.mcap"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["RUN.html", "RUN.mcap"]
 
 
 @pytest.mark.parametrize("name", ["services", "protocol", "scenarios", "numpy_utils"])

@@ -10,6 +10,7 @@ from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
+from dynpf_formats.importers.bag_bounds import bound_chunks, check_mcap
 from dynpf_formats.importers.errors import ImportFailedError
 from dynpf_formats.importers.log import Losses
 from dynpf_formats.importers.text import refuse_pointer
@@ -34,7 +35,9 @@ class Bag:
     def __init__(self, path: Path, reader: Any, types: Collection[str]) -> None:
         self.path = path
         self._reader = reader
-        self.topics: dict[str, str] = {connection.topic: connection.msgtype for connection in reader.connections}
+        # A topic that was announced and never used is none; a bag that was cut off may not know its counts.
+        used = [connection for connection in reader.connections if connection.msgcount] or reader.connections
+        self.topics: dict[str, str] = {connection.topic: connection.msgtype for connection in used}
         store = _typestore([connection for connection in reader.connections if connection.msgtype in types])
         self._decode = store.deserialize_ros1 if isinstance(reader, Reader1) else store.deserialize_cdr
 
@@ -73,23 +76,43 @@ def open_bag(path: Path, types: Collection[str]) -> Iterator[Bag]:
 
     ``types`` are the message types to be read; a bag may hold unreadable messages of other types.
     """
+    if path.is_dir() and not (path / "metadata.yaml").is_file():
+        path = _only_part(path)
     if path.is_dir():
-        if not (path / "metadata.yaml").is_file():
-            raise ImportFailedError(f"{path}: no metadata.yaml in it; expected the folder of a ROS 2 bag")
         for part in sorted(path.iterdir()):
             if part.suffix in SUFFIXES:
-                refuse_pointer(part)
+                _check_file(part)
     else:
-        refuse_pointer(path)
         if path.suffix not in SUFFIXES:
+            refuse_pointer(path)
             raise ImportFailedError(f"{path}: expected {', '.join(SUFFIXES)} or the folder of a ROS 2 bag")
+        _check_file(path)
     with ExitStack() as stack:
         try:
             reader = stack.enter_context(Reader1(path) if path.suffix == ".bag" and path.is_file() else Reader2(path))
+            if isinstance(reader, Reader1):
+                bound_chunks(reader)
             bag = Bag(path, reader, types)
         except Exception as error:  # the library lets through what its parts raise on broken bytes
             raise ImportFailedError(f"{path}: cannot be read: {_in_a_line(error)}") from error
         yield bag
+
+
+def _only_part(folder: Path) -> Path:
+    """Return the one bag file in a folder whose metadata were never written; raises ImportFailedError."""
+    parts = sorted(part for part in folder.iterdir() if part.suffix in SUFFIXES)
+    if len(parts) == 1:
+        return parts[0]
+    names = ", ".join(part.name for part in parts[:5])
+    hint = f"import one of its files: {names}" if parts else "expected the folder of a ROS 2 bag"
+    raise ImportFailedError(f"{folder}: no metadata.yaml in it; {hint}")
+
+
+def _check_file(path: Path) -> None:
+    """Raise ImportFailedError for a file that is missing or empty, or that would unpack to more than a bag holds."""
+    refuse_pointer(path)
+    if path.suffix == ".mcap":
+        check_mcap(path)
 
 
 def _typestore(connections: Sequence[Any]) -> Any:

@@ -32,7 +32,7 @@ def normalized_scan(
 
     ``mount`` is the sensor's pose on the robot (m, m, rad), ``span`` the angles of the first and the last beam (rad),
     ``ranges`` (B,) in metres, ``limits`` the least and the greatest range of the sensor. Ranges at or beyond the
-    greatest are no return, as is infinity; NaN and ranges below the least are lost beams.
+    greatest are no return, as is infinity; NaN and ranges not above the least, or above 0, are lost beams.
     """
     values = np.asarray(ranges, dtype=np.float64)
     where = f"{stamp_ns * 1e-9:.3f} s"
@@ -40,12 +40,12 @@ def normalized_scan(
         losses.add("scans without beams or with too many", f"{where}: {values.size} beams")
         return None
     least, greatest = limits
-    nan, short = np.isnan(values), values < least
+    nan, short = np.isnan(values), values <= max(least, 0.0)
     if nan.any():
         losses.add("beams that are not a number", f"{where}: beam {int(nan.argmax())}", int(nan.sum()))
     if short.any():
         first = int(short.argmax())
-        losses.add("beams below the least range", f"{where}: {values[first]} m, beam {first}", int(short.sum()))
+        losses.add("beams not above the least range", f"{where}: {values[first]} m, beam {first}", int(short.sum()))
     values = np.where(nan | short | (values > greatest), greatest, values)
     return LaserScan(
         timestamp=timestamp(stamp_ns),

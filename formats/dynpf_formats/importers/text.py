@@ -88,6 +88,8 @@ def seconds_to_ns(text: str) -> int:
         seconds = Decimal(text)
     except InvalidOperation:
         seconds = Decimal("NaN")
-    if not seconds.is_finite() or not 0 <= seconds < 2**63 // 10**9:
+    if not seconds.is_finite() or seconds < 0:
         raise ValueError(f"time is {text[:60]!r}; expected seconds, 0 or more")
+    if seconds >= 2**63 // 10**9:
+        raise ValueError(f"time is {text[:60]!r}, as in nanoseconds; expected seconds")
     return int(seconds * 10**9)

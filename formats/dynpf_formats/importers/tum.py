@@ -4,10 +4,11 @@ A line is a pose: time (s), x, y, z (m), and the quaternion x, y, z, w; text aft
 plane is kept: x, y and heading.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import msgspec
 from dynpf_protocol.codec import decode
 from dynpf_protocol.messages import RobotState
 from dynpf_protocol.topics import LOG_NODE
@@ -16,12 +17,22 @@ from dynpf_formats.importers.errors import ImportFailedError
 from dynpf_formats.importers.log import ImportedLog, Losses, Record
 from dynpf_formats.importers.text import finite_number, lines_of, seconds_to_ns
 from dynpf_formats.importers.transforms import matrix, planar
-from dynpf_formats.recording.reader import read_recording
+from dynpf_formats.recording.reader import Recording, read_recording
 
 __all__ = ["import_tum"]
 
 COLUMNS = ("time", "x", "y", "z", "qx", "qy", "qz", "qw")
 TRUTH = "log/truth"
+
+
+class _Import(msgspec.Struct):
+    settings: dict[str, Any]
+
+
+class _Imported(msgspec.Struct, rename={"import_": "import"}):
+    """What the scenario of an imported log says."""
+
+    import_: _Import
 
 
 class _Vector(NamedTuple):
@@ -37,8 +48,10 @@ def import_tum(path: Path, log: Path | None = None) -> ImportedLog:
     Unreadable lines, and poses earlier than the previous one, are left out and counted. Raises ImportFailedError for a
     file without poses, RecordingError for a log that cannot be read.
     """
-    if next(_poses(path, Losses()), None) is None:
-        raise ImportFailedError(f"{path}: no line of 8 numbers; expected time, x, y, z, qx, qy, qz, qw")
+    losses = Losses()
+    if next(_poses(path, losses), None) is None:
+        first = next((dropped.first for dropped in losses.summary().values()), f"{path.name}: no line")
+        raise ImportFailedError(f"{path}: no pose can be read: {first}; expected time (s), x, y, z, qx, qy, qz, qw")
     losses = Losses()
     truth = _poses(path, losses)
     if log is None:
@@ -48,8 +61,16 @@ def import_tum(path: Path, log: Path | None = None) -> ImportedLog:
     if not kept:
         raise ImportFailedError(f"{log}: holds no records of an imported log to which a reference could be given")
     records = (Record(record.topic, record.stamp_ns, decode(record.topic, record.payload)) for record in kept)
-    settings = {"log": log.name}
+    settings = {**_settings(recording), "log": log.name}
     return ImportedLog(path.name, "tum", settings, _merged(truth, records), losses, recording.attachments)
+
+
+def _settings(recording: Recording) -> Mapping[str, Any]:
+    """Return how the log was imported, such as the range of its scanner; empty for the log of a run."""
+    try:
+        return msgspec.json.decode(recording.header.scenario, type=_Imported).import_.settings
+    except (msgspec.DecodeError, RecursionError):
+        return {}
 
 
 def _poses(path: Path, losses: Losses) -> Iterator[Record]:

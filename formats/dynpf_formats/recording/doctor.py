@@ -9,6 +9,7 @@ import msgspec
 from dynpf_protocol.codec import decode
 from dynpf_protocol.errors import BadMessageError
 from dynpf_protocol.journal import JOURNAL_PREFIX
+from dynpf_protocol.snapshots import SNAPSHOT_PREFIX
 from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, is_record
 
 from dynpf_formats.recording.attachments import changed_files, foreign_attachments
@@ -18,6 +19,7 @@ from dynpf_formats.recording.findings import Finding, Severity, error
 from dynpf_formats.recording.journals import check_journals
 from dynpf_formats.recording.reader import Recording, Source, load
 from dynpf_formats.recording.sealed import broken_promises
+from dynpf_formats.recording.snapshots import check_snapshots
 from dynpf_formats.shipped import known_topics
 from dynpf_formats.user_classes import UserClass
 
@@ -60,7 +62,8 @@ def diagnose(path: Path | str) -> Diagnosis:
         Finding(severity=Severity.ERROR, what=f"{found.kind}: {found.text}", where=f"byte {found.offset}")
         for found in damage
     ]
-    for check in (_end, _senders, _gaps, _repetitions, _payloads, _files, check_journals, broken_promises):
+    checks = (_end, _senders, _gaps, _repetitions, _payloads, _files, check_journals, broken_promises, check_snapshots)
+    for check in checks:
         findings.extend(check(recording))
     return Diagnosis(findings, recorded_code(recording))
 
@@ -102,7 +105,7 @@ def _publishers(recording: Recording) -> dict[str, tuple[str, ...]]:
     found = {}
     nodes = tuple(recording.header.writes)
     for node, topics in recording.header.writes.items():
-        for name in (EVENT_PREFIX + node, *topics):
+        for name in (EVENT_PREFIX + node, SNAPSHOT_PREFIX + node, *topics):
             found[name] = (*found.get(name, ()), node)
     own = dict.fromkeys(("recorder/gap", "recorder/restart"), ("recorder",))
     return {**found, "log": (*nodes, "recorder"), "diagnostics": nodes, **own}

@@ -15,7 +15,7 @@ from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.provenance import collect, provenance_difference
 from dynpf_formats.recording.reader import Recording
 
-__all__ = ["describe", "ended", "text"]
+__all__ = ["describe", "ended", "text", "title_of"]
 
 
 def describe(recording: Recording) -> dict[str, Any]:
@@ -33,7 +33,7 @@ def describe(recording: Recording) -> dict[str, Any]:
     return {
         "file": str(recording.path),
         "file_bytes": recording.path.stat().st_size,
-        "title": _title(recording),
+        "title": title_of(recording),
         "seed": recording.header.seed,
         "complete": end is not None and end.complete,
         "reason": end.reason if end is not None else "the end of the run was never written",
@@ -105,7 +105,8 @@ def text(summary: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _title(recording: Recording) -> str:
+def title_of(recording: Recording) -> str:
+    """Return the title of a recorded run, of an imported log its source."""
     try:
         scenario = msgspec.json.decode(recording.header.scenario, type=dict[str, Any])
     except msgspec.DecodeError:

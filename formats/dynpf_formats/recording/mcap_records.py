@@ -23,6 +23,7 @@ from mcap.writer import MCAP0_MAGIC as MAGIC
 
 __all__ = [
     "MAGIC",
+    "MAX_ATTACHMENT",
     "MAX_RECORD",
     "Damage",
     "DamageKind",
@@ -38,6 +39,9 @@ __all__ = [
 
 MAX_RECORD = 64 * 2**20
 """The largest record or chunk, compressed or not, in bytes."""
+
+MAX_ATTACHMENT = 33 * 2**20
+"""The largest attachment with its names, in bytes: a writer takes data of up to 32 MiB."""
 
 MAX_UNPACKED, MAX_RATIO = 64 * 2**20, 200
 """The chunks of a file hold at most so many bytes, and besides so many times the file's size. Recordings are ten times
@@ -206,8 +210,9 @@ def _frame(stream: BinaryIO, offset: int, size: int) -> tuple[int, bytes]:
     opcode, length = _FRAME.unpack(stream.read(_FRAME.size))
     if offset + _FRAME.size + length > size:
         raise _BadError(DamageKind.TRUNCATED, f"the file ends inside a record of {length} bytes")
-    if length > MAX_RECORD:
-        raise _BadError(DamageKind.OVERSIZE, f"a record of {length} bytes; at most {MAX_RECORD} are read")
+    most = MAX_ATTACHMENT if opcode == Opcode.ATTACHMENT else MAX_RECORD
+    if length > most:
+        raise _BadError(DamageKind.OVERSIZE, f"a record of {length} bytes; at most {most} are read")
     body = stream.read(length)
     if len(body) != length:
         raise _BadError(DamageKind.TRUNCATED, "the file became shorter while it was read")

@@ -13,6 +13,9 @@ if TYPE_CHECKING:
 
 __all__ = ["add_arguments"]
 
+MOST_LINES = 20
+"""How many findings are printed: a lost chunk leaves a gap in every topic."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``dynpf doctor``."""
@@ -46,8 +49,12 @@ def run(options: argparse.Namespace) -> int:
     else:
         if not findings:
             print(f"{options.recording}: whole and complete")
-        for finding in findings:
+        for finding in findings[:MOST_LINES]:
             print(f"{finding.severity}: {finding.where}: {finding.what}")
+        if len(findings) > MOST_LINES:
+            print(f"and {len(findings) - MOST_LINES} more, which follow from these as a rule; --json lists all")
+        if any(finding.where.startswith(("byte ", "end of file")) for finding in findings):
+            print(f"dynpf recover {options.recording} -o NEW.mcap keeps what is whole")
         if signed is not None or (options.trust is None and not unreadable):
             print(_signature_in_words(signed))
         for line in code_in_words(code):

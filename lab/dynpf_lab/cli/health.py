@@ -34,7 +34,9 @@ def run(options: argparse.Namespace) -> int:
             bus.subscribe(f"{BEAT}{options.name}")
             while not bus.tokens(f"{ALIVE}{options.name}/*"):
                 if time.monotonic() > deadline:
-                    raise RunError(f"{options.name} is not there (no liveliness token at {endpoint}{hint})")
+                    raise RunError(
+                        f"{options.name} is not there (nobody of that name has joined the run at {endpoint}{hint})"
+                    )
                 bus.receive(0.1)  # it may be starting
             if bus.receive(max(deadline - time.monotonic(), 0.0)) is None:
                 raise RunError(f"{options.name} is there but has not beaten for {options.timeout:g} s: it hangs")

@@ -64,7 +64,7 @@ def _add_rosbag(parser: argparse.ArgumentParser) -> None:
         "--truth", metavar="TOPIC", help="reference poses; else the first whose name contains a word for truth"
     )
     parser.add_argument("--base", metavar="FRAME", help="the robot's frame; else base_footprint, base_link, ...")
-    parser.add_argument("--odom-frame", metavar="FRAME", default="odom", help="odometry's frame in tf (odom)")
+    parser.add_argument("--odom-frame", metavar="FRAME", help="odometry's frame in tf (odom, in the scan's namespace)")
     pose = ("X", "Y", "THETA")
     parser.add_argument(
         "--truth-offset",

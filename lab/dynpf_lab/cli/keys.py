@@ -69,7 +69,7 @@ def _init(options: argparse.Namespace) -> int:
 
 def _issue(options: argparse.Namespace) -> int:
     from dynpf_formats.certificates import DAYS
-    from dynpf_runtime.bus.keys import LOCAL_HOSTS, issue
+    from dynpf_runtime.bus.keys import LOCAL_HOSTS, issue, issued
 
     names = [*options.names, *(_processes(options.scenario) if options.scenario else ())]
     if not names:
@@ -77,6 +77,7 @@ def _issue(options: argparse.Namespace) -> int:
     if options.host and ROUTER not in names:
         raise UsageError("issue: --host is for the certificate of the router, which is not among the names")
     hosts = (*LOCAL_HOSTS, *([ROUTER] if options.containers else []), *options.host)
+    before = {one.common_name: one.expires for one in issued(options.keys)} if options.keys.is_dir() else {}
     made = issue(
         options.keys,
         names,
@@ -86,7 +87,9 @@ def _issue(options: argparse.Namespace) -> int:
         for_containers=options.containers,
     )
     for one in made:
-        print(f"{one.common_name}: until {one.expires:%Y-%m-%d %H:%M} UTC")
+        replaced = before.get(one.common_name)
+        hint = "" if replaced is None else f"; replaces the one until {replaced:%Y-%m-%d %H:%M} UTC, which stays valid"
+        print(f"{one.common_name}: until {one.expires:%Y-%m-%d %H:%M} UTC{hint}")
     return 0
 
 

@@ -27,6 +27,7 @@ _COMMANDS = {
     "health": ("health", "whether a process of a run is alive and its main loop runs"),
     "stop": ("stop", "ask a run to end with its next tick, as its operator"),
     "keys": ("keys", "keys and certificates for the processes of a run"),
+    "view": ("view", "the page of a run, or of two side by side, in a browser"),
     "replay": ("replay", "re-execute nodes from a recording and compare"),
     "play": ("play", "publish a recording onto the bus"),
     "diff": ("diff", "first difference of two recordings"),

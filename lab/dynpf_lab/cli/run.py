@@ -13,6 +13,7 @@ from dynpf_services.scenario.schema import Scenario
 from dynpf_lab.cli.arguments import add_clock, add_json
 from dynpf_lab.cli.loading import loading
 from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
+from dynpf_lab.cli.page import add_no_page, leave_page
 from dynpf_lab.cli.sign import add_sign, check_key, sign_recording
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="in lockstep, how often each process is started again that was killed or hangs (default: %(default)s)",
     )
     add_sign(parser)
+    add_no_page(parser)
     add_json(parser, "print the metrics of the run as JSON")
     parser.set_defaults(run=run)
 
@@ -92,14 +94,16 @@ def run(options: argparse.Namespace) -> int:
         if path.is_file():
             if options.sign is not None:
                 sign_recording(path, options.sign)
+            page = None if options.no_page else leave_page("run", path)
+            shown = "" if page is None else f", {page} shows them"
             print(
-                f"dynpf run: the messages recorded so far are in {path} (dynpf doctor tells what is missing)",
+                f"dynpf run: the messages recorded so far are in {path}{shown} (dynpf doctor tells what is missing)",
                 file=sys.stderr,
             )
         raise
     if options.sign is not None:
         sign_recording(path, options.sign)
-    return _summary(path, as_json=options.json)
+    return _summary(path, with_page=not options.no_page, as_json=options.json)
 
 
 def _check_output(path: Path) -> None:
@@ -153,11 +157,17 @@ def _run_on_bus(
         )
 
 
-def _summary(path: Path, *, as_json: bool) -> int:
+def _summary(path: Path, *, with_page: bool, as_json: bool) -> int:
     from dynpf_experiments.measures import measure, summary
     from dynpf_formats.recording.reader import read_recording
 
     recording = read_recording(path)
     measures = measure(recording)
-    print(json.dumps({"recording": str(path), **measures}) if as_json else summary(recording, measures))
+    if not as_json:
+        print(summary(recording, measures), flush=True)  # before the page, which takes a moment
+    page = leave_page("run", path, recording, measures) if with_page else None
+    if as_json:
+        print(json.dumps({"recording": str(path), **({} if page is None else {"page": str(page)}), **measures}))
+    elif page is not None:
+        print(f"page        {page}")
     return 0 if measures["complete"] else 1

@@ -36,6 +36,7 @@ from dynpf_protocol.messages.hosts import (
     Gap,
     HostEvent,
     Restart,
+    Snapshot,
 )
 from dynpf_protocol.messages.robot import (
     Command,
@@ -108,6 +109,7 @@ __all__ = [
     "SceneEntity",
     "SceneEntityDeletion",
     "SceneUpdate",
+    "Snapshot",
     "SpherePrimitive",
     "TextPrimitive",
     "Timestamp",

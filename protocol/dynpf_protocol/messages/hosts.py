@@ -3,12 +3,14 @@
 from typing import Literal
 
 from dynpf_protocol.messages.base import Count, Message, NonNegative
+from dynpf_protocol.numbers import Count63
 
 __all__ = [
     "Diagnostics",
     "Gap",
     "HostEvent",
     "Restart",
+    "Snapshot",
 ]
 
 
@@ -43,6 +45,16 @@ class Restart(Message, frozen=True, kw_only=True):
     start: str  # the one that has taken over
     tick: Count  # how many ticks were recorded when it was gone
     absent_s: NonNegative  # s, by the recorder's clock; of the recorder itself, since it was started again
+
+
+class Snapshot(Message, frozen=True, kw_only=True):
+    """The whole state of a node and its host after a step, from which both go on, here or elsewhere."""
+
+    schema_name = "dynpf.Snapshot"
+    step: Count63
+    tick: Count63
+    chain: str  # chain value of the node's journal after the step, in hexadecimal
+    state: bytes  # dynpf_protocol.snapshots has its layout; compressed by zstd
 
 
 class Diagnostics(Message, frozen=True, kw_only=True):

@@ -15,6 +15,7 @@ from dynpf_protocol.control import TickDone
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import OrderError, ProtocolError, RepeatError, TooLargeError
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry
+from dynpf_protocol.recall import Recall, Recalled
 
 from dynpf_runtime.machines.consumption import Consumption
 from dynpf_runtime.machines.effects import Record
@@ -73,7 +74,7 @@ class Ledger:
         self.doubt = ""  # why the run is doubtful
         self.split = False  # whether it is doubtful which tick is the last: then the run cannot end by itself
         self.dropped: list[Dropped] = []
-        self.over: set[str] = set()  # the nodes of whose last step the end of the tick is here
+        self.over: dict[str, int] = {}  # the nodes of whose last step the end of the tick is here, and that tick
 
     @property
     def source(self) -> str:
@@ -160,7 +161,7 @@ class Ledger:
         if len(ends) < _CLAIMS:
             ends.append(done)
             if done.last:
-                self.over.add(name)
+                self.over[name] = done.tick
         yield from self._write_complete(name, node)
 
     def entry(self, envelope: Envelope, entry: JournalEntry, payload: bytes) -> Iterator[Record]:
@@ -188,11 +189,35 @@ class Ledger:
         for node in self._nodes.values():
             node.open.clear()
 
+    def recalled(self, asked: Recall, start: str, stop_reason: str) -> Recalled:
+        """Return the answer of the recorder's ``start`` to a node that asks for what it has read."""
+        part, place = self.window.part(asked.node, asked.tick), self.place(asked.node)
+        return Recalled(
+            start=start,
+            to=asked.start,
+            tick=asked.tick,
+            next_tick=part.next_tick,
+            more=part.more,
+            written=place.written,
+            said=place.said,
+            last=place.last,
+            stop_reason=stop_reason,
+            sequences=place.numbers,
+            entries=part.entries,
+            pieces=part.pieces,
+        )
+
     def rest(self) -> Iterator[Record]:
         """Yield what has come of steps that are not whole; nothing may follow."""
         for name, node in self._nodes.items():
             for step in sorted(node.open):
                 yield from self._write(name, node, step, *_first(node.open[step]))
+
+    def lacking(self) -> dict[str, int]:
+        """Return the nodes of whose run something is missing, and their last ticks."""
+        return {
+            name: last for name, last in self.over.items() if self._nodes[name].missing or not self._nodes[name].ended
+        }
 
     def missing(self) -> dict[str, int]:
         """Return how many messages were promised and have not come, by topic."""
@@ -341,7 +366,10 @@ class Ledger:
             self.stamp_ns = max(self.stamp_ns, end.stamp_ns)
             node.ended = end.last
             self.outcome = end.outcome or self.outcome
-            (self.over.add if end.last else self.over.discard)(name)
+            if end.last:
+                self.over[name] = end.tick
+            else:
+                self.over.pop(name, None)
         node.past.append(PastStep(written, end, entry))
         node.written = number + 1
         self.written += 1

@@ -7,7 +7,7 @@ In lockstep a process may be started again in mid-run. It learns from its peers'
 is alive when those are gone, and ready when it has caught up with them; the peers wait for it.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from enum import IntEnum
 
 from dynpf_protocol.control import Beat, Recorded, Stop, decode_control, encode_control
@@ -86,7 +86,7 @@ class Membership:
         self.ticks = 0  # how many this process has ended
         self.kept = 0  # of the recorder: how many are in its file
         self.recorded: Recorded | None = None
-        self.over: set[str] = set()  # peers of whose last step this process knows: they may go
+        self.over: Collection[str] = ()  # peers of whose last step this process knows: they may go
         self.stop_reason = ""
         self.leaving = False  # the run is over: peers may go
         self.wake_ns = NEVER_NS

@@ -26,6 +26,7 @@ from dynpf_runtime.machines.turns import FollowLockstep, FollowRealtime, LeadLoc
 from dynpf_runtime.machines.unconfirmed import MOST_UNCONFIRMED, Unconfirmed
 from dynpf_runtime.node import Node
 from dynpf_runtime.plan import Plan
+from dynpf_runtime.snapshot import Snapshots
 from dynpf_runtime.source import Feed, LogRecord, feed_log, feed_ticks
 
 __all__ = ["AHEAD", "Gauges", "NodeHost"]
@@ -90,6 +91,7 @@ class NodeHost:
         self._gaps = GapWatch()
         link = FaultyLink(plan.faults, name, plan.seed)
         self._inbox = (LockstepInbox if plan.clock == "lockstep" else RealtimeInbox)(graph, name, link)
+        self._snapshots = Snapshots(self._executor, self._gaps, self._inbox)
         self._intake = Intake(Roles(plan, self._member.boots), self._inbox)
         self._turns: Turns | None = None  # None until the run begins
         self._running = False
@@ -316,6 +318,8 @@ class NodeHost:
         if self._silent:
             self._recollection.check(entry)
         yield from self._said(Put(JOURNAL + name, encode_entry(entry), encode_envelope(envelope)))
+        if (snapshot := self._snapshots.after(entry, sent, now.wall_ns, now.monotonic_ns)) is not None:
+            yield from self._said(_put(snapshot))
         self._member.ticks = tick + 1
         if last:
             self._running = False

@@ -11,7 +11,7 @@ from dynpf_protocol.errors import DynpfError, OrderError, ProtocolError, RepeatE
 from dynpf_protocol.keys import DATA, JOURNAL, RECALL, RECALLED, RECORDED, RECORDER, RUN
 from dynpf_protocol.messages import Log, LogLevel, Restart, timestamp
 from dynpf_protocol.printable import printable
-from dynpf_protocol.recall import Recalled, decode_recall, encode_recall
+from dynpf_protocol.recall import decode_recall, encode_recall
 
 from dynpf_runtime.machines.effects import (
     NEVER_NS,
@@ -51,10 +51,13 @@ __all__ = ["SETTLE_NS", "RecorderMachine"]
 
 FLUSH_NS = 50_000_000
 SETTLE_NS = 3_000_000_000
-"""How long the recorder waits, after the last step of every node, for messages that are still missing."""
+"""How long the recorder waits for messages that are still missing after their senders say to have sent them."""
+
+LATE_NS = 20_000_000_000
+"""How long it waits, after the last end of a tick, for a sender that does not say so: a busy machine may hold it up."""
 
 AGAIN_NS = 10_000_000_000
-"""The same after somebody was gone: what was lost is said again, if need be several times."""
+"""SETTLE_NS after somebody was gone: what was lost is said again, if need be several times."""
 
 STILL_NS = 5_000_000_000
 """How long a run in which two have spoken under one name may stand still."""
@@ -101,6 +104,7 @@ class RecorderMachine:
         self._doubted = False
         self._written, self._written_ns = 0, 0  # steps, and when the last one was
         self._due_ns = NEVER_NS  # deadline of the stage: for missing messages, or for the others to leave
+        self._settling = False  # whether what is missing now was said to be sent
         self._flush_at_ns = 0
         self._returns = 0
         self._say_again_ns = NEVER_NS
@@ -249,12 +253,21 @@ class RecorderMachine:
             doubt = self._ledger.doubt
             yield Close(not doubt, doubt or self._member.stop_reason or "finished", self._ledger.outcome)
         elif self._due_ns == NEVER_NS:
-            self._due_ns = now.monotonic_ns + (AGAIN_NS if ledger.patient else SETTLE_NS)
+            self._due_ns = now.monotonic_ns + LATE_NS
+        elif not self._settling and self._all_sent():
+            settle_ns = AGAIN_NS if ledger.patient else SETTLE_NS
+            self._settling, self._due_ns = True, min(self._due_ns, now.monotonic_ns + settle_ns)
         elif now.monotonic_ns >= self._due_ns:
             self._stage = _Stage.CLOSING
             yield from self._ledger.rest()
             yield from self._sum_up(now)
             yield Close(False, self._lacking())
+
+    def _all_sent(self) -> bool:
+        """Return whether every node that lacks something says, by its heartbeat, that it has sent all, or is gone."""
+        member = self._member
+        lacking = self._ledger.lacking().items()
+        return all(member.behind(name) > last or name not in member.present for name, last in lacking)
 
     def _sum_up(self, now: Now) -> Iterator[Effect]:
         """Tell of refusals that have not been told yet."""
@@ -300,24 +313,12 @@ class RecorderMachine:
             check_boot(asked.node, asked.start, member.starts)
             if asked.node not in self._plan.graph.nodes:
                 raise OrderError(f"{asked.node} is no node of this run")
+            if not ledger.window.whole:
+                raise OrderError(f"too much has been recorded for {asked.node} to do it all again")
         except ProtocolError as error:
             yield from self._refuse(arrived.key, error, now)
             return
-        part, place = ledger.window.part(asked.node, asked.tick), ledger.place(asked.node)
-        answer = Recalled(
-            start=member.start,
-            to=asked.start,
-            tick=asked.tick,
-            next_tick=part.next_tick,
-            more=part.more,
-            written=place.written,
-            said=place.said,
-            last=place.last,
-            stop_reason=member.stop_reason,
-            sequences=place.numbers,
-            entries=part.entries,
-            pieces=part.pieces,
-        )
+        answer = ledger.recalled(asked, member.start, member.stop_reason)
         yield Put(RECALLED + asked.node, encode_recall(answer))
 
     def _take(self, arrived: Arrived, now: Now) -> Iterable[Effect]:

@@ -18,6 +18,10 @@ __all__ = ["Part", "Window", "end_of", "entry_digest"]
 
 _PART_BYTES = 2**20
 _PART_TICKS = 200
+_MOST_BYTES = 2**27
+"""What is kept at most; a node cannot come back into a run of which more has been written."""
+
+_EACH = 400  # bytes that a message takes beside its payload
 
 
 class _Step(NamedTuple):
@@ -52,13 +56,26 @@ class Window:
     def __init__(self, graph: Graph) -> None:
         self._graph = graph
         self._steps: dict[str, dict[int, _Step]] = {name: {} for name in graph.nodes}
+        self._bytes = 0
+
+    @property
+    def whole(self) -> bool:
+        """Whether everything is here; it is only kept while it is not too much."""
+        return self._bytes <= _MOST_BYTES
 
     def wrote(self, end: TickDone | None, messages: Iterable[Record], entry: Record | None) -> None:
         """Add a step that has been written; nobody can do again what follows one of which a part is lost."""
         if entry is None or entry.entry is None:
             return
-        end = end or end_of(entry.envelope, entry.entry)
-        self._steps[end.node][end.tick] = _Step(end, list(messages), entry_digest(entry.payload))
+        if not self.whole:
+            return
+        end, messages = end or end_of(entry.envelope, entry.entry), list(messages)
+        self._bytes += sum(_EACH + len(message.payload) for message in messages)
+        if not self.whole:
+            for steps in self._steps.values():
+                steps.clear()
+            return
+        self._steps[end.node][end.tick] = _Step(end, messages, entry_digest(entry.payload))
 
     def found(self, record: Record, sender: str) -> None:
         """Add a message of a written step that has come late."""

@@ -192,7 +192,7 @@ def _check_writers(graph: Graph) -> None:
                 which = "by two of its own names" if other == spec.name else f"which {other} writes already"
                 raise ScenarioError(f"{key_of(spec.name)}: writes {row.name}, {which}")
             writers[row.name] = spec.name
-            if first in {LOG_NODE, "event", "journal", "recorder", "diagnostics"}:
+            if first in {LOG_NODE, "event", "journal", "recorder", "diagnostics", "snapshot"}:
                 raise ScenarioError(f"{key_of(spec.name)}: writes {row.name}, which nodes must not write")
 
 

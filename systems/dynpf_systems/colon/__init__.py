@@ -6,6 +6,8 @@ TOPICS = "dynpf_systems.colon.topics:TOPICS"
 
 MEASURES = "dynpf_systems.colon.measures:MEASURES"
 
+PICTURES = "dynpf_systems.colon.pictures:PICTURES"
+
 STUDIES = {
     "colon-particles": "dynpf_systems.colon.studies.experiments:PARTICLES",
     "colon-cases": "dynpf_systems.colon.studies.experiments:CASES_STUDY",

@@ -6,6 +6,8 @@ TOPICS = "dynpf_systems.parts.topics:TOPICS"
 
 MEASURES = "dynpf_systems.parts.measures:MEASURES"
 
+PICTURES = "dynpf_systems.parts.pictures:PICTURES"
+
 STUDIES = {
     "parts-3": "dynpf_systems.parts.studies.tasks:THREE",
     "parts-6": "dynpf_systems.parts.studies.tasks:SIX",

@@ -6,6 +6,8 @@ TOPICS = "dynpf_systems.rooms.topics:TOPICS"
 
 MEASURES = "dynpf_systems.rooms.measures:MEASURES"
 
+PICTURES = "dynpf_systems.rooms.pictures:PICTURES"
+
 STUDIES = {
     "indoor": "dynpf_systems.rooms.studies.indoor:STUDY",
     "landmark": "dynpf_systems.rooms.studies.landmark:STUDY",

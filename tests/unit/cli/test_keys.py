@@ -26,6 +26,8 @@ def test_keys_are_made_listed_and_revoked_in_words(
     assert "no access from its next start on" in capsys.readouterr().out
     assert main(["keys", "issue", "vision"]) == 0
     assert re.fullmatch(r"vision@1: until \d{4}-\d\d-\d\d \d\d:\d\d UTC\n", capsys.readouterr().out)
+    assert main(["keys", "issue", "sensors", "--days", "2"]) == 0
+    assert re.match(r"sensors: .*; replaces the one until .* UTC, which stays valid\n", capsys.readouterr().out)
     assert main(["keys", "list"]) == 0
     lines = capsys.readouterr().out.splitlines()
     names = [

@@ -119,6 +119,28 @@ def test_a_thawed_node_continues_as_the_frozen_one_would_have() -> None:
     assert [payloads(fresh.step(step).outputs) for step in steps[20:]] != expected
 
 
+def test_a_node_with_other_settings_adopts_a_state_if_its_model_is_the_same() -> None:
+    before, told = node(n=40), drive()
+    for step in told[:20]:
+        before.step(step)
+    state = decode_state(encode_state(before.freeze()))
+    same, more = node(n=40), node(n=200)
+    same.adopt(state)
+    assert encode_state(same.freeze()) == encode_state(state)
+    more.adopt(decode_state(encode_state(state)))
+    belief = more.freeze()["belief"]
+    assert belief["particles"].shape == (state["belief"]["particles"].shape[0], 200)
+    assert {*map(tuple, belief["particles"].T)} <= {*map(tuple, state["belief"]["particles"].T)}
+    assert belief["n_eff"] == 200
+    more.step(told[20])
+    plain = node(n=40, calibration=None)
+    with pytest.raises(ValueError, match="numbers a state; expected 3"):
+        plain.adopt(decode_state(encode_state(state)))
+    state["belief"]["weights"] = state["belief"]["weights"][1:]
+    with pytest.raises(ValueError, match="particles, weights and their logarithms have the shapes"):
+        same.thaw(state)
+
+
 def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:
     def run(seed: int) -> list[list[tuple[str, bytes]]]:
         estimator = node(seed)

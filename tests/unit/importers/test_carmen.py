@@ -121,7 +121,7 @@ def test_a_robotlaser_line_tells_its_own_geometry_and_is_taken_before_the_same_f
     assert {reason: lost.count for reason, lost in log.losses.summary().items()} == {
         "FLASER lines, the same scans again": 1,
         "beams that are not a number": 1,
-        "beams below the least range": 1,
+        "beams not above the least range": 1,
     }
 
 

@@ -1,19 +1,25 @@
 """The importer of ROS bags: the same small log in every format, every way to be broken, and real bags read apart."""
 
+import bz2
 import json
 import math
 import struct
 import tracemalloc
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import zstandard
 
 pytest.importorskip("rosbags", reason="the package rosbags is not installed")
 
+import lz4.frame
+from dynpf_formats.importers.bag_bounds import bound_chunks
 from dynpf_formats.importers.errors import ImportFailedError
 from dynpf_formats.importers.log import ImportedLog, Record
+from dynpf_formats.importers.ordered import BACKWARDS, LEAPT
 from dynpf_formats.importers.rosbag import BagChoice, import_rosbag
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import read_recording
@@ -21,6 +27,7 @@ from dynpf_lab.cli.main import main
 from dynpf_protocol.codec import decode
 from dynpf_protocol.messages import LaserScan, OdometryPose, RobotState, Scanner, heading
 from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag1.reader import Chunk
 from rosbags.rosbag2 import StoragePlugin
 
 from dynpf.maps.map_server import decode as decode_map
@@ -79,7 +86,7 @@ def test_records_come_in_the_order_of_their_own_stamps(tmp_path: Path) -> None:
     mount = scan.pose
     assert (mount.position.x, mount.position.y) == pytest.approx((0.2, 0.1))
     assert heading(mount.orientation) == pytest.approx(math.pi / 2)
-    assert lost(log) == {"beams that are not a number": 1, "beams below the least range": 1}
+    assert lost(log) == {"beams that are not a number": 1, "beams not above the least range": 1}
     assert log.settings["topics_left_out"] == {"/rosout_like": "geometry_msgs/msg/PoseStamped"}
 
 
@@ -222,6 +229,62 @@ def test_a_clock_that_goes_backwards_or_leaps_is_left_out_and_counted(tmp_path: 
     assert lost(log)["records whose clock leapt ahead"] == 1
 
 
+@pytest.mark.parametrize("wrong", [-3600 * T, 3600 * T])
+@pytest.mark.parametrize("place", [0, 1, 7, 19])
+def test_one_bad_stamp_costs_one_record_wherever_it_stands(wrong: int, place: int, tmp_path: Path) -> None:
+    def odometry(number: int, shift_ns: int) -> Said:
+        stamp_ns = S + 7200 * T + number * T // 10
+        return ("/odom", stamp_ns, bags.odometry(stamp_ns + shift_ns, float(number), 0.0, 0.0))
+
+    said = [odometry(number, wrong if number == place else 0) for number in range(20)]
+    log = import_rosbag(bag(tmp_path, [*said, *scans_at(S + 7203 * T)]))
+    kept = [one.message.x for one in taken(log) if isinstance(one.message, OdometryPose)]
+    assert kept == [number for number in range(20) if number != place]
+    assert sum(lost(log)[reason] for reason in (BACKWARDS, LEAPT) if reason in lost(log)) == 1
+
+
+def test_a_clock_that_is_set_goes_on(tmp_path: Path) -> None:
+    def odometry(number: int) -> Said:
+        arrival_ns = S + number * T // 10
+        stamp_ns = number * T // 10 + T if number < 10 else arrival_ns
+        return ("/odom", arrival_ns, bags.odometry(stamp_ns, float(number), 0.0, 0.0))
+
+    log = import_rosbag(bag(tmp_path, [*map(odometry, range(20)), *scans_at(S + 2 * T)]))
+    assert [one.message.x for one in taken(log) if isinstance(one.message, OdometryPose)] == [*range(20)]
+
+
+def test_everything_is_of_the_robot_whose_scan_is_taken(tmp_path: Path) -> None:
+    said: list[Said] = []
+    for number in range(4):
+        stamp_ns = S + number * T // 10
+        for robot, sign in (("robot1", 1.0), ("robot2", -1.0)):
+            link = bags.transform(stamp_ns, f"{robot}/base_link", f"{robot}/laser", (0.3 * sign, 0.0, 0.0), yaw(0.0))
+            moved = bags.transform(stamp_ns, f"{robot}/odom", f"{robot}/base_link", (number * sign, 0, 0), yaw(0.0))
+            scan = bags.scan(stamp_ns, [2.0, 2.0], f"{robot}/laser")
+            said += [("/tf", stamp_ns, link), ("/tf", stamp_ns, moved), (f"/{robot}/scan", stamp_ns, scan)]
+            said += [(f"/{robot}/mocap/pose", stamp_ns, bags.pose(stamp_ns, 10 * sign, 0.0, yaw(0.0)))]
+    log = import_rosbag(bag(tmp_path, said), BagChoice(scan="/robot2/scan"))
+    records = taken(log)
+    assert [one.message.x for one in records if isinstance(one.message, OdometryPose)] == [0.0, -1.0, -2.0, -3.0]
+    assert {one.message.x for one in records if isinstance(one.message, RobotState)} == {-10.0}
+    assert log.settings["scanner_x_m"] == pytest.approx(-0.3)
+
+
+def test_scans_as_drivers_leave_them(tmp_path: Path) -> None:
+    """Failed beams that read 0, a step of 0 beside a last angle, and no greatest range."""
+    endless = {"range_min": 0.0, "range_max": math.inf, "angle_increment": 0.0, "angle_max": 1.0}
+    said = [LOG[2], ("/scan", S + T, bags.scan(S + T, [2.0, 0.0, math.inf, 150.0], "laser", **endless))]
+    scan = next(one.message for one in taken(import_rosbag(bag(tmp_path, said))) if isinstance(one.message, LaserScan))
+    assert scan.ranges == (2.0, 300.0, 300.0, 150.0)
+    assert (scan.start_angle, scan.end_angle) == pytest.approx((-1.0, 1.0))
+    flat = {"angle_increment": 0.0, "angle_max": -1.0}
+    log = import_rosbag(
+        bag(tmp_path, [*LOG, ("/scan", S + 2 * T, bags.scan(S + 2 * T, [2.0, 2.0], "laser", **flat))], "flat")
+    )
+    taken(log)
+    assert lost(log)["scans without a geometry"] == 1
+
+
 def scans_at(stamp_ns: int) -> list[Said]:
     return [("/scan", stamp_ns, bags.scan(stamp_ns, [1.0], "base_link"))]
 
@@ -238,7 +301,8 @@ def test_what_is_no_number_is_left_out_and_counted(tmp_path: Path) -> None:
     log = import_rosbag(bag(tmp_path, said))
     assert taken(log)[-1].stamp_ns == S + 2 * T
     found = lost(log)
-    assert found["poses that are not finite numbers"] == 2
+    assert found["poses that are not finite numbers"] == 1
+    assert found["poses whose quaternion has no length"] == 1
     assert found["scans without beams or with too many"] == 1
     assert found["scans without a geometry"] == 1
     assert found["stamps of 0, replaced by the time of arrival"] == 1
@@ -272,6 +336,8 @@ def test_broken_bags_are_refused_in_one_line_and_leave_no_file(
         "cut.db3": sqlite[: len(sqlite) // 2],
         "cut.mcap": mcap[: len(mcap) // 2],
         "none.mcap": b"\x89MCAP0\r\n",
+        "many.mcap": with_chunk(mcap, bytes(9 * 1_600_000)),  # records without content, in 1.5 kB
+        "large.mcap": with_chunk(mcap, bytes(80 * 2**20)),
     }
     output = tmp_path / "new.mcap"
     for name, data in broken.items():
@@ -283,6 +349,29 @@ def test_broken_bags_are_refused_in_one_line_and_leave_no_file(
         assert (code, more) == (2, []), name
         assert line.startswith(f"dynpf import: {source}: "), name
         assert not output.exists(), name
+        if name == "many.mcap":
+            assert "more than 20" in line
+            assert "records" in line
+
+
+def with_chunk(mcap: bytes, content: bytes) -> bytes:
+    """Return the beginning of a bag, a chunk, and an end without a summary, so that all records have to be read."""
+    packed = zstandard.compress(content)
+    fields = struct.pack("<QQQII4sQ", 0, 1, len(content), 0, 4, b"zstd", len(packed))
+    chunk = struct.pack("<BQ", 6, len(fields) + len(packed)) + fields + packed
+    header = mcap[: 8 + 9 + struct.unpack_from("<Q", mcap, 9)[0]]
+    return header + chunk + struct.pack("<BQI", 15, 4, 0) + struct.pack("<BQQQI", 2, 20, 0, 0, 0) + mcap[:8]
+
+
+@pytest.mark.parametrize("compress", [bz2.compress, lz4.frame.compress])
+def test_chunks_of_a_bag_unpack_to_what_a_chunk_may_hold(compress: Callable[[bytes], bytes]) -> None:
+    decompress = {bz2.compress: bz2.decompress, lz4.frame.compress: lz4.frame.decompress}[compress]
+    reader = SimpleNamespace(chunks={7: Chunk(0, 0, decompress), 8: Chunk(0, 0, bytes)})
+    bound_chunks(reader)
+    assert reader.chunks[7].decompressor(compress(b"a message")) == b"a message"
+    assert reader.chunks[8].decompressor is bytes
+    with pytest.raises(ValueError, match="unpacks to more than 67108864 bytes"):
+        reader.chunks[7].decompressor(compress(bytes(2**26 + 1)))
 
 
 def test_memory_does_not_grow_with_the_scans_in_a_bag(tmp_path: Path) -> None:

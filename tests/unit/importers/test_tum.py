@@ -73,5 +73,5 @@ def test_poses_become_the_reference_of_a_log_in_the_place_of_its_own(tmp_path: P
 def test_a_file_without_poses_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "truth.txt"
     path.write_text("# nothing\n1 2 3\n")
-    with pytest.raises(ImportFailedError, match=r"no line of 8 numbers; expected time, x, y, z"):
+    with pytest.raises(ImportFailedError, match=r"no pose can be read: .*; expected time"):
         import_tum(path)

@@ -9,6 +9,7 @@ from dynpf_formats.recording.reader import read_recording
 from dynpf_protocol.control import Beat, Outcome, Recorded, Stop, TickDone, decode_control, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
 from dynpf_protocol.errors import BrokenOffError, UsageError
+from dynpf_protocol.journal import decode_entry
 from dynpf_protocol.keys import BEAT, DATA, JOURNAL, RECORDED, STOP, TICK
 from dynpf_runtime.machines.effects import Effect, Record
 from dynpf_runtime.machines.events import Arrived, Event
@@ -275,6 +276,25 @@ def test_a_message_that_the_recorder_never_gets_makes_the_recording_incomplete(
     assert str(simulation.ended["recorder"]) == f"{path} is incomplete: never arrived: 1 on {topic}"
     assert str(simulation.ended["router"]) == f"the run ended incomplete: never arrived: 1 on {topic}"
     assert {simulation.ended[name] for name in NODES} == {None}
+
+
+def test_the_recorder_waits_for_the_last_entry_of_a_node_that_is_held_up(tmp_path: Path, simulate: Simulate) -> None:
+    path = tmp_path / "run.mcap"
+    simulation = simulate(PLAN, path)
+    held: list[tuple[int, Arrived]] = []
+
+    def late(process: str, arrived: Arrived) -> bool:
+        if process == "recorder" and arrived.key == f"{JOURNAL}sensors" and decode_entry(arrived.payload).last:
+            held.append((simulation.now_ns, arrived))
+            return True
+        return process == "recorder" and arrived.key == f"{BEAT}sensors" and bool(held)
+
+    simulation.lost = late
+    simulation.run(until=lambda: bool(held) and simulation.now_ns > held[0][0] + 10 * 10**9)
+    simulation.lost = lambda _process, _arrived: False
+    simulation.publish(*held[0][1])
+    simulation.run()
+    assert end_of(path) == (True, "finished")
 
 
 def test_a_recorder_that_leaves_without_a_last_word_is_named(tmp_path: Path, simulate: Simulate) -> None:

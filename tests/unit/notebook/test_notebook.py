@@ -31,7 +31,18 @@ def test_a_run_has_the_bytes_and_the_figures_of_the_command_line(
     made: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "cli.mcap"
-    words = ["landmark-room", "--seed", "3", "--set", "estimator.n=50", "--set", "max_ticks=30", "--runner", "inline"]
+    words = [
+        "landmark-room",
+        "--no-page",
+        "--seed",
+        "3",
+        "--set",
+        "estimator.n=50",
+        "--set",
+        "max_ticks=30",
+        "--runner",
+        "inline",
+    ]
     assert main(["run", *words, "-o", str(path), "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
     del figures["recording"]

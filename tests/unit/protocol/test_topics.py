@@ -33,7 +33,7 @@ def test_a_name_stands_for_one_topic_everywhere_it_is_used(row: Topic) -> None:
     assert not row.name.startswith(JOURNAL_PREFIX)
     # Its publisher's name comes first, so that one cannot take another's topics; hosts and pictures stand apart.
     first = row.name.partition("/")[0]
-    assert first in {*row.publishers, "event", "log", "diagnostics"} or row.publishers == ("simulator",)
+    assert first in {*row.publishers, "event", "snapshot", "log", "diagnostics"} or row.publishers == ("simulator",)
 
 
 @rows
@@ -62,12 +62,16 @@ def test_what_is_told_by_the_wall_clock_or_by_a_host_is_never_compared() -> None
         "log",
         "recorder/gap",
         "recorder/restart",
-        *(f"event/{node}" for node in NODES),
+        *(f"{kind}/{node}" for node in NODES for kind in ("event", "snapshot")),
     }
 
 
 def test_every_node_hears_of_its_missing_inputs() -> None:
     assert all(TOPICS[f"event/{node}"].publishers == (node,) for node in NODES)
+
+
+def test_every_nodes_state_is_told_by_its_own_host() -> None:
+    assert all(TOPICS[f"snapshot/{node}"].publishers == (node,) for node in NODES)
 
 
 def test_only_of_large_and_frequent_topics_may_a_node_pass_over_old_messages() -> None:

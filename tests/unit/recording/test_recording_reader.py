@@ -21,6 +21,7 @@ from dynpf_formats.recording.errors import (
     UnreadableHeaderError,
 )
 from dynpf_formats.recording.header import as_entries
+from dynpf_formats.recording.mcap_records import MAX_ATTACHMENT
 from dynpf_formats.recording.reader import Recorded, load, read_recording
 from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk, ChunkIndex, Message, Metadata, Schema
@@ -200,6 +201,7 @@ def hostile() -> dict[str, bytes]:
         "huge data in chunk": record(0x06, struct.pack("<QQQII", 0, 0, 10, 0, 0) + struct.pack("<Q", 2**63)),
         "huge message in chunk": chunk(record(0x05, b"", 2**50), compression=""),
         "huge attachment": record(0x09, struct.pack("<QQII", 0, 0, 0, 0) + struct.pack("<Q", 2**60) + bytes(4)),
+        "large attachment": record(0x09, bytes(MAX_ATTACHMENT + 1)),
         "records without end": b"\x00" * 500_000,
         "many messages in little space": bomb * 50,
         "messages outside chunks": record(0x05, bytes(22)) * 100_000,

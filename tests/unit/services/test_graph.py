@@ -93,7 +93,7 @@ def test_a_run_has_the_topics_of_its_nodes_of_logs_and_of_hosts_each_with_who_se
         ("camera/image", ("simulator",)),
         ("vision/detections", ("vision",)),
         ("sensors/gripper", ("sensors",)),
-        *((f"event/{node}", (node,)) for node in nodes),
+        *((f"{kind}/{node}", (node,)) for node in nodes for kind in ("event", "snapshot")),
         ("log", (*nodes, "recorder")),
         ("diagnostics", nodes),
         ("recorder/gap", ("recorder",)),

@@ -59,12 +59,17 @@ def test_a_memory_of_the_nodes_changes_nothing(campaign: Campaign) -> None:
 
 
 def test_who_is_killed_is_started_again_and_the_run_is_whole(campaign: Campaign) -> None:
-    crashes = [Crash("estimator", 30, 2, 1), Crash("recorder", 100), Crash("router", 9), Hang("sensors", 25, 0)]
-    for faults in ([fault] for fault in crashes):
-        verdict, trial = campaign.judge(of(Care.KEPT, *faults), replay=True)
+    crashes: list[Fault] = [
+        Crash("estimator", 30, 2, 1),
+        Crash("recorder", 100),
+        Crash("router", 9),
+        Hang("sensors", 25, 0),
+    ]
+    for fault in crashes:
+        verdict, trial = campaign.judge(of(Care.KEPT, fault), replay=True)
         assert (verdict.whole, verdict.broken) == (True, ())
         assert any("is started again" in line for line in timeline(trial, campaign.source))
-        without, _ = campaign.judge(of(Care.WATCHED, *faults), replay=False)
+        without, _ = campaign.judge(of(Care.WATCHED, fault), replay=False)
         assert (without.whole, without.broken) == (False, ())
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from dynpf_protocol.landmarks import Landmark
 from dynpf_protocol.messages import HostEvent, Odometry, OdometryPose
 from dynpf_runtime.node import Output, Result, State, Step
@@ -116,6 +117,13 @@ class LocalizationEstimator:
         self._publisher.thaw(state["published"])
         self._outcomes = dict(state["outcomes"])
         self._health.thaw(state["health"])
+
+    def adopt(self, state: State) -> None:
+        """See Adopting: the belief becomes one of ``n`` particles; raises ValueError for that of another model."""
+        self.thaw(state)
+        if self._belief is not None:
+            first = self._localizer.start(np.zeros((3, 1)), self._stream("start"))
+            self._belief = self._localizer.adopt(self._belief, first, self._config.n)
 
     def _begin(self, readings: Sequence[Any]) -> None:
         """Create the initial belief, if the readings suffice."""

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from dynpf.filters import kalman
-from dynpf.filters.cloud import Cloud
+from dynpf.filters.cloud import Cloud, uniform_cloud
 from dynpf.filters.estimate import PoseEstimate, modes, pose_estimate, weighted_covariance
 from dynpf.filters.extended import ExtendedKalman
 from dynpf.filters.kalman import Gaussian
@@ -71,6 +71,12 @@ class Localizer(Protocol):
 
     def thaw(self, state: Mapping[str, Any]) -> Any:
         """Return the belief from the state that freeze returned."""
+
+    def adopt(self, belief: Any, first: Any, n: int) -> Any:
+        """Return the belief of a localizer with other settings as one of this; ``first`` is a first belief of its own.
+
+        Raises ValueError if it is one of another state.
+        """
 
 
 class CloudFilter(Protocol):
@@ -146,7 +152,20 @@ class ParticleLocalizer:
     def thaw(self, state: Mapping[str, Any]) -> Cloud:
         """See Localizer."""
         arrays = {name: np.array(state[name]) for name in ("particles", "weights", "log_weights")}
+        shapes = [array.shape for array in arrays.values()]
+        if len(shapes[0]) != 2 or not shapes[0][1] or shapes[1:] != [shapes[0][1:]] * 2:
+            raise ValueError(f"particles, weights and their logarithms have the shapes {shapes}")
         return Cloud(**arrays, n_eff=state["n_eff"], moved=state["moved"], memory=tuple(state["memory"]))
+
+    def adopt(self, belief: Cloud, first: Cloud, n: int) -> Cloud:
+        """See Localizer: ``n`` particles are drawn by weight, unless the filter itself says how many there are."""
+        _check_rows(belief.particles, first.particles)
+        if len(belief.memory) != len(first.memory):
+            belief = belief._replace(memory=first.memory)
+        if getattr(self.filter, "sizing", None) is not None or belief.weights.size == n:
+            return belief
+        chosen = systematic(belief.weights, 0.5, n)
+        return uniform_cloud(np.ascontiguousarray(belief.particles[:, chosen]), belief.memory)
 
 
 class GaussianLocalizer:
@@ -205,7 +224,20 @@ class GaussianLocalizer:
 
     def thaw(self, state: Mapping[str, Any]) -> Gaussian:
         """See Localizer."""
-        return Gaussian(np.array(state["mean"]), np.array(state["covariance"]))
+        mean, covariance = np.array(state["mean"]), np.array(state["covariance"])
+        if covariance.shape != mean.shape * 2 or mean.ndim != 1:
+            raise ValueError(f"mean and covariance have the shapes {mean.shape} and {covariance.shape}")
+        return Gaussian(mean, covariance)
+
+    def adopt(self, belief: Gaussian, first: Gaussian, n: int) -> Gaussian:  # noqa: ARG002
+        """See Localizer."""
+        _check_rows(belief.mean, first.mean)
+        return belief
+
+
+def _check_rows(state: Floats, first: Floats) -> None:
+    if state.shape[0] != first.shape[0]:
+        raise ValueError(f"a belief of {state.shape[0]} numbers a state; expected {first.shape[0]}")
 
 
 def _rehearsed(

@@ -1,0 +1,73 @@
+"""What snapshots cost: their share of a recording, and of the processor time of a run in one process.
+
+`python benchmarks/snapshots.py [SCENARIO[=TICKS] ...]` runs each scenario twice, with and without snapshots, and prints
+a row of the table in docs/recording.md for it.
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+from time import process_time
+
+from dynpf_formats.recording.reader import read_recording
+from dynpf_protocol.snapshots import SNAPSHOT_PREFIX
+from dynpf_runtime.snapshot import Snapshots
+from dynpf_services.scenario.load import load_scenario
+from dynpf_services.scenario.record import record_inline
+
+SCENARIOS = {
+    "landmark-room": 1500,
+    "landmark-filters": 1500,
+    "room-scan": 1500,
+    "room-lines": 1500,
+    "indoor-global": 1500,
+    "indoor-tracking": 1500,
+    "turtlebot-room": 900,
+    "turtlebot-loops": 1500,
+    "parts-3-tracked": 1500,
+    "parts-3-easy": 300,
+    "colon-case-5": 20,
+}
+
+
+def measured(name: str, ticks: int, folder: Path) -> str:
+    """Return the row of a scenario."""
+    scenario = load_scenario(name, overrides=[f"max_ticks={ticks}"])
+    spent = [0.0]
+    after = Snapshots.after
+
+    def timed(self: Snapshots, *arguments, **named):
+        began = process_time()
+        try:
+            return after(self, *arguments, **named)
+        finally:
+            spent[0] += process_time() - began
+
+    try:
+        Snapshots.after = timed
+        began = process_time()
+        made = record_inline(scenario, folder / f"{name}.mcap")
+        whole = process_time() - began
+        Snapshots.after = lambda *_, **__: None
+        record_inline(scenario, folder / f"{name}-without.mcap")
+    finally:
+        Snapshots.after = after
+    sizes = [(folder / f"{name}{which}.mcap").stat().st_size for which in ("", "-without")]
+    recording = read_recording(folder / f"{name}.mcap")
+    kept = sum(topic.startswith(SNAPSHOT_PREFIX) for topic in (one.topic for one in recording.messages()))
+    file, processor = (sizes[0] - sizes[1]) / sizes[1], spent[0] / whole
+    return f"| {name} | {made} | {kept} | {100 * file:.1f} % | {100 * processor:.1f} % |"
+
+
+def main() -> None:
+    """Print the table."""
+    chosen = dict((*word.partition("=")[::2],) for word in sys.argv[1:]) or dict.fromkeys(SCENARIOS, "")
+    print("| scenario | ticks | snapshots | of the file | of the processor time |\n| --- | --- | --- | --- | --- |")
+    with tempfile.TemporaryDirectory() as folder:
+        record_inline(load_scenario("landmark-room", overrides=["max_ticks=3"]), Path(folder) / "first.mcap")
+        for name, ticks in chosen.items():
+            print(measured(name, int(ticks or SCENARIOS[name]), Path(folder)), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""What a run looks like: a plain, bounded data structure of a recording, for pages."""

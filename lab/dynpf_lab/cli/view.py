@@ -1,0 +1,46 @@
+"""``dynpf view``: the page of a recorded run, or of two side by side, in a browser."""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+__all__ = ["add_arguments"]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``dynpf view``."""
+    parser.description = (
+        "Makes the page of a recording, unless it is there already, prints its path and opens it in a browser. With "
+        "two recordings the page shows both runs, and what sets them apart. A page needs no network and no server."
+    )
+    parser.add_argument("recording", type=Path, metavar="RUN.mcap")
+    parser.add_argument("other", type=Path, nargs="?", metavar="OTHER.mcap", help="another run, to be compared with")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="PAGE.html", help="the page to write (default: beside the recording)"
+    )
+    parser.add_argument("--no-open", action="store_true", help="only make the page and print its path")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Execute ``dynpf view`` and return its exit code."""
+    from dynpf_formats.recording.reader import read_recording
+
+    from dynpf_lab.page import make_page, page_of
+
+    paths = [path for path in (options.recording, options.other) if path is not None]
+    page = options.output or page_of(*paths)
+    recordings = [read_recording(path, allow_truncated=True) for path in paths]
+    make_page(recordings, page)
+    print(page)
+    if not options.no_open and _has_screen():
+        import webbrowser
+
+        webbrowser.open(page.resolve().as_uri())
+    return 0
+
+
+def _has_screen() -> bool:
+    """Return whether a browser has somewhere to open; without one Python would take a browser for terminals."""
+    return sys.platform in {"darwin", "win32"} or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
