@@ -253,8 +253,11 @@ class Lab:
             assert not one.imported & strange, one
             assert not one.started, one
             mine = {str(self.folder / word) for word in one.words}
-            mine |= {f"{name}.sig" for name in mine}  # the signature of a file lies beside it
-            others = {name for name in one.opened if name not in mine and not self._belongs_to_dynpf(name)}
+            pages = {Path(name).with_suffix(".html") for name in mine if name.endswith(".mcap")}
+            mine |= {f"{name}.sig" for name in mine} | {*map(str, pages)}  # a file's signature and page lie beside it
+            drafts = tuple(f"{page.parent}/.{page.name}." for page in pages)
+            others = {name for name in one.opened if name not in mine and not name.startswith(drafts)}
+            others = {name for name in others if not self._belongs_to_dynpf(name)}
             assert not others, (one.words, others)
         assert not self.mark.exists()
 
