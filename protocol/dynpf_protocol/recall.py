@@ -43,6 +43,7 @@ class Recalled(msgspec.Struct, frozen=True, array_like=True):
     tick: Count63
     next_tick: Count63
     more: bool  # whether the recorder has more
+    whole: bool  # whether it still has all of the run; else nothing of it
     written: Count63
     said: Count63
     last: Count63 | None

@@ -201,3 +201,10 @@ def test_the_command_says_where_it_went_on_and_how_fast(path: Path, capsys: pyte
     assert lines[1].endswith("times real time on one core, start-up excluded")
     assert main(["replay", str(path), "--from", "1s", "--set", "estimator.n=5"]) == 2
     assert "they go without --set and -o" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("first", "last"), [("999s", None), (f"tick:{TICKS}", None), ("20s", "10s")])
+def test_a_part_without_a_step_is_no_run_that_is_the_same(path: Path, first: str, last: str | None) -> None:
+    with pytest.raises(UsageError, match="has no step between these moments"):
+        replayed(path, first, last)
+    assert all(node.outcome.steps == 1 for node in replayed(path, f"tick:{TICKS - 1}", None).nodes)

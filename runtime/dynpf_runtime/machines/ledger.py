@@ -198,6 +198,7 @@ class Ledger:
             tick=asked.tick,
             next_tick=part.next_tick,
             more=part.more,
+            whole=self.window.whole,
             written=place.written,
             said=place.said,
             last=place.last,

@@ -46,7 +46,10 @@ class Recollection:
         return Put(RECALL + name, encode_recall(Recall(name, start, self._tick)))
 
     def answered(self, arrived: Arrived) -> Recalled | None:
-        """Return the recorder's answer, or None for one to an earlier question; raises ProtocolError."""
+        """Return the recorder's answer, or None for one to an earlier question.
+
+        Raises ProtocolError for what is no answer, RunError if the recorder no longer has all of the run.
+        """
         recalled = decode_recalled(arrived.payload)
         check_boot(RECORDER, recalled.start, self._member.starts)
         if recalled.to != self._member.start:
@@ -57,6 +60,10 @@ class Recollection:
             raise OrderError(f"the recorder goes from tick {self._tick} to {recalled.next_tick}")
         self._entries.update(enumerate(recalled.entries, self._tick))
         self._tick = recalled.next_tick
+        if not recalled.whole:
+            raise RunError(
+                f"{self._member.name} cannot come back: too much has been recorded for it to do it all again"
+            )
         self.written, self.said, self.last = recalled.written, recalled.said, recalled.last
         return recalled
 

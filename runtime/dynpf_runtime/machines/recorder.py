@@ -313,8 +313,6 @@ class RecorderMachine:
             check_boot(asked.node, asked.start, member.starts)
             if asked.node not in self._plan.graph.nodes:
                 raise OrderError(f"{asked.node} is no node of this run")
-            if not ledger.window.whole:
-                raise OrderError(f"too much has been recorded for {asked.node} to do it all again")
         except ProtocolError as error:
             yield from self._refuse(arrived.key, error, now)
             return

@@ -61,11 +61,16 @@ def replay_parts(
     A file that has no index, or a wrong one, is read and checked as a whole, as far as it goes. Raises ScenarioError
     and UsageError as ``scenario_of_replay`` does, RecordingError.
     """
+    if first is not None and last is not None and first.unit == last.unit and last.value < first.value:
+        raise UsageError(f"{path}: the run has no step between these moments: the last is before the first")
     try:
         with Indexed(path) as indexed:
-            return _by_index(indexed, node, first, last, allow_code)
+            part = _by_index(indexed, node, first, last, allow_code)
     except NoIndexError as error:
-        return _by_whole_file(path, node, first, last, allow_code)._replace(unread=str(error))
+        part = _by_whole_file(path, node, first, last, allow_code)._replace(unread=str(error))
+    if not any(replayed.outcome.steps for replayed in part.nodes):
+        raise UsageError(f"{path}: the run has no step between these moments; dynpf info tells how long it is")
+    return part
 
 
 def _by_index(

@@ -12,6 +12,7 @@ from dynpf_lab.cli.main import main
 from dynpf_protocol.errors import BrokenOffError, RunError
 from dynpf_protocol.keys import RECORDER, ROUTER
 from dynpf_protocol.messages import Command
+from dynpf_runtime.machines import window
 from dynpf_runtime.node import Result
 from dynpf_runtime.simulation import Network, Simulation
 from dynpf_services.scenario.build import plan_of
@@ -117,3 +118,15 @@ def test_a_node_that_does_not_do_the_same_again_is_not_believed(tmp_path: Path) 
     error = simulation.ended["simulator"]
     assert type(error) is RunError
     assert "its step" in str(error)
+
+
+def test_a_run_of_which_too_much_is_recorded_ends_with_a_node_that_is_lost(
+    tmp_path: Path, lengths: dict[str, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(window, "_MOST_BYTES", 1000)
+    path = tmp_path / "run.mcap"
+    simulation = recovered(PLAN, path, 1, [Kill("estimator", lengths["estimator"] * 3 // 4)])
+    assert "estimator cannot come back: too much has been recorded" in str(simulation.ended["estimator"])
+    recording = read_recording(path)
+    assert recording.end is not None
+    assert not recording.end.complete
