@@ -19,6 +19,7 @@ from dynpf.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 __all__ = ["decode"]
 
 MODES = ("trinary", "scale", "raw")
+LONGEST = 2**16  # characters of a file, which takes a tenth of a second to read
 
 
 def decode(yaml_text: str, images: Callable[[str], bytes], name: str) -> OccupancyGrid:
@@ -69,6 +70,8 @@ def _occupancy(shades: Shades, mode: str, negate: bool) -> FloatArray:
 
 
 def _mapping(yaml_text: str, name: str) -> dict[Any, Any]:
+    if len(yaml_text) > LONGEST:
+        raise ValueError(f"{name}: {len(yaml_text)} characters; a map_server file has at most {LONGEST}")
     try:
         document = yaml.safe_load(yaml_text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:

@@ -11,6 +11,7 @@ from typing import Any, TextIO
 
 import msgspec
 from dynpf_protocol.codec import decode
+from dynpf_protocol.json_text import read_json
 from msgspec import inspect as types
 
 from dynpf_formats.recording.reader import Recording
@@ -40,14 +41,14 @@ class _Described(msgspec.Struct):
 def _fields(schema: RecordedSchema) -> list[str]:
     """Return the fields that a schema names, none if it is unreadable."""
     try:
-        return [*msgspec.json.decode(schema.data, type=_Described).properties]
-    except (msgspec.DecodeError, RecursionError):
+        return [*read_json(schema.data, _Described).properties]
+    except msgspec.DecodeError:
         return []
 
 
 def message_of(recording: Recording, topic: str, payload: bytes) -> Any:
     """Return a decoded message of a topic; a dictionary if dynpf does not have its type."""
-    return decode(topic, payload, recording.topics) if topic in recording.topics else msgspec.json.decode(payload)
+    return decode(topic, payload, recording.topics) if topic in recording.topics else read_json(payload, object)
 
 
 def _leaves(info: types.Type, name: str, get: Getter) -> Iterator[tuple[str, tuple[types.Type, Getter]]]:

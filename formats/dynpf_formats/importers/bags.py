@@ -1,6 +1,6 @@
 """ROS bags, 1 and 2, opened with the package rosbags; whatever it raises becomes an ImportFailedError."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -48,7 +48,8 @@ class Bag:
     def messages(self, topics: Collection[str], losses: Losses) -> Iterator[Message]:
         """Yield the messages of the given topics, without those that do not decode.
 
-        Raises ImportFailedError if the rest of the bag cannot be read.
+        A topic has one type; its messages of another are losses. Raises ImportFailedError if the rest of the bag cannot
+        be read.
         """
         chosen = [connection for connection in self._reader.connections if connection.topic in topics]
         last_ns = 0
@@ -61,6 +62,10 @@ class Bag:
             except Exception as error:  # the library lets through what its parts raise on broken bytes
                 text = f"cannot be read beyond {last_ns * 1e-9:.3f} s"
                 raise ImportFailedError(f"{self.path}: {text}: {_in_a_line(error)}") from error
+            if connection.msgtype != self.topics[connection.topic]:
+                expected = self.topics[connection.topic]
+                losses.add("messages of another type", f"{connection.topic}: {connection.msgtype}, not {expected}")
+                continue
             try:
                 content = self._decode(data, connection.msgtype)
             except Exception as error:  # as above
@@ -128,8 +133,20 @@ def _typestore(connections: Sequence[Any]) -> Any:
                 parts = [part.partition("\n")[2] for part in text.split(IDL_SEPARATOR)[1:]] or [text]
                 for part in parts:
                     found.update(get_types_from_idl(part))
+    for name, (_, fields) in found.items():
+        _check_fields(name, dict(fields))
     store.register(found or get_typestore(Stores.ROS2_HUMBLE).fielddefs)
     return store
+
+
+def _check_fields(name: str, fields: Mapping[str, Any]) -> None:
+    """Raise ValueError if a standard type is defined without one of its fields, or with one of another kind.
+
+    The fields of the types that are imported are the same in all versions of ROS, but that ROS 1 has more.
+    """
+    for field, kind in get_typestore(Stores.ROS2_HUMBLE).fielddefs.get(name, ((), ()))[1]:
+        if fields.get(field) != kind:
+            raise ValueError(f"it defines {name} otherwise than ROS, without its field {field}")
 
 
 def _in_a_line(error: Exception) -> str:

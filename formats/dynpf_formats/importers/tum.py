@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 from dynpf_protocol.codec import decode
+from dynpf_protocol.json_text import read_json
 from dynpf_protocol.messages import RobotState
 from dynpf_protocol.topics import LOG_NODE
 
@@ -68,8 +69,8 @@ def import_tum(path: Path, log: Path | None = None) -> ImportedLog:
 def _settings(recording: Recording) -> Mapping[str, Any]:
     """Return how the log was imported, such as the range of its scanner; empty for the log of a run."""
     try:
-        return msgspec.json.decode(recording.header.scenario, type=_Imported).import_.settings
-    except (msgspec.DecodeError, RecursionError):
+        return read_json(recording.header.scenario, _Imported).import_.settings
+    except msgspec.DecodeError:
         return {}
 
 

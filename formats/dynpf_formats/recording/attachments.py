@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import msgspec
+from dynpf_protocol.json_text import read_json
 from dynpf_protocol.landmarks import Landmark
 
 from dynpf_formats.recording.header import Attachment
@@ -46,8 +47,8 @@ def files_of(attachments: Iterable[Attachment]) -> dict[str, bytes]:
 def changed_files(scenario: str, attachments: Iterable[Attachment]) -> list[str]:
     """Return a text for each file of a recorded scenario that is not attached, or is not the one of its SHA-256."""
     try:
-        known = msgspec.json.decode(scenario, type=_Files).files
-    except (msgspec.DecodeError, UnicodeError, RecursionError):
+        known = read_json(scenario, _Files).files
+    except msgspec.DecodeError:
         return []  # an imported log has no scenario; whoever reads a scenario tells what is wrong with it
     digests = {name: hashlib.sha256(data).hexdigest() for name, data in files_of(attachments).items()}
     texts = [f"the file {name!r} of the scenario is not attached" for name in known if name not in digests]
@@ -62,8 +63,8 @@ def changed_files(scenario: str, attachments: Iterable[Attachment]) -> list[str]
 def foreign_attachments(scenario: str, attachments: Iterable[Attachment]) -> list[str]:
     """Return the names of attachments that a run of a recorded scenario does not have."""
     try:
-        known = msgspec.json.decode(scenario, type=_Files)
-    except (msgspec.DecodeError, UnicodeError, RecursionError):
+        known = read_json(scenario, _Files)
+    except msgspec.DecodeError:
         return []
     expected = {f"{FOLDER}{name}" for name in known.files} | ({LANDMARKS} if known.log_digest else set())
     return [item.name for item in attachments if item.name not in expected]
@@ -86,7 +87,7 @@ def attached_landmarks(landmarks: Sequence[Landmark]) -> Attachment:
 def landmarks_of(attachments: Iterable[Attachment]) -> tuple[Landmark, ...]:
     """Return the landmarks among attachments, none if there are none; raises msgspec.DecodeError."""
     data = next((item.data for item in attachments if item.name == LANDMARKS), b"[]")
-    return msgspec.json.decode(data, type=tuple[Landmark, ...])
+    return read_json(data, tuple[Landmark, ...])
 
 
 def _media_type(name: str) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 from dynpf_protocol.journal import JOURNAL_PREFIX
+from dynpf_protocol.json_text import read_json
 from dynpf_protocol.topics import LOG_NODE, NODES
 
 from dynpf_formats.recording.digest import Key, Leaf, StateKey, StepKey, StepLine, leaves, states, steps
@@ -87,8 +88,8 @@ def first_field(a: bytes, b: bytes) -> tuple[str, Any, Any] | None:
     if a == b:
         return None
     try:
-        found = _first_value("", msgspec.json.decode(a), msgspec.json.decode(b))
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        found = _first_value("", read_json(a, object), read_json(b, object))
+    except msgspec.DecodeError:
         found = None
     if found is None:
         return ("payload", *_excerpts(a.decode(errors="replace"), b.decode(errors="replace")))

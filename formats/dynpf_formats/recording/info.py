@@ -8,6 +8,7 @@ from dynpf_protocol.codec import decode
 from dynpf_protocol.control import Outcome
 from dynpf_protocol.errors import ProtocolError
 from dynpf_protocol.journal import JOURNAL_PREFIX
+from dynpf_protocol.json_text import read_json
 from dynpf_protocol.messages import Restart
 
 from dynpf_formats.recording.code import code_in_words, described_code, recorded_code
@@ -108,7 +109,7 @@ def text(summary: dict[str, Any]) -> str:
 def title_of(recording: Recording) -> str:
     """Return the title of a recorded run, of an imported log its source."""
     try:
-        scenario = msgspec.json.decode(recording.header.scenario, type=dict[str, Any])
+        scenario = read_json(recording.header.scenario, dict[str, Any])
     except msgspec.DecodeError:
         return "untitled"
     imported = scenario.get("import")  # an importer describes its source instead of a scenario

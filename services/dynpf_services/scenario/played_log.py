@@ -10,6 +10,7 @@ from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import Recording, read_recording
 from dynpf_protocol.codec import decode
 from dynpf_protocol.errors import UsageError
+from dynpf_protocol.json_text import read_json
 from dynpf_protocol.messages import OdometryPose, RobotState
 from dynpf_protocol.topics import LOG_NODE, topic
 from dynpf_runtime.source import LogRecord
@@ -78,6 +79,6 @@ def _start(records: list[LogRecord], robot: str) -> tuple[float, float, float] |
 
 def _landmarks(path: Path, data: bytes) -> list[dict[str, Any]]:
     try:
-        return msgspec.json.decode(data, type=list[dict[str, Any]])
-    except (msgspec.DecodeError, RecursionError) as error:
+        return read_json(data, list[dict[str, Any]])
+    except msgspec.DecodeError as error:
         raise UsageError(f"{path}: {LANDMARKS}: {error}; expected a list of id, x and y") from error

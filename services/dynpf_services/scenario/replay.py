@@ -77,7 +77,7 @@ def changed_code(recording: Recording, scenario: Scenario) -> Iterator[ChangedMo
 
 def _recorded_digests(recording: Recording) -> dict[str, str]:
     """Return the digests of the user modules of the recorded run, by module."""
-    return dict(json.loads(recording.header.scenario).get("user_code", {}))
+    return json.loads(recording.header.scenario).get("user_code") or {}
 
 
 def replay_nodes(recording: Recording, scenario: Scenario, node: str | None, *, keep: bool) -> list[Replayed]:

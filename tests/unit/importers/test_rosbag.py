@@ -1,8 +1,10 @@
 """The importer of ROS bags: the same small log in every format, every way to be broken, and real bags read apart."""
 
 import bz2
+import contextlib
 import json
 import math
+import sqlite3
 import struct
 import tracemalloc
 from collections.abc import Callable, Iterator, Sequence
@@ -146,6 +148,13 @@ def test_a_map_whose_origin_is_not_a_number_is_left_out_and_told(tmp_path: Path)
     log = import_rosbag(bag(tmp_path, said))
     assert log.attachments == ()
     assert log.losses.summary()["maps"].first == "/map: its origin is not a pose of finite numbers"
+
+
+def test_a_topic_has_one_type(tmp_path: Path) -> None:
+    path = next(write_ros2(tmp_path / "bag", LOG, StoragePlugin.SQLITE3).glob("*.db3"))
+    with contextlib.closing(sqlite3.connect(path)) as database, database:
+        database.execute("update topics set name = '/map' where name = '/odom'")
+    assert lost(import_rosbag(path))["messages of another type"] == 1
 
 
 def test_odometry_comes_from_tf_where_there_is_no_topic_of_it(tmp_path: Path) -> None:
@@ -329,6 +338,7 @@ def test_broken_bags_are_refused_in_one_line_and_leave_no_file(
         "index.bag": whole[:index_pos] + b"\xff" * (len(whole) - index_pos),
         "unindexed.bag": whole.replace(b"index_pos=" + struct.pack("<Q", index_pos), b"index_pos=" + bytes(8)),
         "chunk.bag": whole[: chunk + 30] + b"\x00" * 200 + whole[chunk + 230 :],
+        "fields.bag": whole.replace(b"float32[] ranges", b"float32[] rangez"),
         "pointer.bag": b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n",
         "empty.bag": b"",
         "text.bag": b"this is no bag\n",

@@ -130,6 +130,7 @@ def test_a_wrong_key_is_named_with_its_value(changes: dict[str, str | None], mes
         ("just words", "map.yaml: holds 'just words'; expected the keys"),
         ("image: 2001-99-99", "map.yaml: not YAML: month must be in 1..12"),
         ("[" * 1000, "map.yaml: not YAML: maximum recursion depth exceeded"),
+        ("a: [" + "1, " * 30_000 + "]", "map.yaml: 90005 characters; a map_server file has at most 65536"),
         ("a: \0", "map.yaml: not YAML: unacceptable character #x0000"),
     ],
 )

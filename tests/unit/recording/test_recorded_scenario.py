@@ -13,12 +13,14 @@ from dynpf_formats.recording.attachments import FOLDER
 from dynpf_formats.recording.code import recorded_code
 from dynpf_formats.recording.header import Attachment
 from dynpf_formats.recording.index import MessageIndex
+from dynpf_formats.recording.info import title_of
 from dynpf_formats.recording.reader import Recording
 from dynpf_protocol.errors import ScenarioError
 from dynpf_services.scenario import user_code
 from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.recorded import recorded_scenario
+from dynpf_services.scenario.replay import changed_code
 from dynpf_services.scenario.schema import resolved_json
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -146,5 +148,11 @@ def test_what_may_not_be_used_is_noticed() -> None:
 @pytest.mark.parametrize("text", ["", "[1]", "{", "null", "[" * 100_000, '{"a":' * 100_000, "\ud800"])
 def test_a_scenario_that_is_none_is_told_in_one_line(text: str) -> None:
     assert recorded_code(recording(text)) == ()
+    assert title_of(recording(text)) == "untitled"
     with pytest.raises(ScenarioError, match=r"run.mcap: its scenario (cannot be read|is a|is nested too deeply)"):
         recorded_scenario(recording(text))
+
+
+def test_no_digests_of_user_code_are_none() -> None:
+    one = recording(json.dumps(changed(BASES[1], ("user_code",), None)))
+    assert list(changed_code(one, recorded_scenario(one))) == []

@@ -147,13 +147,17 @@ def test_the_share_of_time_that_the_estimator_called_itself_lost(tmp_path: Path)
     assert measure(recording)["lost_by_verdict"] == 0.5
 
 
-def move(path: Path, end: tuple[float, float] = (0.98, 0.0), contacts: int = 3) -> Recording:
-    """The first part goes from (0, 0) to ``end`` in two steps, the second stands at its goal; the robot follows."""
+def move(path: Path, end: tuple[float, float] = (0.98, 0.0), contacts: int = 3, half_way: int = 2) -> Recording:
+    """The first part goes from (0, 0) to ``end`` in two steps, the second stands at its goal; the robot follows.
+
+    Half way the truth tells of the first ``half_way`` parts.
+    """
 
     def state(x: float, y: float, count: int) -> PartsState:
         first = PartState(x=x, y=y, radius=0.1, goal_x=1.0, goal_y=0.0)
+        parts = (first, PartState(x=0.0, y=1.0, radius=0.05, goal_x=0.0, goal_y=1.0))
         return PartsState(
-            parts=(first, PartState(x=0.0, y=1.0, radius=0.05, goal_x=0.0, goal_y=1.0)),
+            parts=parts[:half_way] if (x, y) == where[1] else parts,
             held=-1,
             contacts=count,
             finished=count > 0,
@@ -184,6 +188,10 @@ def test_rearrangement(tmp_path: Path) -> None:
     assert measures["final_error_max_m"] == pytest.approx(0.02)
     assert measures["rpee_m"] == pytest.approx(0.05)
     assert measures["ppee_m"] == pytest.approx(0.1)
+
+
+def test_a_truth_of_other_parts_than_the_tasks_is_not_measured(tmp_path: Path) -> None:
+    assert set(measure(move(tmp_path / "run.mcap", half_way=1))) & REARRANGEMENT == set()
 
 
 def test_a_part_that_is_not_quite_home_is_not_home(tmp_path: Path) -> None:
