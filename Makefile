@@ -16,10 +16,8 @@ SCENARIO ?= parts-3-easy
 run: .venv/.project
 	$(BIN)/dynpf run $(SCENARIO)
 
-# Two tests at a time, but those that start processes, which need the cores themselves.
 test: .venv/.dev
-	$(BIN)/pytest --numprocesses 2 --ignore tests/integration
-	$(BIN)/pytest tests/integration
+	$(BIN)/pytest --numprocesses 2
 
 # Hostile files and payloads, for an hour or so; FILES, PAYLOADS and SEED say how many, and which.
 fuzz: .venv/.dev

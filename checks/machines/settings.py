@@ -63,8 +63,8 @@ _OPENBLAS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
 _GENERIC = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "-avx,-avx2,-fma"}
 _OLD_LIBM = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4"}
 
-SHORT = ("OpenBLAS Prescott", "NumPy's baseline", "OpenCV's baseline", "libm without FMA", "all masks but Numba's")
-"""The settings of the short form: those for which no kernel of dynpf has to be compiled anew."""
+SHORT = ("all masks but Numba's",)
+"""The settings of the short form: all choices at once for which no kernel of dynpf has to be compiled anew."""
 
 
 def processor_settings(processor: Processor) -> Iterator[Setting]:

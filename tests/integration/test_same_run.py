@@ -11,7 +11,7 @@ from tests.integration.processes import DATA
 
 CASES = {"parts-3-easy": 25, "landmark-room": 60, "room-scan": 30, "landmark-mrclam": 150}
 WORLDS = {"indoor-global": 10, "turtlebot-loops": 20}
-SEEDS = (1, 2, 3)
+SEEDS = (1, 2)
 
 METRICS = {
     "completed",
@@ -77,7 +77,7 @@ def test_several_filters_and_several_robots_are_the_same_on_the_bus_inline_and_r
 
 
 @pytest.mark.parametrize("scenario", CASES)
-def test_bus_inline_and_replay_are_the_same_for_three_seeds(scenario, tmp_path, dynpf, here, request):
+def test_bus_inline_and_replay_are_the_same_for_every_seed(scenario, tmp_path, dynpf, here, request):
     words = [scenario, "--set", f"max_ticks={CASES[scenario]}"]
     if scenario == "landmark-mrclam":
         words += ["--log", request.getfixturevalue("log")]

@@ -49,7 +49,8 @@ def test_a_file_cut_anywhere_is_refused_and_every_whole_chunk_recovered(small: P
     original = [record.payload for record in read_recording(small).records]
     cut, mended = tmp_path / "cut.mcap", tmp_path / "mended.mcap"
     header_ends = None
-    for size in range(len(data)):
+    sizes = {*range(0, len(data), 3), *(end + near for end, _ in ends for near in (-1, 0, 1))} & {*range(len(data))}
+    for size in sorted(sizes):
         cut.write_bytes(data[:size])
         try:
             recording = read_recording(cut, allow_truncated=True)
@@ -61,7 +62,7 @@ def test_a_file_cut_anywhere_is_refused_and_every_whole_chunk_recovered(small: P
         kept = max(messages for end, messages in ends if end <= size)
         assert recording.truncated
         assert [record.payload for record in recording.records] == original[:kept]
-        if size % 64 == 0 or any(abs(size - end) <= 1 for end, _ in ends):
+        if size % 63 == 0 or any(abs(size - end) <= 1 for end, _ in ends):
             with pytest.raises(RecordingError, match=r"cut\.mcap: the file ends"):
                 read_recording(cut)
             assert examine(cut)
@@ -75,7 +76,7 @@ def test_a_file_cut_anywhere_is_refused_and_every_whole_chunk_recovered(small: P
     assert header_ends < ends[1][0]
 
 
-@settings(derandomize=True, deadline=None, max_examples=700, suppress_health_check=[HealthCheck.too_slow])
+@settings(derandomize=True, deadline=None, max_examples=300, suppress_health_check=[HealthCheck.too_slow])
 @given(place=st.floats(0, 1, exclude_max=True), bits=st.integers(1, 255), length=st.sampled_from([1, 1, 1, 0.7]))
 def test_flipped_bits_never_change_the_content_in_silence(whole: Path, place: float, bits: int, length: float) -> None:
     data = bytearray(whole.read_bytes())

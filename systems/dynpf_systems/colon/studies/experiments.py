@@ -22,7 +22,19 @@ from dynpf.se2 import wrap_angle
 from dynpf.types import Count
 from dynpf_systems.colon.measures import radius_error
 from dynpf_systems.colon.studies.figures import draw
-from dynpf_systems.colon.studies.worlds import RADII, Change, Filter, Noise, Track, Trial, Tube, caster, follow, run
+from dynpf_systems.colon.studies.worlds import (
+    RADII,
+    Change,
+    Filter,
+    MapFilter,
+    Noise,
+    Track,
+    Trial,
+    Tube,
+    caster,
+    follow,
+    run,
+)
 
 __all__ = ["CASES_STUDY", "GROWTH", "HYPOTHESES", "PARTICLES", "CasesSettings", "change_of", "tubes"]
 
@@ -87,7 +99,7 @@ class CasesSettings(_Common, frozen=True, kw_only=True):
 
     n: Count = 100
     cases: tuple[int, ...] = tuple(CASES)
-    filters: tuple[Filter, ...] = ("seed", "scheduled", "told", "hypotheses")
+    filters: tuple[MapFilter, ...] = ("seed", "scheduled", "told", "hypotheses")
 
 
 class ParticlesSettings(_Common, frozen=True, kw_only=True):

@@ -57,7 +57,8 @@ __all__ = [
     "scenario_of",
 ]
 
-Filter = Literal["seed", "scheduled", "told", "hypotheses", "end_radius"]
+MapFilter = Literal["seed", "scheduled", "told", "hypotheses"]
+Filter = Literal[MapFilter, "end_radius"]
 Noise = Literal["none", "3px_5pct", "10px", "robot", "robot_3px_5pct"]
 
 
