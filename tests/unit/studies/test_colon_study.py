@@ -66,7 +66,8 @@ def test_the_other_studies_say_what_they_measured(
 
 def test_the_same_rows_on_one_process_and_on_two() -> None:
     study = CASES_STUDY
-    settings = settings_from(study.settings, ["cases=[2]", "families=['folds']", "tubes=1", "filters=['seed','hypotheses']"])
+    words = ["cases=[2]", "families=['folds']", "tubes=1", "filters=['seed','hypotheses']"]
+    settings = settings_from(study.settings, words)
     one, two, other = (run_study(study, settings, 2, seed, jobs) for seed, jobs in ((1, 1), (1, 2), (2, 1)))
     assert one == two
     assert one != other
