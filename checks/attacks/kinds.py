@@ -185,7 +185,7 @@ _ORDER = (
 
 def _future_ends(spy: Spy, *, last: bool) -> Iterator[Act]:
     for node in list(spy.ends):
-        for ticks in range(30, 130):
+        for ticks in range(100, 200):  # seconds ahead: not even a late one is the next
             yield spy.end(node, ticks=ticks, counts={}, last=last)
 
 

@@ -194,7 +194,11 @@ def start_poses(
 
 
 def around(start: KnownStart, count: int, stream: Stream) -> Floats:
-    """Return ``count`` poses drawn around a known one, shape (3, count) float32."""
+    """Return ``count`` poses drawn around a known one, shape (3, count) float32.
+
+    Raises ValueError where a parameter is out of its range.
+    """
+    validated(start)
     mean = np.array([start.x, start.y, start.theta])
     sigma = np.array([start.sigma_position, start.sigma_position, start.sigma_heading])
     poses: Floats = (mean[:, None] + sigma[:, None] * stream.normals(3, count)).astype(np.float32)

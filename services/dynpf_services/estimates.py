@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from dynpf.portable import sincos
 from dynpf.types import FloatArray
 
-__all__ = ["GAPS", "gap_warning", "particles_picture", "robot_transform"]
+__all__ = ["GAPS", "gap_warning", "particles_picture", "robot_transform", "warning"]
 
 GAPS = "event/estimator"
 """The topic of the host's events about gaps in the estimator's inputs."""
@@ -33,7 +33,13 @@ GAPS = "event/estimator"
 def gap_warning(gap: HostEvent, stamp_ns: int, name: str) -> Output:
     """Return the warning of the node ``name`` for the topic ``log`` that messages are missing or late."""
     which = f"message {gap.first}" if gap.first == gap.last else f"messages {gap.first} to {gap.last}"
-    text = f"{gap.topic} of {gap.node}: {which} did not come in time; the estimate goes on without"
+    return warning(
+        f"{gap.topic} of {gap.node}: {which} did not come in time; the estimate goes on without", stamp_ns, name
+    )
+
+
+def warning(text: str, stamp_ns: int, name: str) -> Output:
+    """Return a warning of the node ``name`` for the topic ``log``."""
     return Output("log", Log(timestamp=timestamp(stamp_ns), level=LogLevel.WARNING, message=text, name=name))
 
 

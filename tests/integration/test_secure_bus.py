@@ -92,7 +92,7 @@ def test_the_same_words_on_a_bus_without_keys_are_heard_by_all(tmp_path, dynpf):
 
 def test_an_observer_hears_all_and_says_nothing_and_an_operator_may_stop_the_run(tmp_path, dynpf, here):
     path = tmp_path / "run.mcap"
-    run = dynpf("run", "landmark-room", "-o", path)
+    run = dynpf("run", "landmark-room", "--set", "rate=40", "-o", path)  # slower than an operator on a busy machine
     with watch_run(tmp_path, run) as watched:
         watched.bus.subscribe(f"{DATA}**")
         watched.await_ticks(20)

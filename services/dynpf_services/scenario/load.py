@@ -21,6 +21,7 @@ from dynpf_formats.user_classes import CLASS_NAME
 from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.topics import NODES
 
+from dynpf.params import infinite_numbers
 from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.files import make_paths_absolute, with_files
 from dynpf_services.scenario.kinds import fact_kind, fact_names, node_kind, node_kinds
@@ -169,6 +170,7 @@ def parse_scenario(raw: Mapping[str, Any], where: str) -> Scenario:
     info = msgspec.inspect.type_info(layout.type)
     table = folded(info, layout.raw)
     _raise(where, unknown_keys(info, table, ""))
+    _raise(where, (f"{path}: {number}: expected a finite number" for path, number in infinite_numbers(table)))
     try:
         parsed = msgspec.convert(table, layout.type)
     except msgspec.ValidationError as error:

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from dynpf_protocol.landmarks import Landmark
 from dynpf_protocol.messages import HostEvent, Odometry, OdometryPose
-from dynpf_runtime.node import Output, Result, State, Step
-from dynpf_services.estimates import gap_warning
+from dynpf_runtime.node import Output, Received, Result, State, Step
+from dynpf_services.estimates import gap_warning, warning
 from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.schema import key_of
 
@@ -79,7 +79,7 @@ class LocalizationEstimator:
             self._odometer.advance(received.stamp_ns)
             match received.message:
                 case Odometry() | OdometryPose() as odometry:
-                    self._odometer.take(received.stamp_ns, odometry)
+                    self._take_odometry(received, odometry)
                 case HostEvent() as gap:
                     self._logs.append(gap_warning(gap, step.stamp_ns, self.name))
             self._logs += self._intake.take(received)
@@ -124,6 +124,15 @@ class LocalizationEstimator:
         if self._belief is not None:
             first = self._localizer.start(np.zeros((3, 1)), self._stream("start"))
             self._belief = self._localizer.adopt(self._belief, first, self._config.n)
+
+    def _take_odometry(self, received: Received, odometry: Odometry | OdometryPose) -> None:
+        """Take in odometry; warn of the first, tenth, hundredth and so on that is not believed."""
+        before = self._odometer.left_out
+        self._odometer.take(received.stamp_ns, odometry)
+        count = self._odometer.left_out
+        if count > before and count == 10 ** (len(str(count)) - 1):
+            text = f"{received.topic}: {odometry} is left out, for no robot moves so fast; {count} so far"
+            self._logs.append(warning(text, received.stamp_ns, self.name))
 
     def _begin(self, readings: Sequence[Any]) -> None:
         """Create the initial belief, if the readings suffice."""

@@ -4,8 +4,9 @@ from collections.abc import Iterable
 from typing import Any
 
 import msgspec
-from dynpf_protocol.messages import LandmarkReadings, Log, LogLevel, Message, Scanner, timestamp
+from dynpf_protocol.messages import LandmarkReadings, Message, Scanner
 from dynpf_runtime.node import Output, Received, State
+from dynpf_services.estimates import warning
 from dynpf_services.scenario.schema import key_of
 from msgspec import UNSET
 
@@ -104,5 +105,4 @@ class Intake:
         return [self._warning(received, text) for text in texts]
 
     def _warning(self, received: Received, text: str) -> Output:
-        when = timestamp(received.stamp_ns)
-        return Output("log", Log(timestamp=when, level=LogLevel.WARNING, message=text, name=self._name))
+        return warning(text, received.stamp_ns, self._name)

@@ -12,6 +12,7 @@ from dynpf.portable import hypot
 from dynpf.se2 import arc_displacement, compose, relative
 from dynpf.types import FloatArray
 from dynpf_systems.rooms.localization.components import Moved
+from dynpf_systems.rooms.localization.gate import Gate
 
 __all__ = ["Odometer"]
 
@@ -38,9 +39,9 @@ class Odometer:
     """The clock of an estimator, and the robot's motion by odometry up to the current time.
 
     A twist holds from ``delay_s`` after its message until the next; a twist overtaken by a newer message is dropped.
-    Odometry given as poses moves the robot from pose to pose, whatever their stamps. ``before_moving`` is called before
-    each movement, while the clock still has the earlier time. ``reckoned`` is the pose (3,) by dead reckoning, None
-    without a start.
+    Odometry given as poses moves the robot from pose to pose, whatever their stamps. What no robot can have driven is
+    left out, see Gate. ``before_moving`` is called before each movement, while the clock still has the earlier time.
+    ``reckoned`` is the pose (3,) by dead reckoning, None without a start.
     """
 
     def __init__(self, delay_s: float, start: FloatArray | None, before_moving: Callable[[], None]) -> None:
@@ -52,14 +53,20 @@ class Odometer:
         self._coming: list[_TimedTwist] = []
         self._newest_ns = -1
         self._pose: FloatArray | None = None
+        self._gate = Gate()
         self._held: list[Twist | Moved] = []  # not yet handed out; empty between steps
         self._since: tuple[float, float] | None = None  # distance and turn released since the last mark
+
+    @property
+    def left_out(self) -> int:
+        """The number of messages that were not believed."""
+        return self._gate.left_out
 
     def take(self, stamp_ns: int, message: Odometry | OdometryPose) -> None:
         """Take in a message of odometry."""
         match message:
             case Odometry(v=v, w=w):
-                if stamp_ns >= self._newest_ns:
+                if self._gate.twist(v, w) and stamp_ns >= self._newest_ns:
                     self._newest_ns = stamp_ns
                     self._coming.append(_TimedTwist(stamp_ns + self._delay_ns, v, w))
                     self.advance(stamp_ns)
@@ -111,6 +118,7 @@ class Odometer:
             "newest_ns": self._newest_ns,
             "pose": self._pose,
             "since": None if self._since is None else list(self._since),
+            **self._gate.freeze(),
         }
 
     def thaw(self, state: State) -> None:
@@ -121,12 +129,16 @@ class Odometer:
         self.stamp_ns, self._newest_ns = state["stamp_ns"], state["newest_ns"]
         self._twist = _Velocity(*state["twist"])
         self._coming = [_TimedTwist(*twist) for twist in state["coming"]]
+        self._gate.thaw(state)
         since = state["since"]
         self._since = None if since is None else (since[0], since[1])
 
     def _move(self, stamp_ns: int, pose: FloatArray) -> None:
         """Move from the last pose of odometry to ``pose``."""
-        start, self._pose = self._pose, pose
+        verdict = self._gate.pose(self._pose, pose, (stamp_ns - self._newest_ns) / NANOSECONDS)
+        if not verdict.believed:
+            return
+        start, self._pose = verdict.since, pose
         since_ns, self._newest_ns = self._newest_ns, max(stamp_ns, self._newest_ns)
         if start is None:
             return
