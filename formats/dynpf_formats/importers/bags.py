@@ -18,6 +18,7 @@ from dynpf_formats.importers.text import refuse_pointer
 __all__ = ["Bag", "Message", "open_bag"]
 
 SUFFIXES = (".bag", ".mcap", ".db3")
+MOST_DEFINITIONS = 64  # of the dozen types that are imported, which programs of other versions may define otherwise
 IDL_SEPARATOR = "=" * 80 + "\n"  # between the files of a type's definition
 
 
@@ -124,11 +125,13 @@ def _typestore(connections: Sequence[Any]) -> Any:
     """Return the types of the connections as the bag defines them, or Humble's for old ROS 2 bags, which do not."""
     store = get_typestore(Stores.EMPTY)
     found: dict[str, Any] = {}
-    for connection in connections:
-        text = connection.msgdef.data
-        match connection.msgdef.format:
+    definitions = {(one.msgtype, one.msgdef.format, one.msgdef.data) for one in connections}
+    if len(definitions) > MOST_DEFINITIONS:
+        raise ValueError(f"it defines {len(definitions)} types of messages; at most {MOST_DEFINITIONS} are read")
+    for name, form, text in sorted(definitions, key=lambda one: (one[0], one[1].value, one[2])):
+        match form:
             case MessageDefinitionFormat.MSG:
-                found.update(get_types_from_msg(text, connection.msgtype))
+                found.update(get_types_from_msg(text, name))
             case MessageDefinitionFormat.IDL:
                 parts = [part.partition("\n")[2] for part in text.split(IDL_SEPARATOR)[1:]] or [text]
                 for part in parts:

@@ -157,6 +157,12 @@ def test_a_topic_has_one_type(tmp_path: Path) -> None:
     assert lost(import_rosbag(path))["messages of another type"] == 1
 
 
+def test_a_bag_that_defines_ever_more_types_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dynpf_formats.importers.bags.MOST_DEFINITIONS", 2)
+    with pytest.raises(ImportFailedError, match=r"it defines 5 types of messages; at most 2 are read"):
+        import_rosbag(bag(tmp_path))
+
+
 def test_odometry_comes_from_tf_where_there_is_no_topic_of_it(tmp_path: Path) -> None:
     said: list[Said] = [
         ("/tf", S, bags.transform(S, "base_footprint", "base_link", (0.0, 0.0, 0.1))),
