@@ -1,6 +1,7 @@
 """Odometry that is finite and wrong: it is left out and told, and the estimate goes on as good as without it."""
 
 import math
+from collections.abc import Sequence
 
 import pytest
 from dynpf_protocol.messages import Estimate, Log, Message, Odometry, OdometryPose
@@ -16,7 +17,7 @@ def pose(t: float, **changes: float) -> OdometryPose:
     return OdometryPose(**{"x": x, "y": y, "theta": theta, **changes})
 
 
-def driven(messages: list[Message]) -> tuple[Estimate, list[str]]:
+def driven(messages: Sequence[Message]) -> tuple[Estimate, list[str]]:
     """Return the last estimate and what was logged on the way; half way the node is frozen and thawed."""
     estimator, logged = node(motion=NOISELESS, calibration=None), []
     for k, message in enumerate(messages):
