@@ -37,7 +37,10 @@ DAYS = 7.0
 """How long a process's certificate holds: Zenoh has no revocation lists, so none holds for long."""
 
 _LARGEST = 2**16  # bytes of a file with a certificate or a key
-_UNREADABLE = (ValueError, TypeError, UnsupportedAlgorithm, InternalError)  # what cryptography raises of bad PEM
+_UNREADABLE = (  # what cryptography raises of bad PEM
+    *(ValueError, TypeError, UnsupportedAlgorithm, InternalError),
+    *(x509.InvalidVersion, x509.UnsupportedGeneralNameType, x509.ExtensionNotFound, x509.DuplicateExtension),
+)
 
 SLACK = timedelta(minutes=5)
 """How far the clocks of two machines may differ when a certificate is new."""
@@ -162,7 +165,7 @@ def is_authority(certificate: x509.Certificate) -> bool:
     """Return whether a certificate is an authority's, which vouches for others."""
     try:
         return certificate.extensions.get_extension_for_class(x509.BasicConstraints).value.ca
-    except (*_UNREADABLE, x509.ExtensionNotFound, x509.DuplicateExtension):
+    except _UNREADABLE:
         return False
 
 

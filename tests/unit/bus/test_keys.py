@@ -209,3 +209,14 @@ def test_the_keys_of_a_run_end_with_it_and_its_authority_signs_nothing_more(tmp_
         assert (own / "ca.pem").read_bytes() == (guests / "ca.pem").read_bytes()
         assert [one.common_name for one in issued(guests)][1:] == ["observer"]
     assert [*own.iterdir(), *guests.iterdir()] == []
+
+
+def test_a_certificate_of_another_version_is_told(folder: Path) -> None:
+    issue(folder, ["router"], NOW)
+    path = folder / "router.pem"
+    der = certificate(path).public_bytes(serialization.Encoding.DER)
+    version = der.index(b"\xa0\x03\x02\x01\x02") + 4
+    text = base64.encodebytes(der[:version] + b"\x12" + der[version + 1 :]).decode()
+    path.write_text(f"-----BEGIN CERTIFICATE-----\n{text}-----END CERTIFICATE-----\n")
+    with pytest.raises(UsageError, match=r"router\.pem: no certificate can be read from it"):
+        load(folder, "router", NOW)

@@ -71,8 +71,7 @@ class _Common(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     families: tuple[Family, ...] = tuple(Family)
     tubes: Count = 10  # of each family, used in turn
     maps: tuple[str, ...] = ()  # bitmaps of a, b and optionally c, instead of the families
-    # Through bitmaps, a route of the user's own: the pose at the start (px, rad), the motions (px, rad), and the number
-    # of motions before the change, by default half of them.
+    # A route of the user's own through bitmaps: the first pose and the motions (px, rad), and those before the change.
     start: tuple[float, float, float] = ROUTE.start
     route: tuple[tuple[float, float], ...] = ()
     change: int | None = None
@@ -81,9 +80,7 @@ class _Common(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
         if self.maps and len(self.maps) not in {2, 3}:
             raise ValueError(f"maps of {len(self.maps)} files; expected two, a and b, or three with c")
         if not self.maps and self.route_through() != ROUTE:
-            raise ValueError(
-                "start, route and change go with maps: the families of tubes are made around COLON's route"
-            )
+            raise ValueError("start, route and change go with maps: the families' tubes are made around COLON's route")
         if not 0 <= self.route_through().change < len(self.route_through().motions):
             raise ValueError(f"change = {self.change}: expected fewer motions than the route has, and not below 0")
 

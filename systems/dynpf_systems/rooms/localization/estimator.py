@@ -130,7 +130,7 @@ class LocalizationEstimator:
         before = self._odometer.left_out
         self._odometer.take(received.stamp_ns, odometry)
         count = self._odometer.left_out
-        if count > before and count == 10 ** (len(str(count)) - 1):
+        if count > before and str(count).strip("0") == "1":
             text = f"{received.topic}: {odometry} is left out, for no robot moves so fast; {count} so far"
             self._logs.append(warning(text, received.stamp_ns, self.name))
 
