@@ -1,7 +1,7 @@
 """Finds what is wrong with a recording: bytes, framing, gaps, payloads, senders, journals, and its end's promises."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,13 +17,14 @@ from dynpf_formats.recording.code import recorded_code
 from dynpf_formats.recording.errors import RecordingError
 from dynpf_formats.recording.findings import Finding, Severity, error
 from dynpf_formats.recording.journals import check_journals
+from dynpf_formats.recording.mcap_records import Damage
 from dynpf_formats.recording.reader import Recording, Source, load
 from dynpf_formats.recording.sealed import broken_promises
 from dynpf_formats.recording.snapshots import check_snapshots
 from dynpf_formats.shipped import known_topics
 from dynpf_formats.user_classes import UserClass
 
-__all__ = ["Diagnosis", "Finding", "Severity", "altered", "diagnose", "examine"]
+__all__ = ["Diagnosis", "Finding", "Severity", "altered", "diagnose", "diagnosis", "examine"]
 
 
 class _File(msgspec.Struct):
@@ -37,10 +38,14 @@ class _Files(msgspec.Struct):
 
 
 class Diagnosis(NamedTuple):
-    """The findings about a file, and the user classes that a replay of it would import and run if allowed."""
+    """The findings about a file, and the user classes that a replay of it would import and run if allowed.
+
+    ``altered`` are those of the findings that ``altered`` returns.
+    """
 
     findings: list[Finding]
     code: tuple[UserClass, ...] = ()
+    altered: tuple[Finding, ...] = ()
 
 
 def examine(path: Path | str) -> list[Finding]:
@@ -58,14 +63,22 @@ def diagnose(path: Path | str) -> Diagnosis:
     except RecordingError as bad:
         what = str(bad).removeprefix(f"{path}: ")
         return Diagnosis([Finding(severity=Severity.UNREADABLE, what=what, where=str(path))])
+    return diagnosis(recording, damage)
+
+
+def diagnosis(recording: Recording, damage: Iterable[Damage]) -> Diagnosis:
+    """Return everything that is wrong with a recording that was read, and with the file that it was read from."""
     findings = [
         Finding(severity=Severity.ERROR, what=f"{found.kind}: {found.text}", where=f"byte {found.offset}")
         for found in damage
     ]
+    of_content: list[Finding] = []
     checks = (_end, _senders, _gaps, _repetitions, _payloads, _files, check_journals, broken_promises, check_snapshots)
     for check in checks:
-        findings.extend(check(recording))
-    return Diagnosis(findings, recorded_code(recording))
+        found_now = [*check(recording)]
+        findings += found_now
+        of_content += _errors(found_now) if check in _OF_CONTENT else ()
+    return Diagnosis(findings, recorded_code(recording), tuple(of_content))
 
 
 def altered(recording: Recording) -> list[Finding]:
@@ -73,8 +86,11 @@ def altered(recording: Recording) -> list[Finding]:
 
     A run that broke off, and says so, is not altered by that.
     """
-    checks = (_senders, _repetitions, _files, check_journals, broken_promises)
-    return [found for check in checks for found in check(recording) if found.severity is Severity.ERROR]
+    return [found for check in _OF_CONTENT for found in _errors(check(recording))]
+
+
+def _errors(findings: Iterable[Finding]) -> Iterator[Finding]:
+    return (found for found in findings if found.severity is Severity.ERROR)
 
 
 def _end(recording: Recording) -> Iterator[Finding]:
@@ -168,3 +184,7 @@ def _payloads(recording: Recording) -> Iterator[Finding]:
 
 def _range(first: int, last: int) -> str:
     return str(first) if first == last else f"{first} to {last}"
+
+
+_OF_CONTENT = (_senders, _repetitions, _files, check_journals, broken_promises)
+"""The checks of what a recording says, apart from how much of it is there."""

@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> int:
     from dynpf_formats.recording.findings import error
     from dynpf_formats.recording.signature import read_signature
 
-    findings, named = diagnose(options.recording)
+    findings, named, _ = diagnose(options.recording)
     signed = read_signature(options.recording, options.trust, datetime.now(UTC))
     if signed is not None and signed.problem:
         findings.append(error(signed.problem, "signature"))

@@ -5,11 +5,11 @@ its recording; and what an incomplete recording has is true. What befalls every 
 a process that stops for a moment or a clock that is put right, changes nothing.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from dynpf_formats.recording.digest import StepKey, StepLine, content_digest, steps
-from dynpf_formats.recording.doctor import altered, diagnose
+from dynpf_formats.recording.doctor import Finding, diagnosis
 from dynpf_formats.recording.errors import RecordingError
 from dynpf_formats.recording.findings import Severity
 from dynpf_formats.recording.reader import Recording, load
@@ -164,12 +164,13 @@ def _recording(run: Run, reference: Reference | None, trial: Trial, *, replay: b
         recording, damage = load(path)
     except RecordingError as error:
         return False, [] if spoilt else [f"the recording cannot be read: {error}"]
-    errors = [item.what for item in diagnose(path).findings if item.severity is not Severity.WARNING]
+    diagnosed = diagnosis(recording, damage)
+    errors = [item.what for item in diagnosed.findings if item.severity is not Severity.WARNING]
     whole = not errors
     if whole and (recording.end is None or not recording.end.complete):
         found.append("the recording says that it is not whole, and the doctor finds nothing")
     if not damage and recording.end is not None:
-        found += _says(recording, errors)
+        found += _says(recording, errors, diagnosed.altered)
     if whole and reference is not None and not trial.asked and content_digest(recording) != reference.digest:
         found.append("the recording is called whole, and has not the content of the undisturbed run")
     if not whole and reference is not None and not damage:
@@ -180,7 +181,7 @@ def _recording(run: Run, reference: Reference | None, trial: Trial, *, replay: b
     return whole, found
 
 
-def _says(recording: Recording, errors: list[str]) -> Iterator[str]:
+def _says(recording: Recording, errors: list[str], altered: Iterable[Finding]) -> Iterator[str]:
     """Yield what the end of a recording says and what is not so."""
     assert recording.end is not None
     if recording.end.complete and errors:
@@ -188,7 +189,7 @@ def _says(recording: Recording, errors: list[str]) -> Iterator[str]:
     if not recording.end.complete and not recording.end.reason:
         yield "the recording is not whole, and does not say why"
     if not recording.end.missing and not recording.end.unresolved:  # else the chain of digests has to break
-        for item in altered(recording):
+        for item in altered:
             yield f"the recording says what is not so: {item.where}: {item.what}"
             return
 

@@ -94,14 +94,14 @@ class Course(NamedTuple):
 def course_of(run: RunMessages, noise: Noise | None = None) -> Course | None:
     """Return the course of a run, None for a run without the task; ``noise`` overrides that of the run's estimator."""
     truth, parts_truth = run.topic("truth/robot"), run.topic("truth/parts")
+    if not parts_truth or len(parts_truth) != len(truth):
+        return None
     task, config = run.scenario.task, run.scenario.estimator
-    if task is None or not parts_truth or len(parts_truth) != len(truth):
+    robots, states = of_type(truth, RobotState), of_type(parts_truth, PartsState)
+    if task is None or any(len(state.parts) != len(task.parts) for state in states):
         return None
     if noise is None:
         noise = config.noise(task) if isinstance(config, RearrangementConfig) else Noise(math.nan, math.nan)
-    robots, states = of_type(truth, RobotState), of_type(parts_truth, PartsState)
-    if any(len(state.parts) != len(task.parts) for state in states):
-        return None
     ticks = {timed.stamp_ns: tick for tick, timed in enumerate(truth)}
     estimated = [timed for timed in run.topic("estimator/state") if timed.stamp_ns in ticks]
     estimates = of_type(estimated, Estimate)
