@@ -3,7 +3,8 @@
 ``python -m checks.kills --kills 100 --stops 50 --doubles 30 --seed 0`` starts ``dynpf run`` again and again and sends
 one of its processes SIGKILL or SIGSTOP, at a moment between its first process and its end, or kills two of them, the
 second up to two seconds after the first. Every run has to end with the content digest of an undisturbed one; only when
-``dynpf run`` itself is killed, all has to end. ``--cold 50`` starts it with an empty
+``dynpf run`` itself is killed, all has to end. ``--everything 50`` kills all processes of a run at once, and then has
+``dynpf resume`` go on with it, to the same digest. ``--cold 50`` starts it with an empty
 cache of kernels while other processes keep the machine busy: nobody may be named then. Durations are this machine's.
 """
 
@@ -62,11 +63,12 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=10, metavar="N", help="runs of which a process is killed")
     parser.add_argument("--stops", type=int, default=5, metavar="N", help="runs of which a process is stopped")
     parser.add_argument("--doubles", type=int, default=0, metavar="N", help="runs of which two processes are killed")
+    parser.add_argument("--everything", type=int, default=0, metavar="N", help="runs that are killed whole and resumed")
     parser.add_argument("--cold", type=int, default=0, metavar="N", help="starts with an empty cache, under load")
     parser.add_argument("--seed", type=int, default=0, metavar="N")
     options = parser.parse_args()
     random = Random(options.seed)
-    trials = options.kills + options.stops + options.doubles
+    trials = options.kills + options.stops + options.doubles + options.everything
     undisturbed = _undisturbed() if trials else Undisturbed(0.0, "")
     outcomes: dict[str, list[Outcome]] = defaultdict(list)
     for number, count, second in (
@@ -88,8 +90,10 @@ def main() -> int:
                     f"{what} ({target}, {then}) after {after_s:.2f} s of {undisturbed.lasts_s:.2f} s: {fault}",
                     flush=True,
                 )
-    _print_table(outcomes, undisturbed.lasts_s)
-    faults = sum(len(outcome.faults) for rows in outcomes.values() for outcome in rows)
+    if outcomes:
+        _print_table(outcomes, undisturbed.lasts_s)
+    faults = _everything(options.everything, random, undisturbed)
+    faults += sum(len(outcome.faults) for rows in outcomes.values() for outcome in rows)
     return int(faults + _cold(options.cold) > 0)
 
 
@@ -204,6 +208,34 @@ def _disturbed(
         if left:
             faults.append(f"left: {', '.join(left.values())}")
         return Outcome(named_s, gone_s, whole, tuple(faults))
+
+
+def _everything(count: int, random: Random, undisturbed: Undisturbed) -> int:
+    """Kill all processes of runs at once, resume those of which there is a recording, and return how many are wrong."""
+    took_s, blank, wrong = [], 0, 0
+    for trial in range(count):
+        with _run() as run:
+            run.await_process(PROCESSES[-1])
+            after_s = random.uniform(0.0, undisturbed.lasts_s)
+            time.sleep(after_s)
+            run.kill()
+            began_s = time.monotonic()
+            if not run.path.exists() or _is_whole(run.path, undisturbed.digest):
+                blank += 1
+                continue
+            command = [sys.executable, "-P", "-m", "dynpf_lab.cli.main", "resume", str(run.path), "--no-page"]
+            told = subprocess.run(command, capture_output=True, text=True, check=False)
+            took_s.append(time.monotonic() - began_s)
+            if told.returncode or not _is_whole(run.path, undisturbed.digest):
+                wrong += 1
+                print(f"everything killed after {after_s:.2f} s: {told.stdout}{told.stderr}", flush=True)
+        print(f"\reverything {trial + 1} of {count} ", end="", file=sys.stderr, flush=True)
+    if took_s:
+        print(
+            f"everything killed: {count} runs, {blank} of them before the first byte or after the last; resumed "
+            f"{len(took_s)} in {sum(took_s) / len(took_s):.2f} s, at most {max(took_s):.2f} s; wrong: {wrong}"
+        )
+    return wrong
 
 
 def _send(run: _Run, pid: int | None, number: signal.Signals) -> None:

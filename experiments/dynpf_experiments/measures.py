@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from dynpf_formats.recording.digest import content_digest
-from dynpf_formats.recording.info import ended
+from dynpf_formats.recording.info import ended, in_words, restarts
 from dynpf_formats.recording.reader import Recording
 from dynpf_formats.shipped import listed, load
 from dynpf_protocol.messages import Message
@@ -116,6 +116,7 @@ def summary(recording: Recording, measures: Mapping[str, Any]) -> str:
             continue  # a damaged file: it describes the topic, and its messages are lost
         lines.append(f"duration    {(max(stamps) - min(stamps)) * 1e-9:.1f} s of logical time, {len(stamps)} estimates")
     lines.append(f"messages    {measures['messages']}, {measures['gaps']} missing")
+    lines += [f"{'restarts' if not index else '':<12}{in_words(one)}" for index, one in enumerate(restarts(recording))]
     lines += lines_of(measures)
     lines.append(f"digest      {measures['content_digest']}")
     return "\n".join(lines)

@@ -7,9 +7,15 @@ import errno
 import io
 import os
 import stat
+from contextlib import suppress
 from pathlib import Path
 
-__all__ = ["LARGEST", "exists", "open_regular", "read_regular", "readable"]
+try:
+    import fcntl
+except ImportError:  # not on this system: nobody claims a file there
+    fcntl = None  # type: ignore[assignment]
+
+__all__ = ["LARGEST", "claim", "exists", "is_claimed", "open_regular", "read_regular", "readable"]
 
 LARGEST = 2**28
 """Bytes of a file that is read as a whole."""
@@ -46,6 +52,27 @@ def exists(path: Path) -> bool:
     except (OSError, ValueError):
         return False  # opening it tells what is wrong with the name
     return True
+
+
+def claim(descriptor: int) -> None:
+    """Mark an open file as being written, for as long as it is open; where that cannot be done, do nothing."""
+    if fcntl is not None:
+        with suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def is_claimed(path: Path) -> bool:
+    """Return whether a process says that it is writing a file."""
+    if fcntl is None:
+        return False
+    with open_regular(path) as stream:
+        try:
+            fcntl.flock(stream.fileno(), fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+    return False
 
 
 def readable(name: Path | str) -> str:

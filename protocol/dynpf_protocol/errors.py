@@ -5,6 +5,7 @@ __all__ = [
     "BadEnvelopeError",
     "BadMessageError",
     "BrokenOffError",
+    "DiedAgainError",
     "DynpfError",
     "OrderError",
     "ProtocolError",
@@ -73,6 +74,14 @@ class RunError(DynpfError):
     """A run failed."""
 
     exit_code = 1
+
+
+class DiedAgainError(RunError):
+    """A process has died twice in the same step, by itself: it would do so again."""
+
+    def __init__(self, text: str, node: str, tick: int) -> None:
+        super().__init__(text)
+        self.node, self.tick = node, tick
 
 
 class StepError(RunError):

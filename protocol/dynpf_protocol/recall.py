@@ -35,7 +35,8 @@ class Recalled(msgspec.Struct, frozen=True, array_like=True):
 
     ``written`` steps of the node are recorded; of ``said`` steps it has said that they have ended, and that ``last``
     was its last one. ``entries`` has digests of the journal entries of its steps ``tick`` and following, by which it
-    knows whether it does the same again.
+    knows whether it does the same again. ``snapshot`` is a message of its predecessor's host, or empty; the node goes
+    on from that, and asks from ``next_tick`` on.
     """
 
     start: Name  # of the recorder
@@ -43,7 +44,7 @@ class Recalled(msgspec.Struct, frozen=True, array_like=True):
     tick: Count63
     next_tick: Count63
     more: bool  # whether the recorder has more
-    whole: bool  # whether it still has all of the run; else nothing of it
+    whole: bool  # whether it still has all that the node needs; else nothing of it
     written: Count63
     said: Count63
     last: Count63 | None
@@ -51,6 +52,7 @@ class Recalled(msgspec.Struct, frozen=True, array_like=True):
     sequences: dict[str, Count63]  # the next number on each topic that the node's host writes at any time
     entries: tuple[bytes, ...]
     pieces: tuple[Piece, ...]
+    snapshot: bytes = b""
 
 
 _Kind = TypeVar("_Kind", Recall, Recalled)

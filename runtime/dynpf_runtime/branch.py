@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 from dynpf_formats.recording.journals import messages_of
 from dynpf_formats.recording.reader import Recorded, Recording
-from dynpf_formats.recording.snapshots import agreed, decode_snapshot
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_protocol.codec import decode
 from dynpf_protocol.control import TickDone
@@ -18,6 +17,7 @@ from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import BadMessageError, RunError, UsageError
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, chain_after, decode_entry, encode_entry, genesis
 from dynpf_protocol.messages import Snapshot
+from dynpf_protocol.restoring import agreed, decode_snapshot
 from dynpf_protocol.snapshots import SNAPSHOT_PREFIX, pack, unpack
 from dynpf_protocol.topics import LOG_NODE
 from msgspec.structs import replace
@@ -29,7 +29,7 @@ from dynpf_runtime.plan import Plan
 from dynpf_runtime.seat import Made, Seat
 from dynpf_runtime.source import LogRecord
 
-__all__ = ["Branch", "branch"]
+__all__ = ["Branch", "branch", "brought"]
 
 
 class Branch(NamedTuple):
@@ -59,7 +59,7 @@ def branch(
     chains = past.copy(writer, changed[0])
     seats, fresh = {}, []
     for name in plan.graph.nodes:
-        snapshot = past.bring(name)
+        snapshot = past.freeze(name)
         snapshot = replace(_first_of_its_kind(name, snapshot), chain=chains[name].hex())
         seat = _seat(changed[0], name, past.boots[name])
         try:
@@ -77,8 +77,29 @@ def branch(
     return Branch(ran, tuple(fresh))
 
 
+def brought(recording: Recording, plan: Plan, at: int) -> Begun:
+    """Return the nodes of a recorded run of ``plan`` as they were before its tick ``at``.
+
+    Raises UsageError if there is no step of each before, and after, that moment; RunError if the nodes do not do again
+    what they did.
+    """
+    past = _Past(recording, plan, at)
+    seats = {name: past.bring(name).seat for name in plan.graph.nodes}
+    for seat in seats.values():
+        past.expect(seat, plan)
+    return Begun(at, seats)
+
+
 def _seat(plan: Plan, name: str, boot: str) -> Seat:
     return Seat(plan.graph.specs[name], plan, boot)
+
+
+class _Brought(NamedTuple):
+    """A node after some ticks, its last step, if it had to make any, and the snapshot that it began from, if any."""
+
+    seat: Seat
+    made: Made | None
+    begun: Snapshot | None
 
 
 class _Past:
@@ -121,8 +142,19 @@ class _Past:
                 writer.message(record.topic, envelope, record.payload)
         return chains
 
-    def bring(self, name: str) -> Snapshot:
+    def freeze(self, name: str) -> Snapshot:
         """Return a snapshot of a node after the last of these ticks; raises RunError if it does something else."""
+        seat, made, begun = self.bring(name)
+        if made is None:
+            assert begun is not None
+            return begun
+        snapshot = seat.freeze(made.entry)
+        if snapshot is None:
+            raise UsageError(f"the state of {name} is too large for a snapshot: its run cannot be branched")
+        return snapshot
+
+    def bring(self, name: str) -> "_Brought":
+        """Return a node after the last of these ticks; raises RunError if it does something else than it did."""
         seat = _seat(self._plan, name, self.boots[name])
         begun = self._last_snapshot(name)
         step = -1
@@ -135,13 +167,7 @@ class _Past:
         made: Made | None = None
         for tick in range(step + 1, self._at):
             made = self._step(seat, tick)
-        if made is None:
-            assert begun is not None
-            return begun
-        snapshot = seat.freeze(made.entry)
-        if snapshot is None:
-            raise UsageError(f"the state of {name} is too large for a snapshot: its run cannot be branched")
-        return snapshot
+        return _Brought(seat, made, begun)
 
     def expect(self, seat: Seat, plan: Plan) -> None:
         """Give a seat what was sent to it and is not consumed, and the numbers of topics that it has not read before.

@@ -91,7 +91,7 @@ def run_inline(
         if sink is not None:
             progress.show(ticks, sink.messages)
         if done.last:
-            outcome = done.outcome or (Outcome.STOPPED if asked else Outcome.BUDGET)
+            outcome = done.outcome or (Outcome.STOPPED if asked and not feed.last else Outcome.BUDGET)
             break
     progress.clear()
     return Ran(ticks, outcome)

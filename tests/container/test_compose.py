@@ -171,3 +171,35 @@ def test_the_recording_is_whole_and_replays_exactly_outside(finished: Compose, t
     (recording,) = tmp_path.glob("*.mcap")
     run([DYNPF, "doctor", recording])
     assert json.loads(run([DYNPF, "replay", recording, "--json"], seconds=300))["same"] is True
+
+
+def _container(compose: Compose, service: str) -> str:
+    return compose("ps", "--all", "--quiet", service).strip()
+
+
+def _recorded(container: str) -> Path:
+    """Return the recording of a recorder's container, by its name in it."""
+    return Path("/dynpf/runs") / f"{SCENARIO}-{SEED}-{container[:12]}.mcap"
+
+
+def test_a_container_that_is_killed_goes_on_where_it_was(finished: Compose, tmp_path: Path) -> None:
+    """``docker kill`` and ``docker start``; a process that is killed is started again by Docker."""
+    finished("up", "--no-color", "--detach", "--force-recreate")
+    recorder = _container(finished, "recorder")
+    for victim, size in (("estimator", 200_000), ("recorder", 500_000), ("router", 800_000)):
+        grown = f"until [ $(stat -c %s {_recorded(recorder)} 2>/dev/null || echo 0) -gt {size} ]; do sleep 0.05; done"
+        run(["docker", "exec", recorder, "sh", "-c", grown], seconds=300)
+        container = _container(finished, victim)
+        if victim == "router":  # the process alone: init ends with it, and Docker starts both again
+            run(["docker", "exec", container, "sh", "-c", "kill -9 $(cat /proc/1/task/1/children)"])
+        else:
+            run(["docker", "kill", container])
+            run(["docker", "start", container])
+    assert run(["docker", "wait", recorder], seconds=300).strip() == "0"
+    run(["docker", "cp", f"{recorder}:/dynpf/runs/.", tmp_path])
+    run([DYNPF, "doctor", tmp_path / _recorded(recorder).name])
+    told = {path: json.loads(run([DYNPF, "info", path, "--json"])) for path in tmp_path.glob("*.mcap")}
+    killed = told[tmp_path / _recorded(recorder).name]
+    assert {"estimator", "recorder", "router"} <= {one["node"] for one in killed["restarts"]}
+    (undisturbed,) = (one for one in told.values() if not one["restarts"])
+    assert killed["content_digest"] == undisturbed["content_digest"]

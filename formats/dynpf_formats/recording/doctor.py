@@ -9,6 +9,7 @@ import msgspec
 from dynpf_protocol.codec import decode
 from dynpf_protocol.errors import BadMessageError
 from dynpf_protocol.journal import JOURNAL_PREFIX
+from dynpf_protocol.messages import Restart
 from dynpf_protocol.snapshots import SNAPSHOT_PREFIX
 from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, is_record
 
@@ -16,6 +17,7 @@ from dynpf_formats.recording.attachments import changed_files, foreign_attachmen
 from dynpf_formats.recording.code import recorded_code
 from dynpf_formats.recording.errors import RecordingError
 from dynpf_formats.recording.findings import Finding, Severity, error
+from dynpf_formats.recording.info import restarts
 from dynpf_formats.recording.journals import check_journals
 from dynpf_formats.recording.mcap_records import Damage
 from dynpf_formats.recording.reader import Recording, Source, load
@@ -38,14 +40,18 @@ class _Files(msgspec.Struct):
 
 
 class Diagnosis(NamedTuple):
-    """The findings about a file, and the user classes that a replay of it would import and run if allowed.
+    """The findings about a file, and what it says besides.
 
-    ``altered`` are those of the findings that ``altered`` returns.
+    That are the user classes that a replay of it would import and run if allowed, those of the findings that
+    ``altered`` returns, the processes that were started again, and whether its run may be resumed: it is one in
+    lockstep, and not whole.
     """
 
     findings: list[Finding]
     code: tuple[UserClass, ...] = ()
     altered: tuple[Finding, ...] = ()
+    restarts: tuple[Restart, ...] = ()
+    resumable: bool = False
 
 
 def examine(path: Path | str) -> list[Finding]:
@@ -78,7 +84,9 @@ def diagnosis(recording: Recording, damage: Iterable[Damage]) -> Diagnosis:
         found_now = [*check(recording)]
         findings += found_now
         of_content += _errors(found_now) if check in _OF_CONTENT else ()
-    return Diagnosis(findings, recorded_code(recording), tuple(of_content))
+    unfinished = recording.end is None or not recording.end.complete
+    resumable = unfinished and recording.header.clock == "lockstep"
+    return Diagnosis(findings, recorded_code(recording), tuple(of_content), tuple(restarts(recording)), resumable)
 
 
 def altered(recording: Recording) -> list[Finding]:

@@ -10,13 +10,14 @@ from dynpf_protocol.errors import ProtocolError
 from dynpf_protocol.journal import JOURNAL_PREFIX
 from dynpf_protocol.json_text import read_json
 from dynpf_protocol.messages import Restart
+from dynpf_protocol.printable import printable
 
 from dynpf_formats.recording.code import code_in_words, described_code, recorded_code
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.provenance import collect, provenance_difference
 from dynpf_formats.recording.reader import Recording
 
-__all__ = ["describe", "ended", "text", "title_of"]
+__all__ = ["describe", "ended", "in_words", "text", "title_of"]
 
 
 def describe(recording: Recording) -> dict[str, Any]:
@@ -70,6 +71,12 @@ def restarts(recording: Recording) -> list[Restart]:
     return found
 
 
+def in_words(restart: Restart) -> str:
+    """Return what a restart was and what it has cost, as a sentence."""
+    node = printable(restart.node)
+    return f"{node} was gone after tick {restart.tick}, and started again: {restart.absent_s:.1f} s"
+
+
 def ended(reason: str, outcome: str) -> str:
     """Return why a run has ended: by its recorder, and whether its task was done or its budget spent."""
     return reason if outcome in ("", Outcome.STOPPED) else f"{reason}, {outcome}"
@@ -86,10 +93,7 @@ def text(summary: dict[str, Any]) -> str:
         f"  {summary['duration_s']:.3f} s, {summary['ticks']} ticks, {summary['messages']} messages, "
         f"{summary['gaps']} missing, {summary['file_bytes']} bytes",
         f"  content {summary['content_digest']}",
-        *(
-            f"  {one['node']} was gone after tick {one['tick']}, and started again: {one['absent_s']:.1f} s"
-            for one in summary["restarts"]
-        ),
+        *(f"  {in_words(msgspec.convert(one, Restart))}" for one in summary["restarts"]),
         f"  dynpf {summary['dynpf_version']}, code {summary['code_digest'][:12]}, "
         f"schema version {summary['schema_version']}",
         f"  {', '.join(f'{name} {version}' for name, version in summary['packages'].items())}",

@@ -15,6 +15,7 @@ import msgspec
 from dynpf_protocol.errors import BadMessageError
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
 from dynpf_protocol.messages import Snapshot
+from dynpf_protocol.restoring import agreed, decode_snapshot
 from dynpf_protocol.snapshots import SNAPSHOT_PREFIX
 
 from dynpf_formats.recording.errors import RecordingError
@@ -22,7 +23,6 @@ from dynpf_formats.recording.header import RUN_END, Attachment, RunEnd, RunHeade
 from dynpf_formats.recording.index import MessageIndex
 from dynpf_formats.recording.mcap_records import MAX_RATIO, MAX_UNPACKED, Message, Region, contents
 from dynpf_formats.recording.reader import Recording
-from dynpf_formats.recording.snapshots import agreed, decode_snapshot
 from dynpf_formats.recording.stream import RecordedSchema, Source, StreamedMessage, stream
 from dynpf_formats.recording.summary import Summary, read_chunk, read_metadata, read_summary
 from dynpf_formats.regular_files import open_regular

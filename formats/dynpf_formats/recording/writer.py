@@ -22,6 +22,7 @@ from dynpf_formats.recording.account import Account
 from dynpf_formats.recording.errors import RecordingError, RecordingExistsError
 from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, as_entries
 from dynpf_formats.recording.stream import RecordedSchema, Source
+from dynpf_formats.regular_files import claim
 from dynpf_formats.shipped import known_topics
 
 __all__ = ["CHUNK_BYTES", "FLUSH_NS", "MAX_PAYLOAD", "File", "RecordingWriter"]
@@ -43,7 +44,7 @@ _GAP_TOPIC = "recorder/gap"
 
 
 class File(Protocol):
-    """What a recording is written into; what is written survives the end of the process."""
+    """What a recording is written into. What is written survives its process; what is synced, a loss of power too."""
 
     def write(self, data: bytes) -> int:
         """Write all of ``data``; raises OSError."""
@@ -54,6 +55,9 @@ class File(Protocol):
     def flush(self) -> None:
         """Do nothing: there is no buffer."""
 
+    def sync(self) -> None:
+        """Return when all that is written is on the disk; raises OSError."""
+
     def close(self) -> None:
         """Close the file."""
 
@@ -63,6 +67,7 @@ class _File:
 
     def __init__(self, path: Path, overwrite: bool) -> None:
         self._raw = path.open("wb" if overwrite else "xb", buffering=0)
+        claim(self._raw.fileno())
         self._position = 0
 
     def write(self, data: bytes) -> int:
@@ -80,6 +85,10 @@ class _File:
 
     def flush(self) -> None:
         """Do nothing: there is no buffer."""
+
+    def sync(self) -> None:
+        """Return when all that is written is on the disk."""
+        os.fsync(self._raw.fileno())
 
     def close(self) -> None:
         """Close the file."""
@@ -106,19 +115,21 @@ class RecordingWriter:
         boot: str = "recorder",
         topics: Mapping[str, Topic] | None = None,
         schemas: Mapping[str, RecordedSchema] = {},
+        durable: bool = False,
         open_file: Callable[[Path, bool], File] = _File,
     ) -> None:
         """Open the file and write the header and the attachments.
 
         All goes into the file ``draft``, if one is given, until ``place`` moves that to ``path``.
         ``topics`` are the run's, by default those that come with dynpf. ``schemas`` are those of another recording of
-        the run, for topics whose types are not available. ``open_file`` opens the file, and is told whether it may
-        replace one; it raises OSError.
+        the run, for topics whose types are not available. What is handed on by a ``durable`` writer survives a loss of
+        power, too. ``open_file`` opens the file, and is told whether it may replace one; it raises OSError.
         """
         self.path = Path(path)
         self.header = header
         self._topics = known_topics() if topics is None else topics
         self._boot = boot
+        self._durable = durable
         self._account = Account(header, attachments)
         self._channels: dict[Source, int] = {}
         self._schemas = schemas
@@ -194,7 +205,7 @@ class RecordingWriter:
         size = len(payload) + _MESSAGE_OVERHEAD
         try:
             if self._pending + size > CHUNK_BYTES:
-                self._flush()
+                self._hand_on()
             self._pending += size
             self._mcap.add_message(channel, envelope.stamp_ns, payload, envelope.publish_ns, envelope.sequence)
         except OSError as error:
@@ -208,11 +219,13 @@ class RecordingWriter:
         """
         assert self._draft is not None, "the recording is in its place"
         try:
-            self._flush()
+            self._hand_on()
             if replace:
                 self._draft.replace(self.path)
             else:
                 _move_new(self._draft, self.path)
+            if self._durable:
+                _sync_folder(self.path.parent)
         except FileExistsError:
             raise _exists(self.path) from None
         except OSError as error:
@@ -239,7 +252,7 @@ class RecordingWriter:
             return False
         self._flushed_ns = now_ns
         try:
-            self._flush()
+            self._hand_on()
         except OSError as error:
             raise self._fail(error) from error
         return True
@@ -264,6 +277,7 @@ class RecordingWriter:
                 self._flush()
                 self._mcap.add_metadata(RUN_END, as_entries(end))
                 self._mcap.finish()  # type: ignore[no-untyped-call]
+                self._sync()
         except OSError as error:
             raise self._fail(error) from error
         finally:
@@ -297,6 +311,15 @@ class RecordingWriter:
         self._mcap.flush()  # type: ignore[no-untyped-call]
         self._pending = 0
         self._account.settle()
+
+    def _hand_on(self) -> None:
+        """Close the chunk, and have all so far survive the end of this process, or of power."""
+        self._flush()
+        self._sync()
+
+    def _sync(self) -> None:
+        if self._durable:
+            self._file.sync()
 
     def _fail(self, error: OSError) -> RecordingError:
         self._failure = _unwritable(self.path, error)
@@ -339,6 +362,15 @@ def _move_new(source: Path, target: Path) -> None:
         source.replace(target)
     else:
         source.unlink()
+
+
+def _sync_folder(folder: Path) -> None:
+    """Have the names of files survive a loss of power."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def _check_size(path: Path, what: str, size: int) -> None:

@@ -8,6 +8,7 @@ __all__ = [
     "DEFAULT_PORT",
     "add_clock",
     "add_connect",
+    "add_durable",
     "add_json",
     "add_keys",
     "add_log",
@@ -39,6 +40,15 @@ def add_set(parser: argparse.ArgumentParser, text: str, metavar: str = "KEY=VALU
 def add_log(parser: argparse.ArgumentParser) -> None:
     """Add --log."""
     parser.add_argument("--log", type=Path, metavar="IN.mcap", help="imported log that the sensors process plays")
+
+
+def add_durable(parser: argparse.ArgumentParser) -> None:
+    """Add --durable."""
+    parser.add_argument(
+        "--durable",
+        action="store_true",
+        help="the recorder syncs to disk before it confirms: what it has confirmed survives a loss of power",
+    )
 
 
 def add_clock(parser: argparse.ArgumentParser) -> None:

@@ -18,7 +18,8 @@ HEAD = """\
 # Every process in its own container: `docker compose up --build` runs {scenario} to its end and leaves the
 # recording in the volume `recordings`. SEED and DYNPF_IMAGE choose another seed and another image.
 {keys}# Made by `dynpf compose {words}`, which makes one of any scenario. Kept to what docker-compose 1.29 and docker
-# compose v2 both understand.
+# compose v2 both understand. Docker starts a process again that was killed, and it goes on where it was. A container
+# that `docker kill` has ended it leaves alone: `docker start` goes on with it; the others wait for 30 s.
 """
 HEAD_KEYS = """\
 # Each process is given its own key, which is made before: `dynpf keys init {folder}` and
@@ -33,6 +34,7 @@ PROCESS: Mapping[str, Any] = {
     "image": "${DYNPF_IMAGE:-dynpf}",
     "build": ".",
     "init": True,
+    "restart": "on-failure:3",
     "read_only": True,
     "tmpfs": ["/tmp"],
     "cap_drop": ["ALL"],
@@ -111,6 +113,9 @@ def compose_file(
     if keys is not None:
         made_by += ["--keys", str(keys)]
     services = {_stem(name): _service(name, words, mounts, keys) for name in (ROUTER, *nodes, RECORDER)}
+    # The name of a recorder's container stays when it is started again: so it finds what it has recorded.
+    recording = f"runs/{_escaped(Path(scenario).stem)}-${{SEED:-{1 if seed is None else seed}}}-{{host}}.mcap"
+    services[RECORDER]["command"] += ["-o", recording]
     made: dict[str, Any] = {"services": services}
     if keys is not None:
         made["secrets"] = {

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,7 +10,9 @@ from typing import TYPE_CHECKING
 from dynpf_lab.cli.arguments import add_json, add_recording
 
 if TYPE_CHECKING:
+    from dynpf_formats.recording.findings import Finding
     from dynpf_formats.recording.signature import Signed
+    from dynpf_protocol.messages import Restart
 
 __all__ = ["add_arguments"]
 
@@ -35,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     from dynpf_formats.recording.findings import error
     from dynpf_formats.recording.signature import read_signature
 
-    findings, named, _ = diagnose(options.recording)
+    findings, named, _, restarts, resumable = diagnose(options.recording)
     signed = read_signature(options.recording, options.trust, datetime.now(UTC))
     if signed is not None and signed.problem:
         findings.append(error(signed.problem, "signature"))
@@ -45,16 +48,10 @@ def run(options: argparse.Namespace) -> int:
     unreadable = any(finding.severity is Severity.UNREADABLE for finding in findings)
     if options.json:
         told = {"healthy": not findings, "findings": findings, "code": code, "signed": signed}
+        told |= {"restarts": restarts, "resumable": resumable}
         print(json.dumps(msgspec.to_builtins(told)))
     else:
-        if not findings:
-            print(f"{options.recording}: whole and complete")
-        for finding in findings[:MOST_LINES]:
-            print(f"{finding.severity}: {finding.where}: {finding.what}")
-        if len(findings) > MOST_LINES:
-            print(f"and {len(findings) - MOST_LINES} more, which follow from these as a rule; --json lists all")
-        if any(finding.where.startswith(("byte ", "end of file")) for finding in findings):
-            print(f"dynpf recover {options.recording} -o NEW.mcap keeps what is whole")
+        _print(options.recording, findings, restarts, resumable=resumable)
         if signed is not None or (options.trust is None and not unreadable):
             print(_signature_in_words(signed))
         for line in code_in_words(code):
@@ -62,6 +59,23 @@ def run(options: argparse.Namespace) -> int:
     if unreadable:
         return 2
     return 1 if findings else 0
+
+
+def _print(recording: Path, findings: Sequence["Finding"], restarts: Sequence["Restart"], *, resumable: bool) -> None:
+    from dynpf_formats.recording.info import in_words
+
+    if not findings:
+        print(f"{recording}: whole and complete")
+    for finding in findings[:MOST_LINES]:
+        print(f"{finding.severity}: {finding.where}: {finding.what}")
+    if len(findings) > MOST_LINES:
+        print(f"and {len(findings) - MOST_LINES} more, which follow from these as a rule; --json lists all")
+    if any(finding.where.startswith(("byte ", "end of file")) for finding in findings):
+        print(f"dynpf recover {recording} -o NEW.mcap keeps what is whole")
+    if resumable:
+        print(f"dynpf resume {recording} goes on with the run")
+    for restart in restarts:
+        print(in_words(restart))
 
 
 def _signature_in_words(signed: "Signed | None") -> str:

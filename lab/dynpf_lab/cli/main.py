@@ -34,6 +34,7 @@ _COMMANDS = {
     "info": ("info", "what is in a recording"),
     "doctor": ("doctor", "what is wrong with a recording"),
     "sign": ("sign", "sign every byte of a recording"),
+    "resume": ("resume", "go on with a run of which everything was killed"),
     "recover": ("recover", "repair a recording into a new file"),
     "metrics": ("metrics", "measures of a recorded run against its truth"),
     "fit": ("fit", "the beam model's parameters from a recorded run"),

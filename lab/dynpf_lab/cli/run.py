@@ -7,10 +7,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dynpf_protocol.errors import DynpfError, UsageError
+from dynpf_protocol.errors import DiedAgainError, DynpfError, UsageError
 from dynpf_services.scenario.schema import Scenario
 
-from dynpf_lab.cli.arguments import add_clock, add_json
+from dynpf_lab.cli.arguments import add_clock, add_durable, add_json
 from dynpf_lab.cli.loading import loading
 from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
 from dynpf_lab.cli.page import add_no_page, leave_page
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from dynpf_runtime.plan import Plan
     from dynpf_services.scenario.played_log import PlayedLog
 
-__all__ = ["add_arguments", "default_output"]
+__all__ = ["add_arguments", "add_restarts", "default_output", "print_summary", "tell_given"]
 
 RESTARTS = 3
 
@@ -40,6 +40,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--insecure", action="store_true", help="plain tcp: any program on this machine may speak and listen"
     )
+    add_durable(parser)
+    add_restarts(parser)
+    add_sign(parser)
+    add_no_page(parser)
+    add_json(parser, "print the metrics of the run as JSON")
+    parser.set_defaults(run=run)
+
+
+def add_restarts(parser: argparse.ArgumentParser) -> None:
+    """Add --restarts."""
     parser.add_argument(
         "--restarts",
         type=int,
@@ -47,10 +57,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="in lockstep, how often each process is started again that was killed or hangs (default: %(default)s)",
     )
-    add_sign(parser)
-    add_no_page(parser)
-    add_json(parser, "print the metrics of the run as JSON")
-    parser.set_defaults(run=run)
 
 
 def default_output(scenario: str, seed: int) -> Path:
@@ -87,11 +93,13 @@ def run(options: argparse.Namespace) -> int:
             spec.build()  # errors are reported here, before any process is started
     try:
         if options.runner == "inline":
-            _run_inline(scenario, path, log)
+            _run_inline(scenario, path, log, durable=options.durable)
         else:
             _run_on_bus(scenario, plan, path, log, options)
-    except DynpfError:
+    except DynpfError as error:
         if path.is_file():
+            if isinstance(error, DiedAgainError):
+                tell_given(path, plan, error)
             if options.sign is not None:
                 sign_recording(path, options.sign)
             page = None if options.no_page else leave_page("run", path)
@@ -103,7 +111,23 @@ def run(options: argparse.Namespace) -> int:
         raise
     if options.sign is not None:
         sign_recording(path, options.sign)
-    return _summary(path, with_page=not options.no_page, as_json=options.json)
+    return print_summary(path, with_page=not options.no_page, as_json=options.json)
+
+
+def tell_given(path: Path, plan: "Plan", error: DiedAgainError) -> None:
+    """Tell what the step was given in which a node has died twice."""
+    from dynpf_formats.recording.reader import read_recording
+    from dynpf_runtime.given import given
+
+    if error.node not in plan.graph.nodes:
+        return
+    recording = read_recording(path, allow_truncated=True)
+    told = ", ".join(f"{topic} {sequence}" for topic, sequence in given(recording, plan, error.node, error.tick))
+    print(
+        f"dynpf run: the step of tick {error.tick} of {error.node} ends so whenever it is made; it is given "
+        f"{told or 'no message'}",
+        file=sys.stderr,
+    )
 
 
 def _check_output(path: Path) -> None:
@@ -121,12 +145,12 @@ def _check_output(path: Path) -> None:
         raise UsageError(f"{path}: cannot be written: {reason}; choose another name with -o") from error
 
 
-def _run_inline(scenario: Scenario, path: Path, log: "PlayedLog | None") -> None:
+def _run_inline(scenario: Scenario, path: Path, log: "PlayedLog | None", *, durable: bool) -> None:
     from dynpf_runtime.bus.terminal import StopSignal
     from dynpf_services.scenario.record import record_inline
 
     with StopSignal.installed() as stop:
-        record_inline(scenario, path, log, stopped=lambda: stop.reason if stop.requested else "")
+        record_inline(scenario, path, log, stopped=lambda: stop.reason if stop.requested else "", durable=durable)
 
 
 def _run_on_bus(
@@ -154,10 +178,12 @@ def _run_on_bus(
             secure=not options.insecure,
             guests=options.keys,
             restarts=options.restarts if scenario.clock == "lockstep" else 0,
+            durable=options.durable,
         )
 
 
-def _summary(path: Path, *, with_page: bool, as_json: bool) -> int:
+def print_summary(path: Path, *, with_page: bool, as_json: bool) -> int:
+    """Print what became of a run, and return the exit code."""
     from dynpf_experiments.measures import measure, summary
     from dynpf_formats.recording.reader import read_recording
 

@@ -1,16 +1,19 @@
 """``dynpf service``: a single process of a run."""
 
 import argparse
+import socket
+import time
+from contextlib import suppress
 from pathlib import Path
 
 from dynpf_protocol.errors import BrokenOffError, RunError, UsageError
 
 from dynpf_lab.cli.access import credentials_of, endpoint_of
-from dynpf_lab.cli.arguments import add_clock, add_connect, add_keys
+from dynpf_lab.cli.arguments import add_clock, add_connect, add_durable, add_keys
 from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
 from dynpf_lab.cli.sign import add_sign, check_key, sign_recording
 
-__all__ = ["PATIENCE_S", "add_arguments"]
+__all__ = ["PATIENCE_S", "add_arguments", "recorder_output"]
 
 PATIENCE_S = 30.0
 _LONGEST_S = 86_400.0
@@ -25,7 +28,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_connect(parser, "--listen", text="router: where to listen")
     add_keys(parser)
     parser.add_argument("--player", action="store_true", help="router: let dynpf play speak in the name of all nodes")
-    parser.add_argument("-o", "--output", type=Path, metavar="RUN.mcap", help="recorder: the recording to write")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="RUN.mcap",
+        help="recorder: the recording to write; {host} in it is this machine's name, which a container that is started "
+        "again keeps, and a number follows if the file there is of an earlier run",
+    )
+    add_durable(parser)
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="recorder: go on with the run of the recording that is there, of which all processes are gone",
+    )
     add_sign(parser)
     parser.add_argument(
         "--patience",
@@ -73,8 +89,45 @@ def _check_options(options: argparse.Namespace) -> None:
         value = getattr(options, option[2:])
         if value is not None and not wanted:
             raise UsageError(f"{option} {value}: {name} has no use for it; it is {whom}")
-    if options.player and name != "router":
-        raise UsageError(f"--player: {name} has no use for it; it is for the router alone")
+    for option, given, wanted in (
+        ("--player", options.player, "router"),
+        ("--durable", options.durable, "recorder"),
+        ("--resume", options.resume, "recorder"),
+    ):
+        if given and name != wanted:
+            raise UsageError(f"{option}: {name} has no use for it; it is for the {wanted} alone")
+    if options.resume and options.output is None:
+        raise UsageError("--resume: name the recording with -o RUN.mcap")
+
+
+def recorder_output(options: argparse.Namespace, seed: int) -> Path:
+    """Return the path of the recording; one with {host} has a number if the file there is of an earlier run."""
+    from dynpf_lab.cli.run import default_output
+
+    if options.output is None:
+        return default_output(Path(options.scenario).stem, seed)
+    named = Path(str(options.output).replace("{host}", socket.gethostname()))
+    path, number = named, 2
+    while named != options.output and _is_of_earlier_run(path, options.patience):
+        path, number = named.with_name(f"{named.stem}-{number}{named.suffix}"), number + 1
+    return path
+
+
+def _is_of_earlier_run(path: Path, patience_s: float) -> bool:
+    """Return whether nobody waits for the recorder of a file any more.
+
+    Its run has broken off, or it was written last before the longest time that the others wait.
+    """
+    from dynpf_formats.recording.errors import RecordingError
+    from dynpf_formats.recording.reader import load
+
+    if not path.exists():
+        return False
+    with suppress(RecordingError):
+        end = load(path)[0].end
+        if end is not None and not end.complete:
+            return True
+    return time.time() - path.stat().st_mtime > patience_s
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -106,14 +159,13 @@ def _run(options: argparse.Namespace) -> int:
             from dynpf_services.recorder.host import run_recorder
             from dynpf_services.scenario.recorded import attachments_of
 
-            from dynpf_lab.cli.run import default_output
-
-            path = options.output or default_output(Path(options.scenario).stem, scenario.seed)
+            path = recorder_output(options, scenario.seed)
             attachments = attachments_of(scenario, log.attachments if log else ())
             if options.sign is not None:
                 check_key(options.sign)
             try:
-                end = run_recorder(plan_of(scenario), endpoint, path, attachments, stop, **shared)
+                kept = {"durable": options.durable, "resume": options.resume}
+                end = run_recorder(plan_of(scenario), endpoint, path, attachments, stop, **shared, **kept)
             finally:
                 if options.sign is not None and path.is_file():
                     sign_recording(path, options.sign)

@@ -7,7 +7,7 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any
 
-from dynpf_lab.cli.arguments import add_clock, add_json, add_log, add_set
+from dynpf_lab.cli.arguments import add_clock, add_durable, add_json, add_log, add_set
 from dynpf_lab.cli.loading import loading
 from dynpf_lab.cli.options import add_code, load_log
 
@@ -31,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_log(parser)
     add_code(parser)
     add_clock(parser)
+    add_durable(parser)
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="seed of the schedules (default: 1)")
     parser.add_argument(
         "--schedules", type=_positive, default=200, metavar="N", help="how many schedules to play (default: 200)"
@@ -81,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
             options.scenario, overrides=options.overrides, clock=options.clock, log=log.facts if log else None
         )
     check_log(scenario, options.log)
-    with campaign_of(scenario, options.seed, log) as campaign:
+    with campaign_of(scenario, options.seed, log, durable=options.durable) as campaign:
         if options.schedule is not None:
             return _tell(campaign, options.schedule, options.faults)
         return _play(campaign, options)
@@ -165,6 +166,7 @@ def _command(options: argparse.Namespace, number: int, only: list[int]) -> str:
     """Return the command that plays a schedule again."""
     words = ["dynpf sim", options.scenario, *(f"--set {override}" for override in options.overrides)]
     words += [f"--clock {options.clock}"] if options.clock else []
+    words += ["--durable"] if options.durable else []
     words += [f"--log {options.log}"] if options.log else []
     words += [f"--code {folder}" for folder in options.code]
     return " ".join([*words, f"--seed {options.seed} --schedule {number} --faults {','.join(map(str, only))}"])

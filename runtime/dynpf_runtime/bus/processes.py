@@ -16,7 +16,7 @@ from types import ModuleType
 from typing import NamedTuple
 
 from dynpf_protocol.control import Doing
-from dynpf_protocol.errors import RunError
+from dynpf_protocol.errors import DiedAgainError, RunError
 from dynpf_protocol.keys import RECORDER, ROUTER
 from setproctitle import setproctitle
 
@@ -64,13 +64,16 @@ def run_on_bus(
     secure: bool = True,
     guests: Path | None = None,
     restarts: int = 0,
+    durable: bool = False,
+    resume: bool = False,
 ) -> None:
     """Run the nodes ``names`` of a scenario, given as the text that its processes read, and record it into ``path``.
 
     Each process calls ``command`` with the arguments of ``dynpf service``. The processes look for user modules in the
     folders ``code``. Raises RunError that names the process that failed first; by then every process has ended.
 
-    A process that was killed or hangs is started again, each at most ``restarts`` times.
+    A process that was killed or hangs is started again, each at most ``restarts`` times. A ``durable`` recording is
+    synced to disk before it is confirmed; with ``resume`` the run goes on that ``path`` is the recording of.
 
     A ``secure`` run has keys that live as long as it does: one for each process, and those of an observer and an
     operator in the folder ``guests``, by default one of its own.
@@ -96,7 +99,7 @@ def run_on_bus(
             if log is not None and name != ROUTER:
                 words += ["--log", str(log)]
             if name == RECORDER:
-                words += ["-o", str(path)]
+                words += ["-o", str(path), *(["--durable"] if durable else []), *(["--resume"] if resume else [])]
             services[name] = words
         context = multiprocessing.get_context("fork" if _may_fork() else "spawn")
         children = _Children(command, services, folder, context)
@@ -248,7 +251,9 @@ def _supervise(children: _Children, stop: StopSignal, restarts: int) -> None:
                 case Restart(name):
                     children[name].process.join()
                     children.start(name)
-                case Finish(failure):
+                case Finish(failure, died_again):
+                    if failure and died_again is not None:
+                        raise DiedAgainError(failure, *died_again)
                     if failure:
                         raise RunError(failure)
                     return

@@ -79,9 +79,13 @@ class Restart(NamedTuple):
 
 
 class Finish(NamedTuple):
-    """Kill all that is left and end, with ``failure`` if the run has failed."""
+    """Kill all that is left and end, with ``failure`` if the run has failed.
+
+    ``died_again`` names a process that has died by itself twice in the same step, and that step's tick.
+    """
 
     failure: str = ""
+    died_again: tuple[str, int] | None = None
 
 
 Act = Say | Terminate | Kill | Restart | Finish
@@ -98,6 +102,7 @@ class Supervision:
         self._restarts = restarts
         self._started: Counter[str] = Counter()  # how often a process has been started again
         self._died_in: dict[str, int] = {}  # a process -> the tick of the step in which it died by itself
+        self._died_again: tuple[str, int] | None = None
         self._failed = ""
         self._deadline_ns: int | None = None
         self._asked = False
@@ -113,7 +118,7 @@ class Supervision:
         """Yield what is to be done."""
         running = [name for name, one in seen.items() if one.exit_code is None]
         if not running:
-            yield Finish(self._verdict(seen, asked))
+            yield Finish(self._verdict(seen, asked), self._died_again)
             return
         yield from self._hangs(seen, now_ns)
         if not asked.reason:
@@ -131,7 +136,8 @@ class Supervision:
             yield Finish(f"{self._failed or asked.reason}; killed what was left: {left}")
         elif self._deadline_ns is not None and now_ns > self._deadline_ns:
             over = not asked.reason and self._over(seen)
-            yield Finish("" if over else f"{self._failed or 'the run has broken off'}; killed what was left: {left}")
+            text = "" if over else f"{self._failed or 'the run has broken off'}; killed what was left: {left}"
+            yield Finish(text, self._died_again)
         elif self._asked and self._stalls(seen, running, now_ns):
             yield Finish(f"{self._failed or asked.reason}; the run did not go on, killed what was left: {left}")
 
@@ -180,6 +186,7 @@ class Supervision:
         """Return whether a process that was killed by a signal is to be started again."""
         died = -(one.exit_code or 0) in _BY_ITSELF and one.pulse.doing is Doing.STEP
         if died and self._died_in.get(name) == one.pulse.tick:
+            self._died_again = name, one.pulse.tick
             self._failed = (
                 f"{name} has died twice in the step of tick {one.pulse.tick} by signal {-(one.exit_code or 0)}"
             )

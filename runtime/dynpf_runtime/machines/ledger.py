@@ -16,6 +16,8 @@ from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import OrderError, ProtocolError, RepeatError, TooLargeError
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry
 from dynpf_protocol.recall import Recall, Recalled
+from dynpf_protocol.snapshots import SNAPSHOT_PREFIX
+from msgspec.structs import replace
 
 from dynpf_runtime.machines.consumption import Consumption
 from dynpf_runtime.machines.effects import Record
@@ -116,6 +118,8 @@ class Ledger:
             if not node.seen[name].came(envelope.sequence):
                 self._check_open(sender, node, max(envelope.tick, node.written))
             node.seen[name].take(envelope.sequence)
+            if name == SNAPSHOT_PREFIX + sender:
+                self.window.offer(sender, payload)
             return (self._counted(record),)
         if place in node.missing:
             node.missing.discard(place)
@@ -147,7 +151,8 @@ class Ledger:
             past = node.past_of(done.tick)
             if past is not None:
                 past.ended_again = True
-                past.differs = past.differs or past.end != done
+                said = replace(done, outcome=None) if self.rebuilt and past.end != done else done
+                past.differs = past.differs or past.end not in (done, said)
             if done.last and self.rebuilt:
                 self.outcome = done.outcome or self.outcome
             raise RepeatError(f"{what} again")
@@ -198,7 +203,7 @@ class Ledger:
             tick=asked.tick,
             next_tick=part.next_tick,
             more=part.more,
-            whole=self.window.whole,
+            whole=part.whole,
             written=place.written,
             said=place.said,
             last=place.last,
@@ -206,6 +211,7 @@ class Ledger:
             sequences=place.numbers,
             entries=part.entries,
             pieces=part.pieces,
+            snapshot=part.snapshot,
         )
 
     def rest(self) -> Iterator[Record]:

@@ -8,7 +8,6 @@ is alive when those are gone, and ready when it has caught up with them; the pee
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from enum import IntEnum
 
 from dynpf_protocol.control import Beat, Recorded, Stop, decode_control, encode_control
 from dynpf_protocol.errors import (
@@ -26,6 +25,8 @@ from dynpf_runtime.machines.admission import Admission
 from dynpf_runtime.machines.effects import NEVER_NS, Count, Declare, Effect, Put, Subscribe, Tell, Watch
 from dynpf_runtime.machines.events import Answered, Arrived, Counted, Event, RouterGone, Started, StopAsked, Token, Woke
 from dynpf_runtime.machines.heartbeats import BEAT_NS, Heartbeats
+from dynpf_runtime.machines.joining import Stage
+from dynpf_runtime.machines.missing import MissingNotice
 from dynpf_runtime.machines.refusals import Refusals, known_names
 from dynpf_runtime.machines.rivals import Rivals
 from dynpf_runtime.machines.roles import check_boot, check_named
@@ -34,8 +35,6 @@ from dynpf_runtime.plan import Plan
 
 __all__ = ["Membership"]
 
-_PATIENCE_NS = 1_000_000_000  # after that a notice lists the missing peers
-
 _LINGER_NS = 2_000_000_000
 """How long the token of a process may stay after its end: the router waits for who does not say that it ends."""
 
@@ -43,15 +42,6 @@ _LOOK_AGAIN_NS = 100_000_000
 
 _LISTEN_NS = 2_500_000_000
 """How long to listen for a heartbeat that says that this process was there before: five heartbeats of everybody."""
-
-
-class _Stage(IntEnum):
-    ASKING = 0  # whether its scenario is the router's, and its name is free
-    LISTENING = 1  # whether others were ready before: then it may have had predecessors
-    JOINING = 2  # alive, but a rival of the same name may have joined at the same moment
-    ALIVE = 3
-    READY = 4  # it leads the run, and waits until all are ready
-    RUNNING = 5
 
 
 class Membership:
@@ -81,6 +71,7 @@ class Membership:
         self.before = ""  # the start from which this one has taken over
         self.successor = False  # whether it takes over from another start
         self.caught_up = True  # whether it has done again what that had done
+        self.inherited = False  # whether that was gone with all others
         self.began = False  # whether the run had begun before this start
         self.peers = frozenset({*plan.graph.nodes, RECORDER} - {name})
         self.ticks = 0  # how many this process has ended
@@ -99,8 +90,9 @@ class Membership:
         self._admission = Admission(name, plan.text, endpoint)
         self._endpoint = endpoint
         self._prepare = prepare
+        self._inherits = ""  # its last start
         self._leads, self._listens = leads, listens
-        self._stage = _Stage.ASKING
+        self._stage = Stage.ASKING
         self._stop_sent = False
         self._roster = Roster(self.peers)
         self.starts, self.boots = self._roster.starts, self._roster.boots  # of each peer; they change in place
@@ -110,22 +102,28 @@ class Membership:
         self._next_beat_ns = 0
         self._look_at_ns = self._listen_until_ns = NEVER_NS
         self._linger_until_ns: int | None = None
-        self._notify_at_ns, self._notified = 0, set[str]()
+        self._missing = MissingNotice()
+
+    def inherit(self, starts: Mapping[str, str]) -> None:
+        """Take over a run whose processes are all gone, by their last starts; heartbeats tell the peers of theirs."""
+        self._inherits = starts[self.name]
+        for peer in self.peers:
+            self._roster.know(peer, starts[peer])
 
     @property
     def joined(self) -> bool:
         """Whether the process fits into the run, and has prepared for it."""
-        return self._stage >= _Stage.JOINING
+        return self._stage >= Stage.JOINING
 
     @property
     def alive(self) -> bool:
         """Whether its peers may know that it is there, and it has no rival that it should give way to."""
-        return self._stage >= _Stage.ALIVE
+        return self._stage >= Stage.ALIVE
 
     @property
     def running(self) -> bool:
         """Whether the run may begin for this process."""
-        return self._stage is _Stage.RUNNING
+        return self._stage is Stage.RUNNING
 
     @property
     def present(self) -> set[str]:
@@ -162,30 +160,30 @@ class Membership:
             case Woke():
                 yield from self.absence.judge(now_ns, self.ticks, self._may_go)
         yield from self._look(now_ns)
-        if self._stage >= _Stage.JOINING and now_ns >= self._next_beat_ns:
+        if self.joined and now_ns >= self._next_beat_ns:
             yield from self._beat(now_ns)
-        if _Stage.ALIVE <= self._stage < _Stage.RUNNING:
+        if Stage.ALIVE <= self._stage < Stage.RUNNING:
             yield from self._assemble(now_ns)
         self.wake_ns = self._due_ns(now_ns)
 
     def _look(self, now_ns: int) -> Iterator[Effect]:
         """Do what is due while this process is not alive: ask again, look again, or stop to listen."""
-        if self._stage is _Stage.ASKING and now_ns >= self._admission.wake_ns:
+        if self._stage is Stage.ASKING and now_ns >= self._admission.wake_ns:
             yield self._admission.ask(now_ns)
-        if self._stage is _Stage.ASKING and now_ns >= self._look_at_ns:
+        if self._stage is Stage.ASKING and now_ns >= self._look_at_ns:
             self._look_at_ns = NEVER_NS
             yield Count(f"{ALIVE}{self.name}/*")
-        if self._stage is _Stage.LISTENING and now_ns >= self._listen_until_ns:
+        if self._stage is Stage.LISTENING and now_ns >= self._listen_until_ns:
             yield from self._join()
 
     def _due_ns(self, now_ns: int) -> int:
-        if self._stage is _Stage.ASKING:
+        if self._stage is Stage.ASKING:
             return min(self._admission.wake_ns, self._look_at_ns)
-        if self._stage is _Stage.LISTENING:
+        if self._stage is Stage.LISTENING:
             return self._listen_until_ns
         due_ns = self._next_beat_ns
-        if self._stage < _Stage.RUNNING and self._notify_at_ns > now_ns:
-            due_ns = min(due_ns, self._notify_at_ns)
+        if self._stage < Stage.RUNNING and self._missing.wake_ns > now_ns:
+            due_ns = min(due_ns, self._missing.wake_ns)
         return min(due_ns, self.absence.due_ns())
 
     def _counted(self, keys: Sequence[str], now_ns: int) -> Iterator[Effect]:
@@ -193,18 +191,21 @@ class Membership:
 
         Each of two rivals declares itself before it looks again, so at least one sees the other.
         """
-        if self._stage is _Stage.LISTENING:
-            if self._listens or any(holder(Token(key, True))[0] in self.peers for key in keys):
+        if self._stage is Stage.LISTENING:
+            others_there = any(holder(Token(key, True))[0] in self.peers for key in keys)
+            if others_there or (self._listens and not self._inherits):
                 self._listen_until_ns = now_ns + _LISTEN_NS
             else:
+                self.before = self._inherits
+                self.successor = self.inherited = self.absence.resumed = bool(self._inherits)
                 yield from self._join()
             return
         others = [start for key in keys if (start := key.rpartition("/")[2]) not in self._starts]
-        if self._stage is _Stage.ASKING:
+        if self._stage is Stage.ASKING:
             if others:
                 self._await_end_of(others[0], now_ns)
             elif self.recovers:
-                self._stage = _Stage.LISTENING
+                self._stage = Stage.LISTENING
                 yield from _LISTEN
                 yield Count(f"{READY}**")
             else:
@@ -212,8 +213,8 @@ class Membership:
             return
         for start in others:
             self._rival(start, ready=False, present=True)
-        self._stage = max(self._stage, _Stage.ALIVE)
-        self._notify_at_ns = now_ns + _PATIENCE_NS
+        self._stage = max(self._stage, Stage.ALIVE)
+        self._missing.after(now_ns)
 
     def _await_end_of(self, other: str, now_ns: int) -> None:
         """Look again in a moment whether the name is free; raises UsageError if it has not become so in time."""
@@ -225,8 +226,8 @@ class Membership:
 
     def _join(self) -> Iterator[Effect]:
         """Become alive."""
-        listening = self._stage is _Stage.LISTENING
-        self._stage = _Stage.JOINING
+        listening = self._stage is Stage.LISTENING
+        self._stage = Stage.JOINING
         yield from self._prepare()
         if not listening:
             yield from _LISTEN
@@ -239,7 +240,7 @@ class Membership:
         Who knows of it knows by which ``starts`` the peers have begun the run; others may have come lately, as this
         process has.
         """
-        if before in self._starts or follows(self.start, before) or self._stage is _Stage.ASKING:
+        if before in self._starts or follows(self.start, before) or self._stage is Stage.ASKING:
             return
         other = boot_of(before) != boot_of(self.start)
         if other and self.ticks:
@@ -250,18 +251,18 @@ class Membership:
             self.successor, self.caught_up, self.absence.resumed = True, False, True
             for peer in self.peers & starts.keys():
                 self._roster.correct(peer, starts[peer])
-        if self._stage is _Stage.LISTENING:
+        if self._stage is Stage.LISTENING:
             yield from self._join()
             return
         yield Declare(f"{ALIVE}{self.name}/{self.start}")
         if other:
-            self._stage = min(self._stage, _Stage.ALIVE)
-        elif self._stage >= _Stage.READY:
+            self._stage = min(self._stage, Stage.ALIVE)
+        elif self._stage >= Stage.READY:
             yield Declare(f"{READY}{self.name}/{self.start}")
 
     def _rival(self, start: str, *, ready: bool, present: bool) -> None:
         """Give way to a rival, or have it give way: by who of them is ready."""
-        if self._stage < _Stage.READY:
+        if self._stage < Stage.READY:
             if self._rivals.take(start, self.start, ready=ready, present=present):
                 raise self._taken(start)
         elif present and self.absence.was_cut and follows(start, self.start):
@@ -275,35 +276,30 @@ class Membership:
 
         Who takes over is ready when it has caught up, and waits for nobody if the run had begun.
         """
-        if self._stage is _Stage.ALIVE:
+        if self._stage is Stage.ALIVE:
             missing = frozenset() if self.successor else self.peers - self._roster.present
             if missing or self._rivals.present or not self.caught_up:
-                yield from self._notify_missing("waiting for", missing, now_ns)
+                yield from self._missing.tell("waiting for", missing, now_ns)
                 return
             yield Declare(f"{READY}{self.name}/{self.start}")
-            self._stage = _Stage.READY
-            self._notified, self._notify_at_ns = set(), now_ns + _PATIENCE_NS
+            self._stage = Stage.READY
+            self._missing.after(now_ns)
             if self._lockstep:
                 yield from self._beat(now_ns)  # so that the source knows at once that it is known
         missing = self.peers - self._roster.ready
         if self._leads and missing and not self.began:
-            yield from self._notify_missing("waiting until ready:", missing, now_ns)
+            yield from self._missing.tell("waiting until ready:", missing, now_ns)
         elif not (self._leads and self.recovers and not self.began and self.strange):
-            self._stage = _Stage.RUNNING
+            self._stage = Stage.RUNNING
 
     @property
     def strange(self) -> bool:
         """Whether a peer has not said that it knows this start: it may still have a predecessor in mind."""
         return any(self._named.get(peer) not in self._starts for peer in self.peers)
 
-    def _notify_missing(self, what: str, names: set[str] | frozenset[str], now_ns: int) -> Iterator[Effect]:
-        if names and now_ns >= self._notify_at_ns and names != self._notified:
-            self._notified = set(names)
-            yield Tell(f"{what} {', '.join(sorted(names))}")
-
     def _beat(self, now_ns: int) -> Iterator[Effect]:
         self._next_beat_ns = now_ns + BEAT_NS
-        known = self._lockstep and self._stage >= _Stage.READY
+        known = self._lockstep and self._stage >= Stage.READY
         starts = {**self.starts, self.name: self.start} if known else {}
         beat = Beat(self.name, self.start, self.ticks, kept=self.kept, starts=starts)
         yield Put(f"{BEAT}{self.name}", encode_control(beat))
@@ -323,11 +319,11 @@ class Membership:
             self._others.take(token)
         elif node in self.peers:
             change = self._roster.take(token)
-            if change is Change.SECOND:
+            if change is Change.SECOND and not self.inherited:
                 yield Tell(f"a second {node} (boot {start}) is refused; this run's is {self.starts[node]}")
             elif change is Change.GONE and not self._may_go(node):
                 self.absence.left(node, now_ns)
-            elif change is Change.BACK or (change is Change.ANOTHER and self._stage >= _Stage.READY):
+            elif change is Change.BACK or (change is Change.ANOTHER and self._stage >= Stage.READY):
                 self.absence.back(node)
 
     def _may_go(self, node: str) -> bool:
@@ -353,6 +349,8 @@ class Membership:
     def _take_beat(self, beat: Beat, now_ns: int) -> Iterator[Effect]:
         known = self.starts | self._others.starts
         if beat.node not in known or follows(beat.boot, known[beat.node]):  # its first beat may come before its token
+            return
+        if self.inherited and beat.node in self.peers - self.present:  # it does not know yet that it takes over
             return
         check_boot(beat.node, beat.boot, known)
         self.heartbeats.take(beat, now_ns)

@@ -2,21 +2,24 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Protocol
+from itertools import islice
 
 from dynpf_protocol.control import Outcome, TickDone, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
-from dynpf_protocol.errors import DynpfError, OrderError, ProtocolError, RepeatError, RunError
+from dynpf_protocol.errors import BadMessageError, DynpfError, OrderError, ProtocolError, RepeatError, RunError
 from dynpf_protocol.journal import encode_entry, genesis
 from dynpf_protocol.keys import JOURNAL, RECALLED, RECORDER, RUN, TICK, data_key, data_keys
 from dynpf_protocol.messages import Diagnostics, Log, LogLevel, timestamp
+from dynpf_protocol.restoring import decode_snapshot
 
 from dynpf_runtime.executor import Executor, Sent
 from dynpf_runtime.faults import FaultyLink
 from dynpf_runtime.gaps import GapWatch, notice_gaps
 from dynpf_runtime.inbox import LockstepInbox, RealtimeInbox
+from dynpf_runtime.machines.deafness import AHEAD, Deafness
 from dynpf_runtime.machines.effects import NEVER_NS, Effect, Ended, Put, Subscribe, Tell
 from dynpf_runtime.machines.events import Arrived, Dropped, Event, Now, Woke
+from dynpf_runtime.machines.gauges import Gauges
 from dynpf_runtime.machines.intake import Intake, Refusal
 from dynpf_runtime.machines.membership import Membership
 from dynpf_runtime.machines.recollection import Recollection
@@ -26,33 +29,14 @@ from dynpf_runtime.machines.turns import FollowLockstep, FollowRealtime, LeadLoc
 from dynpf_runtime.machines.unconfirmed import MOST_UNCONFIRMED, Unconfirmed
 from dynpf_runtime.node import Node
 from dynpf_runtime.plan import Plan
-from dynpf_runtime.snapshot import Snapshots
+from dynpf_runtime.snapshot import Snapshots, thaw_host
 from dynpf_runtime.source import Feed, LogRecord, feed_log, feed_ticks
 
-__all__ = ["AHEAD", "Gauges", "NodeHost"]
-
-AHEAD = 1000
-"""How many ticks the source may run ahead of the recorder."""
+__all__ = ["NodeHost"]
 
 REPORT_NS = 1_000_000_000
-DEAF_NS = 3_000_000_000
-"""How long a step may stay away after all that it waits for has been sent; then a notice says so."""
-
 RECORDED_NS = 30_000_000_000
 """How long the recorder may take, after the last step, to confirm the run."""
-
-
-class Gauges(Protocol):
-    """Measurements of the process, for diagnostics and for those who watch it; nothing in the run depends on them."""
-
-    def stepping(self, tick: int) -> None:
-        """Note that a step of the node begins, which may take long."""
-
-    def stopwatch_s(self) -> float:
-        """Return the seconds of a clock."""
-
-    def waiting(self) -> int:
-        """Return the number of arrivals that wait to be handled."""
 
 
 class NodeHost:
@@ -86,13 +70,7 @@ class NodeHost:
         self._member = Membership(
             name, plan, start, endpoint, self._prepare, leads=self._leads, patience_ns=patience_ns
         )
-        chain = genesis(name, plan.text)
-        self._executor = Executor(node, self._spec, graph.topics, start, plan.state_digest_ticks, chain=chain)
-        self._gaps = GapWatch()
-        link = FaultyLink(plan.faults, name, plan.seed)
-        self._inbox = (LockstepInbox if plan.clock == "lockstep" else RealtimeInbox)(graph, name, link)
-        self._snapshots = Snapshots(self._executor, self._gaps, self._inbox)
-        self._intake = Intake(Roles(plan, self._member.boots), self._inbox)
+        self._begin_with(node, start)
         self._turns: Turns | None = None  # None until the run begins
         self._running = False
         self._unconfirmed = Unconfirmed()
@@ -103,8 +81,19 @@ class NodeHost:
         self._step_time_s = 0.0
         self._report_at_ns = 0
         self._stepped_ns = 0  # when the last step was, or the run began
-        self._deaf_at_tick = -1  # the tick of which the notice was given
+        self._deafness = Deafness(name, plan, self._member)
         self._stamp_ns = 0
+
+    def _begin_with(self, node: Node, boot: str) -> None:
+        """Put a node in its first state behind an empty inbox."""
+        plan, name = self._plan, self._spec.name
+        graph, chain = plan.graph, genesis(name, plan.text)
+        self._executor = Executor(node, self._spec, graph.topics, boot, plan.state_digest_ticks, chain=chain)
+        self._gaps = GapWatch()
+        link = FaultyLink(plan.faults, name, plan.seed)
+        self._inbox = (LockstepInbox if plan.clock == "lockstep" else RealtimeInbox)(graph, name, link)
+        self._snapshots = Snapshots(self._executor, self._gaps, self._inbox)
+        self._intake = Intake(Roles(plan, self._member.boots), self._inbox)
 
     @property
     def wake_ns(self) -> int:
@@ -158,7 +147,7 @@ class NodeHost:
         if self._running and member.running:
             yield from self._advance(now, self._turn(now, idle=type(event) is Woke))
             if type(event) is Woke:
-                yield from self._notice_deafness(now)
+                yield from self._deafness.notice(self._leads, self._stepped_ns, now.monotonic_ns)
         elif self._turns is not None and not self._running:
             yield from self._await_recorded(now)
 
@@ -188,6 +177,8 @@ class NodeHost:
         if answer is None:
             return
         member.stop_reason = member.stop_reason or answer.stop_reason
+        if answer.snapshot:
+            self._go_on_from(answer.snapshot, now)
         self._silent = True
         for piece in answer.pieces:
             refusal = self._intake.take(Arrived(piece.key, piece.payload, piece.attachment), now.monotonic_ns)
@@ -206,6 +197,21 @@ class NodeHost:
         self._stepped_ns = now.monotonic_ns
         yield from self._take_waiting(now)
         yield from self._handle(Woke(), now)
+
+    def _go_on_from(self, payload: bytes, now: Now) -> None:
+        """Take the place of the predecessor after the step of a snapshot; raises RunError if it is none of this node.
+
+        The recorder has found it to be of the state that the predecessor's journal has.
+        """
+        name, boot = self._spec.name, boot_of(self._member.start)
+        try:
+            snapshot = decode_snapshot(payload)
+            self._begin_with(self._spec.build(), boot)
+            thaw_host(snapshot, self._executor, self._gaps, self._inbox)
+        except BadMessageError as error:
+            raise RunError(f"{name} cannot come back: {error}") from error
+        self._unconfirmed, self._member.ticks = Unconfirmed(), snapshot.tick + 1
+        self._turns = self._turns_of(now, self._member.ticks)
 
     def _take_waiting(self, now: Now) -> Iterator[Effect]:
         """Take what others have said while this process was behind them."""
@@ -245,12 +251,17 @@ class NodeHost:
             self._unconfirmed.add(self._member.ticks, put)
         return () if self._silent else (put,)
 
-    def _turns_of(self, now: Now) -> Turns:
+    def _turns_of(self, now: Now, begun: int = 0) -> Turns:
+        """Return the turns after the first ``begun`` ticks."""
         plan, inbox = self._plan, self._inbox
         leads = self._leads
         if isinstance(inbox, LockstepInbox):
             alone = len(plan.graph.nodes) == 1
-            return LeadLockstep(inbox, self._feeds(now), plan.rate, alone=alone) if leads else FollowLockstep(inbox)
+            return (
+                LeadLockstep(inbox, islice(self._feeds(now), begun, None), plan.rate, alone=alone)
+                if leads
+                else FollowLockstep(inbox)
+            )
         return LeadRealtime(inbox, self._feeds(now), plan.rate or 1.0) if leads else FollowRealtime(inbox)
 
     def _feeds(self, now: Now) -> Iterator[Feed]:
@@ -325,24 +336,6 @@ class NodeHost:
             self._running = False
             self._member.leaving = True
             self._recorded_by_ns = now.monotonic_ns + RECORDED_NS
-
-    def _notice_deafness(self, now: Now) -> Iterator[Effect]:
-        """Tell if a tick does not begin though, by their heartbeats, all nodes that it waits for have ended theirs."""
-        tick, plan = self._member.ticks, self._plan
-        paced = self._leads and (plan.rate is not None or tick - self._member.behind(RECORDER) > AHEAD)
-        if plan.clock != "lockstep" or paced or now.monotonic_ns < self._stepped_ns + DEAF_NS:
-            return
-        awaited = {node: tick - lag for node, lag in plan.graph.lags[self._spec.name].items() if tick >= lag}
-        if (
-            awaited
-            and tick != self._deaf_at_tick
-            and all(self._member.behind(node) > awaited[node] for node in awaited)
-        ):
-            self._deaf_at_tick = tick
-            yield Tell(
-                f"tick {tick} does not begin, though {', '.join(awaited)} sent all that it waits for: it was lost, or "
-                f"{self._spec.name}'s key may not hear it"
-            )
 
     def _outcome(self, *, finished: bool) -> Outcome:
         if finished:

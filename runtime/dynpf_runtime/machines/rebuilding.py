@@ -29,6 +29,7 @@ def rebuilt(
 
     Raises RunError if they are not of the nodes with these ``boots``.
     """
+    ledger.patient = True  # what the file lacks is said again, and what comes after it, too
     steps: Counter[str] = Counter()  # the recording keeps no ticks but in the journal
     source = ledger.source
     for message in found:

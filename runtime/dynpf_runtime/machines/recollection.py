@@ -60,6 +60,8 @@ class Recollection:
             raise OrderError(f"the recorder goes from tick {self._tick} to {recalled.next_tick}")
         self._entries.update(enumerate(recalled.entries, self._tick))
         self._tick = recalled.next_tick
+        if recalled.snapshot:
+            self._entries.clear()
         if not recalled.whole:
             raise RunError(
                 f"{self._member.name} cannot come back: too much has been recorded for it to do it all again"

@@ -1,6 +1,6 @@
 """The recorder: a member of the run that receives everything and has it written, outside the lockstep loop."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 
 from dynpf_formats.recording.header import RunEnd
@@ -45,6 +45,7 @@ from dynpf_runtime.machines.rebuilding import rebuilt
 from dynpf_runtime.machines.restarts import Restarts
 from dynpf_runtime.machines.roles import Roles, check_boot
 from dynpf_runtime.machines.roster import follows
+from dynpf_runtime.machines.standstill import Standstill
 from dynpf_runtime.plan import Plan
 
 __all__ = ["SETTLE_NS", "RecorderMachine"]
@@ -58,9 +59,6 @@ LATE_NS = 20_000_000_000
 
 AGAIN_NS = 10_000_000_000
 """SETTLE_NS after somebody was gone: what was lost is said again, if need be several times."""
-
-STILL_NS = 5_000_000_000
-"""How long a run in which two have spoken under one name may stand still."""
 
 SAY_AGAIN_NS = 250_000_000
 """How often the recorder repeats, until the others have left, that it has confirmed the run."""
@@ -82,11 +80,20 @@ class RecorderMachine:
 
     If the run breaks off, it has everything that has arrived written, marks the recording as incomplete, and says so.
     In lockstep it waits ``patience_ns`` for processes that are gone. If the recording ``exists``, another start may
-    have begun it: then this one goes on with it.
+    have begun it: then this one goes on with it. It also does if it ``resumes`` a run whose processes are all gone:
+    then it knows their last starts, and its own, by the recording.
     """
 
     def __init__(
-        self, plan: Plan, start: str, endpoint: str, path: str, *, patience_ns: int = 0, exists: bool = False
+        self,
+        plan: Plan,
+        start: str,
+        endpoint: str,
+        path: str,
+        *,
+        patience_ns: int = 0,
+        exists: bool = False,
+        resumes: Mapping[str, str] | None = None,
     ) -> None:
         self._member = Membership(
             RECORDER, plan, start, endpoint, self._prepare, leads=False, patience_ns=patience_ns, listens=exists
@@ -98,11 +105,13 @@ class RecorderMachine:
         self._roles = Roles(plan, self._member.boots)
         self._ledger = Ledger(plan, self._roles)
         self._restarts = Restarts(self._member)
+        if resumes is not None:
+            self._member.inherit(resumes)
         self._noted = 0  # restarts
         self._began_ns = 0
         self._warnings = 0
         self._doubted = False
-        self._written, self._written_ns = 0, 0  # steps, and when the last one was
+        self._standstill = Standstill()
         self._due_ns = NEVER_NS  # deadline of the stage: for missing messages, or for the others to leave
         self._settling = False  # whether what is missing now was said to be sent
         self._flush_at_ns = 0
@@ -171,6 +180,7 @@ class RecorderMachine:
                 yield from self._confirm(end, now)
             case Flushed():
                 member.kept = self._ledger.ticks if not self._ledger.missing() else member.kept
+                self._ledger.window.confirm(member.kept)
             case Found():
                 yield from self._rebuild(event, now)
             case _ if self._stage is _Stage.BROKEN:
@@ -212,6 +222,8 @@ class RecorderMachine:
         member, ledger = self._member, self._ledger
         yield from rebuilt(found.messages, ledger, self._plan.graph.topics, member.boots)
         member.ticks = ledger.ticks
+        if member.inherited:
+            self._restarts.lose_all(now.monotonic_ns)
         took_s = (now.monotonic_ns - self._began_ns) / 10**9
         yield from self._note(
             Restart(node=RECORDER, before=member.before, start=member.start, tick=ledger.ticks, absent_s=took_s), now
@@ -360,9 +372,7 @@ class RecorderMachine:
 
     def _watch_doubtful(self, now: Now) -> None:
         """Break a doubtful run off that makes no step any more: a stranger may have driven nodes out of step."""
-        if self._ledger.written != self._written:
-            self._written, self._written_ns = self._ledger.written, now.monotonic_ns
-        elif self._ledger.doubt and now.monotonic_ns > self._written_ns + STILL_NS:
+        if self._standstill.lasts(self._ledger.written, now.monotonic_ns) and self._ledger.doubt:
             self._break_off()
 
     def _refuse(self, key: str, error: ProtocolError, now: Now) -> Iterator[Effect]:

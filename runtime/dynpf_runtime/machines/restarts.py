@@ -32,6 +32,11 @@ class Restarts:
             return self._back(name, start, now_ns)
         return None
 
+    def lose_all(self, now_ns: int) -> None:
+        """Note that all nodes are gone: the run is resumed."""
+        for name, start in self._member.starts.items():
+            self._gone[name] = start, self._member.ticks, now_ns
+
     def _router(self, start: str, now_ns: int, *, present: bool) -> Restart | None:
         """The router takes nothing over: each of its starts has a name of its own."""
         if not present:

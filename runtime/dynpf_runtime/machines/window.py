@@ -1,15 +1,23 @@
-"""The recorder's window: what it has written, as a node's new start needs it to go on where the last one was."""
+"""The recorder's window: what it has written, as a node's new start needs it to go on where the last one was.
+
+A node goes on from its last snapshot, so only what has been said since then is kept: the memory does not grow with the
+run. A snapshot is what a peer says: it counts if it has the state and the chain value of the journal of its step, and
+only once all steps up to its own are in the file, because a node does not say again what is before it.
+"""
 
 import hashlib
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterable
 from typing import NamedTuple
 
 from dynpf_protocol.control import TickDone, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
+from dynpf_protocol.errors import BadMessageError
 from dynpf_protocol.journal import JournalEntry
 from dynpf_protocol.keys import TICK, data_key
+from dynpf_protocol.messages import Snapshot
 from dynpf_protocol.recall import Piece
+from dynpf_protocol.restoring import agreed, decode_snapshot
 
 from dynpf_runtime.graph import Graph
 from dynpf_runtime.machines.effects import Record
@@ -19,24 +27,43 @@ __all__ = ["Part", "Window", "end_of", "entry_digest"]
 _PART_BYTES = 2**20
 _PART_TICKS = 200
 _MOST_BYTES = 2**27
-"""What is kept at most; a node cannot come back into a run of which more has been written."""
+"""What is kept at most; a node cannot come back into a run of which more has been written since its last snapshot."""
 
 _EACH = 400  # bytes that a message takes beside its payload
+
+_MOST_OFFERED = 4
+"""How many snapshots of a node are kept that do not count yet."""
 
 
 class _Step(NamedTuple):
     end: TickDone
     messages: list[Record]
     entry: bytes  # digest
+    size: int
+    journal: JournalEntry | None  # if it has the digest of the state
+
+
+class _Offered(NamedTuple):
+    """A snapshot and its message; ``agrees`` once it has been compared with the journal."""
+
+    snapshot: Snapshot
+    payload: bytes
+    agrees: bool = False
 
 
 class Part(NamedTuple):
-    """What a node has read and done in the ticks before ``next_tick``, and whether there is more."""
+    """What a node has read and done in the ticks before ``next_tick``, and whether there is more.
+
+    ``snapshot`` is what it is to go on from first, if it has asked for what is no longer here, or need not be done
+    again. ``whole`` says that nothing of this is lost.
+    """
 
     pieces: tuple[Piece, ...]
     entries: tuple[bytes, ...]
     next_tick: int
     more: bool
+    whole: bool = True
+    snapshot: bytes = b""
 
 
 def entry_digest(payload: bytes) -> bytes:
@@ -51,31 +78,35 @@ def end_of(envelope: Envelope, entry: JournalEntry) -> TickDone:
 
 
 class Window:
-    """The written steps of all nodes of a run with ``graph``."""
+    """The written steps of all nodes of a run with ``graph``, since each node's last snapshot."""
 
     def __init__(self, graph: Graph) -> None:
         self._graph = graph
         self._steps: dict[str, dict[int, _Step]] = {name: {} for name in graph.nodes}
+        self._begins = dict.fromkeys(graph.nodes, 0)  # the first tick from which on all steps of a node are here
+        self._offered: dict[str, deque[_Offered]] = {name: deque(maxlen=_MOST_OFFERED) for name in graph.nodes}
+        self._counting: dict[str, _Offered] = {}
         self._bytes = 0
 
     @property
-    def whole(self) -> bool:
-        """Whether everything is here; it is only kept while it is not too much."""
-        return self._bytes <= _MOST_BYTES
+    def size(self) -> int:
+        """How much is kept, bytes."""
+        return self._bytes
 
     def wrote(self, end: TickDone | None, messages: Iterable[Record], entry: Record | None) -> None:
         """Add a step that has been written; nobody can do again what follows one of which a part is lost."""
         if entry is None or entry.entry is None:
             return
-        if not self.whole:
-            return
         end, messages = end or end_of(entry.envelope, entry.entry), list(messages)
-        self._bytes += sum(_EACH + len(message.payload) for message in messages)
-        if not self.whole:
-            for steps in self._steps.values():
-                steps.clear()
-            return
-        self._steps[end.node][end.tick] = _Step(end, messages, entry_digest(entry.payload))
+        name, tick = end.node, end.tick
+        size = sum(_EACH + len(message.payload) for message in messages)
+        if self._bytes + size > _MOST_BYTES:
+            self._clear()
+        journal = entry.entry if entry.entry.state else None
+        self._steps[name][tick] = _Step(end, messages, entry_digest(entry.payload), size, journal)
+        self._bytes += size
+        for offered in [one for one in self._offered[name] if one.snapshot.tick == tick]:
+            self._compare(name, offered, journal)
 
     def found(self, record: Record, sender: str) -> None:
         """Add a message of a written step that has come late."""
@@ -83,12 +114,39 @@ class Window:
         if step is not None:
             step.messages.append(record)
 
+    def offer(self, name: str, payload: bytes) -> None:
+        """Take a node's snapshot, before or after its step is written."""
+        try:
+            offered = _Offered(decode_snapshot(payload), payload)
+        except BadMessageError:
+            return
+        self._offered[name].append(offered)
+        if (step := self._steps[name].get(offered.snapshot.tick)) is not None:
+            self._compare(name, offered, step.journal)
+
+    def confirm(self, ticks: int) -> None:
+        """Let the snapshots count after whose steps nothing is lost: ``ticks`` of all nodes are in the file."""
+        changed = False
+        for name, waiting in self._offered.items():
+            counting = [offered for offered in waiting if offered.agrees and offered.snapshot.tick < ticks]
+            if counting:
+                self._counting[name], changed = counting[-1], True
+                last = counting[-1].snapshot.tick
+                self._offered[name] = deque((one for one in waiting if one.snapshot.tick > last), _MOST_OFFERED)
+        if changed:
+            self._forget()
+
     def part(self, name: str, tick: int) -> Part:
         """Return what a node has read and done from ``tick`` on, or as much of it as goes into one answer."""
+        counting, lags = self._counting.get(name), self._graph.lags[name]
+        last = -1 if counting is None else counting.snapshot.tick
+        if counting is not None and tick < last:
+            whole = self._has(name, last)
+            return Part((), (), last, True, whole, counting.payload if whole else b"")
         pieces: list[Piece] = []
         entries: list[bytes] = []
         size = 0
-        lags, reads = self._graph.lags[name], self._graph.specs[name].reads
+        reads = self._graph.specs[name].reads
         until = 1 + max((max(self._steps[other], default=-1) for other in (*lags, name)), default=-1)
         first, own = tick, self._steps[name]
         while tick < until and tick < first + _PART_TICKS and size < _PART_BYTES:
@@ -101,7 +159,40 @@ class Window:
             if tick in own:
                 entries.append(own[tick].entry)
             tick += 1
-        return Part(tuple(pieces), tuple(entries), tick, tick < until)
+        return Part(tuple(pieces), tuple(entries), tick, tick < until, self._has(name, first))
+
+    def _has(self, name: str, tick: int) -> bool:
+        """Return whether all that a node needs is here from a tick on."""
+        return all(self._begins[other] <= tick for other in (name, *self._graph.lags[name]))
+
+    def _compare(self, name: str, offered: _Offered, entry: JournalEntry | None) -> None:
+        """Keep a snapshot only if it is of the state that the journal has after its step."""
+        waiting = self._offered[name]
+        waiting.remove(offered)
+        try:
+            agreed(offered.snapshot, entry)
+        except BadMessageError:
+            return
+        waiting.append(offered._replace(agrees=True))
+
+    def _forget(self) -> None:
+        """Forget what no node needs any more."""
+        graph = self._graph
+        needed = {name: self._counting[name].snapshot.tick if name in self._counting else 0 for name in graph.nodes}
+        for name, steps in self._steps.items():
+            readers = [other for other in graph.nodes if other == name or name in graph.lags[other]]
+            begin = min(needed[other] for other in readers)
+            if begin > self._begins[name]:
+                for tick in [tick for tick in steps if tick < begin]:
+                    self._bytes -= steps.pop(tick).size
+                self._begins[name] = begin
+
+    def _clear(self) -> None:
+        """Forget everything: nobody can come back before its next snapshot."""
+        for name, steps in self._steps.items():
+            self._begins[name] = max(self._begins[name], 1 + max(steps, default=-1))
+            steps.clear()
+        self._bytes = 0
 
 
 def _piece(record: Record) -> Piece:

@@ -17,19 +17,19 @@ BLOCK = 4096
 
 
 class Disk:
-    """The files in ``folder``. ``room`` is how many bytes there is room for, None for any number.
+    """The files in ``folder``; those that are there are ``kept`` or removed.
 
-    ``tears`` has the writes, by their number from 0, in the midst of which the process is killed, and how many parts in
-    256 of them are written.
+    ``room`` is how many bytes there is room for, None for any number. ``tears`` has the writes, by their number from 0,
+    in the midst of which the process is killed, and how many parts in 256 of them are written.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, kept: bool = False) -> None:
         self.folder = folder
         self.room: int | None = None
         self.writes = 0
         self.tears: dict[int, int] = {}
         self._files: list[SimulatedFile] = []
-        for path in folder.iterdir():
+        for path in () if kept else folder.iterdir():
             path.unlink()
 
     def open(self, path: Path, overwrite: bool) -> "SimulatedFile":

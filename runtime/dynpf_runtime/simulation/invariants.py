@@ -13,11 +13,14 @@ from dynpf_formats.recording.doctor import Finding, diagnosis
 from dynpf_formats.recording.errors import RecordingError
 from dynpf_formats.recording.findings import Severity
 from dynpf_formats.recording.reader import Recording, load
-from dynpf_protocol.errors import DynpfError, UsageError
-from dynpf_protocol.keys import RECORDER, ROUTER, TICK
+from dynpf_protocol.codec import decode
+from dynpf_protocol.control import Beat, decode_control
+from dynpf_protocol.errors import DynpfError, RunError, UsageError
+from dynpf_protocol.keys import BEAT, RECORDER, ROUTER, TICK
+from dynpf_protocol.messages import Restart
 from dynpf_protocol.topics import is_compared
 
-from dynpf_runtime.machines.effects import Ended, Put, Tell
+from dynpf_runtime.machines.effects import Ended, Put, Record, Tell
 from dynpf_runtime.replay import replay_node
 from dynpf_runtime.replay_hosts import replay_hosts
 from dynpf_runtime.simulation.faults import (
@@ -37,7 +40,7 @@ from dynpf_runtime.simulation.faults import (
     Tear,
 )
 from dynpf_runtime.simulation.schedule import Care
-from dynpf_runtime.simulation.trial import LIMIT_NS, STANDSTILL_NS, Run, Trial
+from dynpf_runtime.simulation.trial import LIMIT_NS, STANDSTILL_NS, Run, Trial, resume
 
 __all__ = ["Reference", "broken", "is_harmless", "reference_of"]
 
@@ -89,10 +92,12 @@ def broken(run: Run, reference: Reference | None, trial: Trial, *, replay: bool)
     found = [*_ends(trial)]
     whole, problems = _recording(run, reference, trial, replay=replay)
     found += problems
+    if not whole and reference is not None and not trial.asked and _lost_power(trial):
+        found += _resumed(run, reference, trial)
     kept = trial.schedule.care is Care.KEPT
     harmless = not trial.exhausted and all(is_harmless(fault, kept=kept) for fault in trial.schedule.faults)
     if not whole:
-        if not any(type(fault) is PowerLoss for fault in trial.schedule.faults):  # it was whole then
+        if not _lost_power(trial):  # it was whole then
             found += _called_whole(trial)
         if harmless:
             found.append("the run is not whole, though nothing befell it that could harm it")
@@ -207,6 +212,50 @@ def _untrue(recording: Recording, reference: Reference) -> Iterator[str]:
         if expected_line is None or line._replace(state=expected_line.state) != expected_line:
             yield f"step {line.step} of {key.node} is not that of the undisturbed run"
             break
+
+
+def _lost_power(trial: Trial) -> bool:
+    return any(type(fault) is PowerLoss for fault in trial.schedule.faults)
+
+
+def _resumed(run: Run, reference: Reference, trial: Trial) -> Iterator[str]:
+    """Yield what is wrong with a run that has lost power and is resumed, or with what the disk has kept of it."""
+    confirmed = _confirmed(trial) if run.durable else 0
+    if not trial.path.exists():
+        return
+    try:
+        again = resume(run, trial)
+    except RecordingError as error:
+        if confirmed:
+            yield f"the recorder had confirmed {confirmed} ticks, and nothing can be read: {error}"
+        return
+    told = [line for what in again.simulation.story if isinstance(what.what, Record) for line in _restart(what.what)]
+    if told and told[0].tick < confirmed:
+        yield f"the recorder had confirmed {confirmed} ticks, and {told[0].tick} can be read after the loss of power"
+    ended = again.simulation.ended.get(RECORDER, RunError("it has not ended"))
+    if ended is not None:
+        yield f"the run cannot be resumed: {ended}"
+    elif content_digest(load(again.path)[0]) != reference.digest:
+        yield "the resumed run has not the content of the undisturbed one"
+
+
+def _confirmed(trial: Trial) -> int:
+    """Return how many ticks the recorder has said to have in its file."""
+    beats = [
+        decode_control(what.payload, Beat).kept
+        for _, name, what in trial.simulation.story
+        if type(what) is Put and name == RECORDER and what.key == BEAT + RECORDER
+    ]
+    return max(beats, default=0)
+
+
+def _restart(record: Record) -> Iterator[Restart]:
+    """Yield what a record says of a recorder that has gone on with the file of another."""
+    if record.topic == "recorder/restart":
+        restart = decode(record.topic, record.payload)
+        assert isinstance(restart, Restart)
+        if restart.node == RECORDER:
+            yield restart
 
 
 def _replayed(run: Run, recording: Recording) -> Iterator[str]:

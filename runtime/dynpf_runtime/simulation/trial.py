@@ -1,7 +1,7 @@
 """A trial: one run of a plan, simulated from beginning to end under a schedule of faults."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple, Protocol, Self
@@ -38,7 +38,7 @@ from dynpf_runtime.simulation.schedule import Care, Schedule, Size
 from dynpf_runtime.simulation.watch import Watch
 from dynpf_runtime.source import LogRecord
 
-__all__ = ["ENDPOINT", "FILE", "LIMIT_NS", "STANDSTILL_NS", "Run", "Trial", "play"]
+__all__ = ["ENDPOINT", "FILE", "LIMIT_NS", "STANDSTILL_NS", "Run", "Trial", "play", "resume"]
 
 ENDPOINT = "tls/simulated:1"
 
@@ -77,11 +77,16 @@ OpenRecording = Callable[[Plan, str, Path, Callable[..., RecordingWriter]], Reco
 
 
 class Run(NamedTuple):
-    """What is simulated: the plan, the log that it plays, and what makes a recorder's file."""
+    """What is simulated: the plan, the log that it plays, what makes a recorder's file, and what reads its boots.
+
+    A ``durable`` file is one that the recorder syncs before it confirms.
+    """
 
     plan: Plan
     log: Sequence[LogRecord]
     open_recording: OpenRecording
+    recorded_boots: Callable[[Path, Plan], Mapping[str, str]]
+    durable: bool = False
 
 
 class Trial(NamedTuple):
@@ -146,9 +151,22 @@ def play(run: Run, schedule: Schedule, folder: Path) -> Trial:
         disk.close()
 
 
-def _play(run: Run, schedule: Schedule, disk: Disk) -> Trial:
+def resume(run: Run, trial: Trial) -> Trial:
+    """Simulate that the run of a trial, all of whose processes are gone, is resumed from its recording.
+
+    Raises RecordingError if that cannot be read.
+    """
+    boots = run.recorded_boots(trial.path, run.plan)
+    disk = Disk(trial.disk.folder, kept=True)
+    try:
+        return _play(run, trial.schedule._replace(faults=(), care=Care.KEPT), disk, boots)
+    finally:
+        disk.close()
+
+
+def _play(run: Run, schedule: Schedule, disk: Disk, resumes: Mapping[str, str] | None = None) -> Trial:
     simulation = Simulation(schedule.network_seed, ROUTER, schedule.network)
-    cast = _Cast(run, simulation, disk, PATIENCE_NS if schedule.care is Care.KEPT else 0)
+    cast = _Cast(run, simulation, disk, PATIENCE_NS if schedule.care is Care.KEPT else 0, resumes)
     for name in (ROUTER, RECORDER, *run.plan.graph.nodes):
         cast.start(name)
     for fault in schedule.faults:
@@ -170,18 +188,21 @@ def _play(run: Run, schedule: Schedule, disk: Disk) -> Trial:
 class _Cast:
     """Starts the processes of a run, for the first time and again."""
 
-    def __init__(self, run: Run, simulation: Simulation, disk: Disk, patience_ns: int) -> None:
+    def __init__(
+        self, run: Run, simulation: Simulation, disk: Disk, patience_ns: int, resumes: Mapping[str, str] | None = None
+    ) -> None:
         self.ticks: dict[str, int] = {}
         self._run = run
         self._simulation = simulation
         self._disk = disk
         self._patience_ns = patience_ns
+        self._resumes = resumes  # the last start of each process, if the run is resumed
         self._starts: Counter[str] = Counter()
 
     def start(self, name: str) -> None:
         """Start a process, under a name of its own for this start."""
         self._starts[name] += 1
-        start = f"{name}-{self._starts[name]}"
+        start = f"{name}-{'' if self._resumes is None else 'r'}{self._starts[name]}"
         begin = self._simulation.add if self._starts[name] == 1 else self._simulation.restart
         plan, patience_ns = self._run.plan, self._patience_ns
         if name == ROUTER:
@@ -189,7 +210,10 @@ class _Cast:
         elif name == RECORDER:
             path = self._disk.folder / FILE
             recording = self._run.open_recording(plan, start, path, partial(RecordingWriter, open_file=self._disk.open))
-            machine = RecorderMachine(plan, start, ENDPOINT, FILE, patience_ns=patience_ns, exists=path.exists())
+            exists, resumes = path.exists(), self._resumes
+            machine = RecorderMachine(
+                plan, start, ENDPOINT, FILE, patience_ns=patience_ns, exists=exists, resumes=resumes
+            )
             begin(name, machine, recording.perform, partial(_leave, recording))
         else:
             node, gauges = plan.graph.specs[name].build(), _Gauges(name, self.ticks)

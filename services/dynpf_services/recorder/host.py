@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Self
 
@@ -10,8 +11,10 @@ from dynpf_formats.recording.header import Attachment, RunEnd, RunHeader
 from dynpf_formats.recording.mcap_records import Damage, End
 from dynpf_formats.recording.stream import StreamedMessage, stream
 from dynpf_formats.recording.writer import RecordingWriter
+from dynpf_formats.regular_files import readable
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.keys import RECORDER
+from dynpf_protocol.topics import LOG_NODE
 from dynpf_runtime.bus.edge import drive, new_boot
 from dynpf_runtime.bus.keys import Credentials
 from dynpf_runtime.bus.pulse import Pulse
@@ -23,7 +26,7 @@ from dynpf_runtime.machines.recorder import RecorderMachine
 from dynpf_runtime.plan import Plan, run_header
 from dynpf_runtime.progress import Progress
 
-__all__ = ["RecorderFile", "run_recorder"]
+__all__ = ["RecorderFile", "recorded_boots", "run_recorder"]
 
 
 def run_recorder(
@@ -36,8 +39,13 @@ def run_recorder(
     pulse: Pulse,
     keys: Credentials | None = None,
     patience_s: float = 0.0,
+    durable: bool = False,
+    resume: bool = False,
 ) -> RunEnd:
     """Record one run into ``path`` and return how it ended. Processes that are gone are waited for ``patience_s``.
+
+    A ``durable`` recording survives a loss of power as far as the recorder has confirmed it. With ``resume`` the run of
+    the recording, of which all processes are gone, goes on.
 
     Raises RunError if the run broke off, after closing the recording and marking it incomplete, and RecordingError if
     the file cannot be written.
@@ -45,10 +53,18 @@ def run_recorder(
     boot = new_boot()
     name = os.fsencode(path).decode(errors="backslashreplace")  # it travels, and need not be UTF-8
     patience_ns = round(patience_s * 1e9)
-    machine = RecorderMachine(plan, boot, endpoint, name, patience_ns=patience_ns, exists=path.exists())
+    machine = RecorderMachine(
+        plan,
+        boot,
+        endpoint,
+        name,
+        patience_ns=patience_ns,
+        exists=path.exists(),
+        resumes=recorded_boots(path, plan) if resume else None,
+    )
     with (
         Bus.connect(endpoint, lambda text: say(RECORDER, text), lambda: stop.requested, keys) as bus,
-        RecorderFile(plan, boot, path, attachments) as file,
+        RecorderFile(plan, boot, path, attachments, durable=durable) as file,
     ):
         drive(RECORDER, machine, bus, stop, file.perform, pulse=pulse)
     assert file.end is not None, "the machine has ended without an error and without a recording"
@@ -69,9 +85,11 @@ class RecorderFile:
         path: Path,
         attachments: Sequence[Attachment] = (),
         open_writer: Callable[..., RecordingWriter] = RecordingWriter,
+        *,
+        durable: bool = False,
     ) -> None:
         self.end: RunEnd | None = None
-        self._open_writer = open_writer
+        self._open_writer = partial(open_writer, durable=durable)
         self._plan, self._boot, self._path, self._attachments = plan, boot, path, tuple(attachments)
         self._writer: RecordingWriter | None = None
         self._placed = False
@@ -149,6 +167,22 @@ def _messages(path: Path, plan: Plan) -> Iterator[FoundMessage]:
             case StreamedMessage(source=source) if source is not None:
                 envelope = Envelope(source.node, source.boot, item.sequence, 0, item.stamp_ns, item.publish_ns)
                 yield FoundMessage(source.topic, envelope, item.payload)
+
+
+def recorded_boots(path: Path, plan: Plan) -> dict[str, str]:
+    """Return the boots of the nodes by a recording of ``plan``, and the last of its recorder.
+
+    A node of which nothing is recorded gets a new one. Raises RecordingError if there is no such recording, or if a
+    node has several.
+    """
+    boots: dict[str, str] = {}
+    source = plan.graph.source
+    for _, envelope, _ in _messages(path, plan):
+        node = source if envelope.node == LOG_NODE else envelope.node
+        if node != RECORDER and boots.get(node, envelope.boot) != envelope.boot:
+            raise RecordingError(f"{path}: {readable(node)} has several boots: no run of one start can go on from it")
+        boots[node] = envelope.boot
+    return {name: boots.get(name) or new_boot() for name in (*plan.graph.nodes, RECORDER)}
 
 
 def _check_header(path: Path, header: RunHeader, plan: Plan) -> None:

@@ -53,17 +53,19 @@ def record_inline(
     observe: Observer | None = None,
     stopped: Callable[[], str] = lambda: "",
     reason: str = "finished",
+    durable: bool = False,
 ) -> int:
     """Run ``scenario`` to its end into a new recording at ``path`` and return the number of ticks.
 
     ``log`` is the log that the sensors play, if any. ``stopped`` is called before each tick and returns a reason to
-    make it the last, or an empty text; the recording's end has that reason, or else ``reason``. Raises whatever the
-    nodes raise; the recording then holds everything before, and is marked as incomplete.
+    make it the last, or an empty text; the recording's end has that reason, or else ``reason``. A ``durable`` recording
+    survives a loss of power, all but its last moments. Raises whatever the nodes raise; the recording then holds
+    everything before, and is marked as incomplete.
     """
     log = log or LogContent()
     plan = plan_of(scenario)
     attachments = attachments_of(scenario, log.attachments)
-    with RecordingWriter(path, run_header(plan), attachments, topics=plan.graph.topics) as writer:
+    with RecordingWriter(path, run_header(plan), attachments, topics=plan.graph.topics, durable=durable) as writer:
         run = run_inline(plan, log.records, writer, observe=observe, stopped=lambda: bool(stopped()))
         writer.close(complete=True, reason=stopped() or reason, outcome=run.outcome)
     return run.ticks

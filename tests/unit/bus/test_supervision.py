@@ -14,6 +14,7 @@ from dynpf_runtime.bus.supervision import (
     Asked,
     Finish,
     Kill,
+    Restart,
     Say,
     Seen,
     Supervision,
@@ -34,11 +35,11 @@ class Acted(NamedTuple):
 class Watched:
     """A run whose processes do what the test says; all turn, unless it says something else."""
 
-    def __init__(self) -> None:
+    def __init__(self, restarts: int = 0) -> None:
         self.now_ns = SECOND_NS
         self.acted: list[Acted] = []
         self.asked = Asked()
-        self._supervision = Supervision(NAMES)
+        self._supervision = Supervision(NAMES, restarts)
         self._others: dict[str, Seen] = {}
 
     def let(
@@ -48,9 +49,10 @@ class Watched:
         *,
         exit_code: int | None = None,
         stopped: bool = False,
+        tick: int = 7,
     ) -> None:
         """Let a process do ``doing`` from now on, or end, or be stopped."""
-        self._others[name] = Seen(exit_code, stopped, Reading(doing, self.now_ns, 7, 0))
+        self._others[name] = Seen(exit_code, stopped, Reading(doing, self.now_ns, tick, 0))
 
     def seen(self) -> Mapping[str, Seen]:
         turning = Seen(None, False, Reading(Doing.TURNING, self.now_ns, 3, 0))
@@ -63,6 +65,8 @@ class Watched:
             self.now_ns += STEP
             for act in self._supervision.look(self.seen(), self.asked, self.now_ns):
                 self.acted.append(Acted(self.now_ns, act))
+                if isinstance(act, Restart):
+                    self._others.pop(act.name)
                 if isinstance(act, Kill):
                     self.let(act.name, exit_code=-9)
         return [one.act for one in self.acted[before:]]
@@ -160,3 +164,78 @@ def test_a_run_that_ended_well_has_not_failed() -> None:
     for name in NAMES:
         run.let(name, exit_code=0)
     assert run.run(SECOND_NS) == [Finish()]
+
+
+def restarted(run: Watched) -> list[str]:
+    return [act.name for act in run.run(SECOND_NS) if isinstance(act, Restart)]
+
+
+def test_who_is_killed_is_started_again_as_often_as_it_may_and_then_the_run_has_failed() -> None:
+    run = Watched(restarts=2)
+    for _ in range(2):
+        run.let("estimator", exit_code=-9)
+        assert restarted(run) == ["estimator"]
+    run.let("estimator", exit_code=-9)
+    finish = run.run(60 * SECOND_NS)[-1]
+    assert isinstance(finish, Finish)
+    assert finish.failure.startswith("estimator was killed by signal 9")
+    assert finish.died_again is None
+
+
+def test_each_process_has_restarts_of_its_own() -> None:
+    run = Watched(restarts=1)
+    run.let("estimator", exit_code=-9)
+    run.let("recorder", exit_code=-9)
+    assert sorted(restarted(run)) == ["estimator", "recorder"]
+
+
+@pytest.mark.parametrize("code", [-11, -6, -7])
+def test_who_dies_by_itself_twice_in_the_same_step_is_not_started_again(code: int) -> None:
+    run = Watched(restarts=3)
+    run.let("estimator", Doing.STEP, exit_code=code)
+    assert restarted(run) == ["estimator"]
+    run.let("estimator", Doing.STEP, exit_code=code)
+    finish = run.run(60 * SECOND_NS)[-1]
+    assert isinstance(finish, Finish)
+    assert finish.failure.startswith(f"estimator has died twice in the step of tick 7 by signal {-code}")
+    assert finish.died_again == ("estimator", 7)
+
+
+@pytest.mark.parametrize(
+    ("code", "doing", "tick"),
+    [(-9, Doing.STEP, 7), (-11, Doing.TURNING, 7), (-11, Doing.STEP, 8)],
+    ids=["killed from outside", "not in a step", "in another step"],
+)
+def test_who_dies_otherwise_than_before_is_started_again(code: int, doing: Doing, tick: int) -> None:
+    run = Watched(restarts=3)
+    run.let("estimator", Doing.STEP, exit_code=-11)
+    assert restarted(run) == ["estimator"]
+    run.let("estimator", doing, exit_code=code, tick=tick)
+    assert restarted(run) == ["estimator"]
+
+
+def test_who_ends_with_an_error_of_its_own_is_not_started_again() -> None:
+    run = Watched(restarts=3)
+    run.let("estimator", exit_code=1)
+    assert restarted(run) == []
+
+
+def test_who_hangs_is_killed_and_started_again() -> None:
+    run = Watched(restarts=1)
+    run.let("estimator", stopped=True)
+    acts = run.run(STOPPED_NS + SECOND_NS)
+    assert [type(act) for act in acts if not isinstance(act, Say)] == [Kill, Restart]
+
+
+def test_nobody_is_started_again_when_the_run_is_recorded_to_its_end() -> None:
+    run = Watched(restarts=3)
+    run.let("recorder", exit_code=0)
+    run.let("estimator", exit_code=-9)
+    assert restarted(run) == []
+
+
+def test_nobody_is_started_again_when_the_user_has_ended_the_run() -> None:
+    run = Watched(restarts=3)
+    run.asked = Asked("stopped by the user")
+    run.let("estimator", exit_code=-9)
+    assert restarted(run) == []

@@ -32,7 +32,9 @@ def test_each_process_of_a_scenario_has_its_container_and_no_other_has(
     for name, service in services.items():
         where = ["--listen", "tcp/0.0.0.0:7447"] if name == "router" else ["--connect", "tcp/router:7447"]
         words = ["service", name, scenario, "--set", "max_ticks=7", "--seed", "${SEED:-1}", *where, "--insecure"]
-        assert service["command"] == words
+        kept = ["-o", f"runs/{scenario}-${{SEED:-1}}-{{host}}.mcap"] if name == "recorder" else []
+        assert service["command"] == [*words, *kept]
+        assert service["restart"] == "on-failure:3"
         assert service["healthcheck"]["test"][:4] == ["CMD", "dynpf", "health", name]
 
 

@@ -12,7 +12,7 @@ from dynpf_runtime.machines.router import RouterMachine
 from dynpf_runtime.plan import Plan
 from dynpf_runtime.simulation import Network, Simulation
 from dynpf_runtime.source import LogRecord
-from dynpf_services.recorder.host import RecorderFile
+from dynpf_services.recorder.host import RecorderFile, recorded_boots
 
 __all__ = ["host_of", "simulated"]
 
@@ -50,19 +50,25 @@ def simulated(
     without: Sequence[str] = (),
     network: Network = NETWORK,
     patience_ns: int = 0,
+    resume: bool = False,
 ) -> Simulation:
     """Return a simulation of a run, recorded into ``path``, in which no process but those ``without`` lacks.
 
-    Whoever leaves ``files`` closes the recording of a run that was not simulated to its end.
+    Whoever leaves ``files`` closes the recording of a run that was not simulated to its end. ``resume`` goes on with
+    the one that is there.
     """
     simulation = Simulation(seed, ROUTER, network)
-    file = files.enter_context(RecorderFile(plan, "recorder-1", path, attachments))
+    start = 2 if resume else 1
+    file = files.enter_context(RecorderFile(plan, f"recorder-{start}", path, attachments))
     if ROUTER not in without:
-        simulation.add(ROUTER, RouterMachine(plan, "router-1"))
+        simulation.add(ROUTER, RouterMachine(plan, f"router-{start}"))
     if RECORDER not in without:
-        recorder = RecorderMachine(plan, "recorder-1", ENDPOINT, str(path), patience_ns=patience_ns)
+        resumes = recorded_boots(path, plan) if resume else None
+        recorder = RecorderMachine(
+            plan, f"recorder-{start}", ENDPOINT, str(path), patience_ns=patience_ns, exists=resume, resumes=resumes
+        )
         simulation.add(RECORDER, recorder, file.perform)
     for name in plan.graph.nodes:
         if name not in without:
-            simulation.add(name, host_of(name, plan, f"{name}-1", log, patience_ns))
+            simulation.add(name, host_of(name, plan, f"{name}-{start}", log, patience_ns))
     return simulation

@@ -10,9 +10,13 @@ from dynpf_formats.recording.info import restarts
 from dynpf_formats.recording.reader import read_recording
 from dynpf_lab.cli.main import main
 from dynpf_protocol.errors import BrokenOffError, RunError
-from dynpf_protocol.keys import RECORDER, ROUTER
+from dynpf_protocol.keys import RECALLED, RECORDER, ROUTER
 from dynpf_protocol.messages import Command
+from dynpf_protocol.recall import decode_recalled
+from dynpf_runtime import snapshot
 from dynpf_runtime.machines import window
+from dynpf_runtime.machines.effects import Put
+from dynpf_runtime.machines.recorder import RecorderMachine
 from dynpf_runtime.node import Result
 from dynpf_runtime.simulation import Network, Simulation
 from dynpf_services.scenario.build import plan_of
@@ -130,3 +134,62 @@ def test_a_run_of_which_too_much_is_recorded_ends_with_a_node_that_is_lost(
     recording = read_recording(path)
     assert recording.end is not None
     assert not recording.end.complete
+
+
+@pytest.fixture(name="snapshots_at_every_step")
+def snapshots_at_every_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(snapshot, "_OFTEN", 1)
+    monkeypatch.setattr(snapshot, "_SENT_PER_BYTE", 0)
+
+
+LONG = load_scenario("landmark-room", overrides=["max_ticks=30", "estimator.n=10", "state_digest_ticks=2"])
+
+
+@pytest.mark.usefixtures("snapshots_at_every_step")
+@pytest.mark.parametrize("name", EVERYBODY)
+def test_a_node_goes_on_from_its_last_snapshot_and_the_run_has_the_same_bytes(name: str, tmp_path: Path) -> None:
+    """What is done again is only what came after."""
+    record_inline(LONG, tmp_path / "undisturbed.mcap")
+    undisturbed = content_digest(read_recording(tmp_path / "undisturbed.mcap"))
+    simulation = recovered(plan_of(LONG), tmp_path / "run.mcap", 1, [Kill(name, 60 if name == ROUTER else 160)])
+    assert_whole(tmp_path / "run.mcap", undisturbed)
+    answers = [
+        decode_recalled(what.payload)
+        for _, _, what in simulation.story
+        if isinstance(what, Put) and what.key.startswith(RECALLED)
+    ]
+    if name in PLAN.graph.nodes:
+        (snapshot_step,) = [answer.next_tick for answer in answers if answer.snapshot]
+        again = sum(len(answer.entries) for answer in answers)
+        assert snapshot_step > 8
+        assert again <= 12
+
+
+def kept(tmp_path: Path) -> float:
+    """Return the share of what was recorded that the recorder still has in its memory at the end of a run."""
+    path = tmp_path / "run.mcap"
+    simulation = recovered(plan_of(LONG), path, 1, [], network=Network(delay_ns=20_000_000))
+    recorder = simulation.processes[RECORDER].machine
+    assert isinstance(recorder, RecorderMachine)
+    recorded = sum(len(one.payload) for one in read_recording(path).messages())
+    return recorder._ledger.window.size / recorded
+
+
+def test_without_snapshots_the_recorder_keeps_all(tmp_path: Path) -> None:
+    assert kept(tmp_path) > 0.9
+
+
+@pytest.mark.usefixtures("snapshots_at_every_step")
+def test_with_snapshots_the_recorder_keeps_what_came_after_them_alone(tmp_path: Path) -> None:
+    assert kept(tmp_path) < 0.4
+
+
+@pytest.mark.usefixtures("snapshots_at_every_step")
+@pytest.mark.parametrize("seed", range(6))
+def test_two_that_are_killed_in_a_run_with_snapshots_do_not_change_it(seed: int, tmp_path: Path) -> None:
+    record_inline(LONG, tmp_path / "undisturbed.mcap")
+    undisturbed = content_digest(read_recording(tmp_path / "undisturbed.mcap"))
+    random = Random(seed)
+    kills = [Kill(random.choice(PLAN.graph.nodes), random.randrange(100, 300)), Kill(RECORDER, random.randrange(90))]
+    recovered(plan_of(LONG), tmp_path / "run.mcap", seed, kills)
+    assert_whole(tmp_path / "run.mcap", undisturbed)

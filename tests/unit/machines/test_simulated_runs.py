@@ -10,8 +10,8 @@ from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import read_recording
 from dynpf_lab.cli.main import main
 from dynpf_protocol.keys import BEAT, TICK
+from dynpf_runtime.machines.deafness import AHEAD
 from dynpf_runtime.machines.effects import Put
-from dynpf_runtime.machines.node_host import AHEAD
 from dynpf_runtime.node import Result
 from dynpf_runtime.simulation import Network, Simulation
 from dynpf_services.scenario.build import plan_of

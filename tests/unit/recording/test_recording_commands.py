@@ -64,6 +64,8 @@ def test_doctor_of_a_healthy_recording(run: Run, tmp_path: Path) -> None:
         "findings": [],
         "code": [],
         "signed": None,
+        "restarts": [],
+        "resumable": False,
     }
 
 

@@ -1,0 +1,70 @@
+"""Runs of which everything was killed, and that go on from their recordings: the same bytes as if undisturbed."""
+
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from dynpf_formats.recording.digest import content_digest
+from dynpf_formats.recording.info import restarts
+from dynpf_formats.recording.reader import load, read_recording
+from dynpf_lab.cli.main import main
+from dynpf_protocol.keys import RECORDER
+from dynpf_runtime import snapshot
+from dynpf_runtime.plan import Plan
+from dynpf_runtime.simulation import Simulation
+from dynpf_services.scenario.build import plan_of
+from dynpf_services.scenario.load import load_scenario
+from dynpf_services.scenario.record import record_inline
+
+from tests.unit.machines.recovering import NETWORK, PATIENCE_NS
+from tests.unit.machines.simulated_run import simulated
+
+SCENARIO = load_scenario("landmark-room", overrides=["max_ticks=30", "estimator.n=10", "state_digest_ticks=2"])
+PLAN = plan_of(SCENARIO)
+LIMIT_NS = 60 * 10**9
+
+
+@pytest.fixture(name="undisturbed", scope="module")
+def content_of_an_undisturbed_run(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("undisturbed") / "run.mcap"
+    record_inline(SCENARIO, path)
+    return content_digest(read_recording(path))
+
+
+def run_until_killed(plan: Plan, path: Path, seed: int, happenings: int) -> None:
+    """Kill everything after so many events and effects of a run."""
+    with ExitStack() as files:
+        simulation = simulated(files, plan, path, seed, network=NETWORK, patience_ns=PATIENCE_NS)
+        simulation.run(until=lambda: len(simulation.story) >= happenings, limit_ns=LIMIT_NS)
+        for name in simulation.processes:
+            simulation.kill(name)
+        left = path.read_bytes()
+    path.write_bytes(left)  # nobody has closed the recording
+
+
+def resume(plan: Plan, path: Path, seed: int) -> Simulation:
+    with ExitStack() as files:
+        simulation = simulated(files, plan, path, seed, network=NETWORK, patience_ns=PATIENCE_NS, resume=True)
+        simulation.run(until=lambda: simulation.ended.get(RECORDER, "runs") is None, limit_ns=LIMIT_NS)
+    return simulation
+
+
+@pytest.mark.parametrize("often", [False, True])
+@pytest.mark.parametrize("part", range(5))
+def test_everything_is_killed_and_the_run_goes_on_from_its_recording(
+    part: int, often: bool, tmp_path: Path, undisturbed: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if often:
+        monkeypatch.setattr(snapshot, "_OFTEN", 1)
+        monkeypatch.setattr(snapshot, "_SENT_PER_BYTE", 0)
+    path = tmp_path / "run.mcap"
+    run_until_killed(PLAN, path, part, 300 + 350 * part)
+    assert load(path)[0].end is None
+    resume(PLAN, path, part)
+    recording = read_recording(path)
+    assert recording.end is not None
+    assert (recording.end.complete, recording.end.reason) == (True, "finished")
+    assert content_digest(recording) == undisturbed
+    assert {told.node for told in restarts(recording)} == {RECORDER, *PLAN.graph.nodes}
+    assert main(["doctor", str(path)]) == 0
+    assert main(["replay", str(path)]) == 0
