@@ -1,23 +1,36 @@
 """Which topics and frames of a ROS bag are read: what the caller names, and for the rest what the bag has."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import takewhile
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import msgspec
 import numpy as np
 
 from dynpf.portable import product
 from dynpf.types import FloatArray
-from dynpf_formats.importers.bags import Bag, Message
+from dynpf_formats.importers.bags import Message
 from dynpf_formats.importers.clouds import FlattenParams
 from dynpf_formats.importers.errors import ImportFailedError
 from dynpf_formats.importers.log import Losses
 from dynpf_formats.importers.poses import Pose
 from dynpf_formats.importers.transforms import OPTICAL, TransformTree, matrix, planar
 
-__all__ = ["MAPS", "TF", "TYPES", "BagChoice", "BagPlan", "frame_of", "mount_of", "planned"]
+__all__ = [
+    "MAPS",
+    "ODOMETRY",
+    "SCANS",
+    "TF",
+    "TRANSFORMS",
+    "TYPES",
+    "BagChoice",
+    "BagPlan",
+    "Messages",
+    "frame_of",
+    "mount_of",
+    "planned",
+]
 
 SCANS = "sensor_msgs/msg/LaserScan"
 CLOUDS = "sensor_msgs/msg/PointCloud2"
@@ -66,7 +79,23 @@ class BagPlan(NamedTuple):
     range_max: float | None  # m, the reading of a beam without return; None: it changes from scan to scan
 
 
-def planned(bag: Bag, choice: BagChoice, losses: Losses) -> BagPlan:
+class Messages(Protocol):
+    """Messages by their topics: a bag, or what a live robot has said so far. ``path`` is where they come from."""
+
+    topics: dict[str, str]
+
+    @property
+    def path(self) -> object:
+        """The file, or the endpoint."""
+
+    def of_type(self, *types: str) -> list[str]:
+        """Return the topics of the given types, by name."""
+
+    def messages(self, topics: Collection[str], losses: Losses) -> Iterator[Message]:
+        """Yield the messages of the given topics in the order of arrival."""
+
+
+def planned(bag: Messages, choice: BagChoice, losses: Losses) -> BagPlan:
     scan, frame, range_max = _scanner(bag, choice)
     transforms = tuple(bag.of_type(*TRANSFORMS))
     poses = (topic for topic in _nearest(bag.of_type(*POSES), scan) if TRUE.search(topic))
@@ -131,7 +160,7 @@ def _first(names: Any) -> str | None:
     return next((name for name in names if name), None)
 
 
-def _named(bag: Bag, name: str | None, what: str, types: tuple[str, ...]) -> str | None:
+def _named(bag: Messages, name: str | None, what: str, types: tuple[str, ...]) -> str | None:
     """Return the topic of the given name, or None for none; raises ImportFailedError if the bag has no such topic."""
     if name is None:
         return None
@@ -141,7 +170,7 @@ def _named(bag: Bag, name: str | None, what: str, types: tuple[str, ...]) -> str
     return name
 
 
-def _scanner(bag: Bag, choice: BagChoice) -> tuple[str, str, float | None]:
+def _scanner(bag: Messages, choice: BagChoice) -> tuple[str, str, float | None]:
     """Return topic, frame and greatest range of the chosen scanner: that with the widest view, then most beams."""
     scan = _named(bag, choice.scan, "scan", (SCANS, CLOUDS))
     found: list[tuple[float, int, str, str, float]] = []
@@ -168,7 +197,7 @@ def frame_of(message: Any) -> str:
     return str(message.header.frame_id).lstrip("/")
 
 
-def _first_child_frame(bag: Bag, odometry: str | None, losses: Losses) -> str:
+def _first_child_frame(bag: Messages, odometry: str | None, losses: Losses) -> str:
     """Return the name of the robot's frame in odometry, or an empty text."""
     first = next(bag.messages([odometry], losses), None) if odometry else None
     return "" if first is None else str(first.content.child_frame_id).lstrip("/")

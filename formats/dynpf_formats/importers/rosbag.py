@@ -25,7 +25,7 @@ from dynpf_formats.importers.scans import normalized_scan, scanner_record, witho
 from dynpf_formats.importers.transforms import matrix, planar
 from dynpf_formats.recording.header import Attachment
 
-__all__ = ["BagChoice", "import_rosbag"]
+__all__ = ["BagChoice", "RecordReader", "import_rosbag"]
 
 NO_RETURN_M = 100.0
 """What a beam without return reads if the scanner's greatest range is infinite, unless a return is farther."""
@@ -86,14 +86,14 @@ def _records(path: Path, plan: BagPlan, choice: BagChoice, losses: Losses) -> It
         named = (plan.scan, plan.truth, *(plan.transforms if plan.odometry == TF else (plan.odometry,)))
         topics = sorted({topic for topic in named if topic is not None})
         order = Reorder(losses)
-        reader = _Reader(plan, choice, losses)
+        reader = RecordReader(plan, choice, losses)
         for message in bag.messages(topics, losses):
             for records in reader.read(message):
                 yield from order.take(records, message.arrival_ns)
         yield from order.rest()
 
 
-class _Reader:
+class RecordReader:
     """Turns messages into records; records that belong together are one tuple."""
 
     def __init__(self, plan: BagPlan, choice: BagChoice, losses: Losses) -> None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from dynpf_runtime.plan import Plan
     from dynpf_services.scenario.played_log import PlayedLog
 
-__all__ = ["add_arguments", "add_restarts", "default_output", "print_summary", "tell_given"]
+__all__ = ["add_arguments", "add_restarts", "check_output", "default_output", "print_summary", "tell_given"]
 
 RESTARTS = 3
 
@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> int:
     if options.runner == "inline" and scenario.clock == "realtime":
         raise UsageError("--runner inline goes in lockstep only; a realtime run needs --runner bus")
     path = options.output or default_output(Path(options.scenario).stem, scenario.seed)
-    _check_output(path)
+    check_output(path)
     if options.sign is not None:
         check_key(options.sign)
     with loading():
@@ -130,7 +130,7 @@ def tell_given(path: Path, plan: "Plan", error: DiedAgainError) -> None:
     )
 
 
-def _check_output(path: Path) -> None:
+def check_output(path: Path) -> None:
     """Raise UsageError for an unusable output, before any process is started."""
     try:
         with path.open("xb"):

@@ -4,7 +4,9 @@ import argparse
 import socket
 import time
 from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dynpf_protocol.errors import BrokenOffError, RunError, UsageError
 
@@ -12,6 +14,14 @@ from dynpf_lab.cli.access import credentials_of, endpoint_of
 from dynpf_lab.cli.arguments import add_clock, add_connect, add_durable, add_keys
 from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
 from dynpf_lab.cli.sign import add_sign, check_key, sign_recording
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from contextlib import AbstractContextManager
+
+    from dynpf_runtime.bus.session import Bus
+    from dynpf_runtime.plan import Plan
+    from dynpf_services.ros2.bridge import LiveRobot
 
 __all__ = ["PATIENCE_S", "add_arguments", "recorder_output"]
 
@@ -53,6 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="print only errors of this process itself")
     parser.add_argument("--parent", type=int, help=argparse.SUPPRESS)  # end when this process is gone
     parser.add_argument("--pulse", type=Path, help=argparse.SUPPRESS)  # the file by which it watches this one
+    parser.add_argument("--robot", type=Path, help=argparse.SUPPRESS)  # the settings of a bridge to a live robot
     parser.set_defaults(run=run)
 
 
@@ -130,6 +141,18 @@ def _is_of_earlier_run(path: Path, patience_s: float) -> bool:
     return time.time() - path.stat().st_mtime > patience_s
 
 
+def _robot(path: Path, plan: "Plan", endpoint: str) -> "Callable[[Bus], AbstractContextManager[LiveRobot]]":
+    """Return what opens the bridge to a live robot, whose settings ``dynpf bridge`` has written."""
+    import msgspec
+    from dynpf_protocol.keys import OBSERVER
+    from dynpf_runtime.bus.keys import load
+    from dynpf_services.ros2.bridge import Bridge, opened_bridge
+
+    bridge = msgspec.json.decode(path.read_bytes(), type=Bridge)
+    observer = load(Path(bridge.observer), OBSERVER, datetime.now(UTC))
+    return lambda bus: opened_bridge(bridge, plan.graph, bus, endpoint, observer)
+
+
 def _run(options: argparse.Namespace) -> int:
     from dynpf_runtime.bus.pulse import Pulse
     from dynpf_runtime.bus.terminal import StopSignal, say
@@ -174,6 +197,7 @@ def _run(options: argparse.Namespace) -> int:
         else:
             from dynpf_runtime.bus.host import run_node
 
-            records = log.records if log else []
-            run_node(options.name, plan_of(scenario), endpoint, records, stop, **shared)
+            plan, records = plan_of(scenario), log.records if log else []
+            live = None if options.robot is None else _robot(options.robot, plan, endpoint)
+            run_node(options.name, plan, endpoint, records, stop, **shared, live=live)
     return 0

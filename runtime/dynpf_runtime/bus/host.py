@@ -1,7 +1,8 @@
 """The process of one node on the bus."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 
 import cv2
 
@@ -15,7 +16,7 @@ from dynpf_runtime.machines.node_host import NodeHost
 from dynpf_runtime.node import Rehearsing
 from dynpf_runtime.plan import Plan
 from dynpf_runtime.rehearsal import rehearse_run
-from dynpf_runtime.source import LogRecord
+from dynpf_runtime.source import LiveSource, LogRecord
 
 __all__ = ["run_node"]
 
@@ -30,10 +31,12 @@ def run_node(
     pulse: Pulse,
     keys: Credentials | None = None,
     patience_s: float = 0.0,
+    live: Callable[[Bus], AbstractContextManager[LiveSource]] | None = None,
 ) -> None:
     """Run the node ``name`` of ``plan`` on the bus, from joining to the recorder's confirmation of the run.
 
-    In lockstep processes that are gone are waited for ``patience_s``.
+    In lockstep processes that are gone are waited for ``patience_s``. ``live`` opens the robot whose records the source
+    takes in realtime instead of those of ``log``; it wakes the bus when something has arrived.
 
     Raises RunError if the run cannot continue, UsageError if this process does not fit into it.
     """
@@ -44,7 +47,10 @@ def run_node(
         rehearse()  # in lockstep a slow first step does no harm
     if isinstance(node, Rehearsing):
         node.rehearse()  # takes as long as it needs: the run waits for processes that have not joined
-    with Bus.connect(endpoint, lambda text: say(name, text), lambda: stop.requested, keys) as bus:
+    with (
+        Bus.connect(endpoint, lambda text: say(name, text), lambda: stop.requested, keys) as bus,
+        nullcontext() if live is None else live(bus) as robot,
+    ):
         host = NodeHost(
             name,
             node,
@@ -54,6 +60,7 @@ def run_node(
             log=log,
             gauges=_Gauges(bus, pulse),
             patience_ns=round(patience_s * 1e9),
+            live=robot,
         )
         drive(name, host, bus, stop, pulse=pulse)
 

@@ -7,7 +7,7 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
@@ -66,6 +66,7 @@ def run_on_bus(
     restarts: int = 0,
     durable: bool = False,
     resume: bool = False,
+    further: Mapping[str, Sequence[str]] | None = None,
 ) -> None:
     """Run the nodes ``names`` of a scenario, given as the text that its processes read, and record it into ``path``.
 
@@ -76,7 +77,7 @@ def run_on_bus(
     synced to disk before it is confirmed; with ``resume`` the run goes on that ``path`` is the recording of.
 
     A ``secure`` run has keys that live as long as it does: one for each process, and those of an observer and an
-    operator in the folder ``guests``, by default one of its own.
+    operator in the folder ``guests``, by default one of its own. ``further`` has words for single processes by name.
     """
     with run_folder() as folder, reserved_port() as port:
         resolved = folder / "scenario.json"
@@ -100,6 +101,7 @@ def run_on_bus(
                 words += ["--log", str(log)]
             if name == RECORDER:
                 words += ["-o", str(path), *(["--durable"] if durable else []), *(["--resume"] if resume else [])]
+            words += (further or {}).get(name, ())
             services[name] = words
         context = multiprocessing.get_context("fork" if _may_fork() else "spawn")
         children = _Children(command, services, folder, context)

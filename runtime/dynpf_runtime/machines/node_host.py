@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import islice
 
 from dynpf_protocol.control import Outcome, TickDone, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
@@ -11,6 +10,7 @@ from dynpf_protocol.journal import encode_entry, genesis
 from dynpf_protocol.keys import JOURNAL, RECALLED, RECORDER, RUN, TICK, data_key, data_keys
 from dynpf_protocol.messages import Diagnostics, Log, LogLevel, timestamp
 from dynpf_protocol.restoring import decode_snapshot
+from dynpf_protocol.topics import EVENT_PREFIX
 
 from dynpf_runtime.executor import Executor, Sent
 from dynpf_runtime.faults import FaultyLink
@@ -25,12 +25,12 @@ from dynpf_runtime.machines.membership import Membership
 from dynpf_runtime.machines.recollection import Recollection
 from dynpf_runtime.machines.roles import Roles
 from dynpf_runtime.machines.roster import boot_of
-from dynpf_runtime.machines.turns import FollowLockstep, FollowRealtime, LeadLockstep, LeadRealtime, Turn, Turns
+from dynpf_runtime.machines.turns import FollowLockstep, LeadLockstep, Turn, Turns, turns_of
 from dynpf_runtime.machines.unconfirmed import MOST_UNCONFIRMED, Unconfirmed
 from dynpf_runtime.node import Node
 from dynpf_runtime.plan import Plan
 from dynpf_runtime.snapshot import Snapshots, thaw_host
-from dynpf_runtime.source import Feed, LogRecord, feed_log, feed_ticks
+from dynpf_runtime.source import LiveSource, LogRecord
 
 __all__ = ["NodeHost"]
 
@@ -42,8 +42,9 @@ RECORDED_NS = 30_000_000_000
 class NodeHost:
     """The process of ``node`` as ``start``, from joining to the recorder's confirmation of the run.
 
-    ``log`` has the records that the source plays, if it plays a log; ``endpoint`` only appears in texts. In lockstep it
-    waits ``patience_ns`` for processes that are gone, and takes over from another start of its own.
+    ``log`` has the records that the source plays, if it plays one, or ``live`` gives them as they arrive; ``endpoint``
+    only appears in texts. In lockstep it waits ``patience_ns`` for processes that are gone, and takes over from another
+    start of its own.
     """
 
     def __init__(
@@ -57,12 +58,14 @@ class NodeHost:
         log: Sequence[LogRecord],
         gauges: Gauges,
         patience_ns: int = 0,
+        live: LiveSource | None = None,
     ) -> None:
         graph = plan.graph
         self._spec = graph.specs[name]
         self._plan = plan
         self._awaited = graph.awaited
         self._log = log
+        self._live = live
         self._gauges = gauges
         self._leads = name == graph.source
         keys = [*map(data_keys, graph.subscribed(name)), *(TICK + other for other in graph.lags[name])]
@@ -253,23 +256,8 @@ class NodeHost:
 
     def _turns_of(self, now: Now, begun: int = 0) -> Turns:
         """Return the turns after the first ``begun`` ticks."""
-        plan, inbox = self._plan, self._inbox
-        leads = self._leads
-        if isinstance(inbox, LockstepInbox):
-            alone = len(plan.graph.nodes) == 1
-            return (
-                LeadLockstep(inbox, islice(self._feeds(now), begun, None), plan.rate, alone=alone)
-                if leads
-                else FollowLockstep(inbox)
-            )
-        return LeadRealtime(inbox, self._feeds(now), plan.rate or 1.0) if leads else FollowRealtime(inbox)
-
-    def _feeds(self, now: Now) -> Iterator[Feed]:
-        plan = self._plan
-        if not plan.plays_log:
-            return feed_ticks(plan.tick_ns, plan.max_ticks)
-        boot = self._executor.boot
-        return feed_log(self._log, plan.graph, boot=boot, publish_ns=now.wall_ns, max_ticks=plan.max_ticks)
+        boot = self._executor.boot if self._leads else None
+        return turns_of(self._plan, self._inbox, boot, begun, log=self._log, live=self._live, wall_ns=now.wall_ns)
 
     def _turn(self, now: Now, *, idle: bool) -> Turn | None:
         turns, member = self._turns, self._member
@@ -303,6 +291,7 @@ class NodeHost:
         name, executor = self._spec.name, self._executor
         self._stamp_ns, self._stepped_ns = stamp_ns, now.monotonic_ns
         events = notice_gaps(executor, self._gaps, turn.ready, stamp_ns, now.wall_ns)
+        events += [executor.stamp(EVENT_PREFIX + name, gap, tick, stamp_ns, now.wall_ns) for gap in turn.gaps]
         self._gauges.stepping(tick)
         began_s = self._gauges.stopwatch_s()
         executed = executor.step(tick, stamp_ns, inputs, now.wall_ns)

@@ -1,16 +1,19 @@
 """Turns: when a node's next step is due, in lockstep and realtime, for the source of a run and for the other nodes."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import islice
 from typing import NamedTuple, Protocol
 
 from dynpf_protocol.errors import RunError
+from dynpf_protocol.messages import HostEvent
 
 from dynpf_runtime.executor import Sent
 from dynpf_runtime.inbox import LockstepInbox, Ready, RealtimeInbox
 from dynpf_runtime.machines.effects import NEVER_NS
-from dynpf_runtime.source import Feed
+from dynpf_runtime.plan import Plan
+from dynpf_runtime.source import Feed, LiveFeeds, LiveSource, LogRecord, feed_log, feed_ticks
 
-__all__ = ["FollowLockstep", "FollowRealtime", "LeadLockstep", "LeadRealtime", "Turn", "Turns"]
+__all__ = ["FollowLockstep", "FollowRealtime", "LeadLive", "LeadLockstep", "LeadRealtime", "Turn", "Turns", "turns_of"]
 
 
 class Turn(NamedTuple):
@@ -20,6 +23,7 @@ class Turn(NamedTuple):
     stamp_ns: int
     last: bool
     fed: tuple[Sent, ...] = ()
+    gaps: tuple[HostEvent, ...] = ()  # of a live robot's records
 
 
 class Turns(Protocol):
@@ -158,3 +162,55 @@ class LeadRealtime:
             return None
         self.wake_ns = 0  # the next tick may be late already
         return self._paced.begin(self._inbox.take_all(now_ns), stopping=stopping)
+
+
+class LeadLive:
+    """Begins a tick whenever a live robot's record has arrived that begins one, on all messages that are here."""
+
+    def __init__(self, inbox: RealtimeInbox, feeds: LiveFeeds, publish_ns: int) -> None:
+        self._inbox = inbox
+        self._feeds = feeds
+        self._ahead_ns: int | None = None  # of the wall clock to the monotonic one
+        self._publish_ns = publish_ns
+
+    @property
+    def wake_ns(self) -> int:
+        """At once if something has arrived from the robot."""
+        return 0 if self._feeds.waiting else NEVER_NS
+
+    def take(self, now_ns: int, *, idle: bool, stopping: bool, held: bool) -> Turn | None:  # noqa: ARG002
+        """Return the turn of the next tick if a record begins one, or if it is to be the last."""
+        if self._ahead_ns is None:
+            self._ahead_ns = self._publish_ns - now_ns
+        feed = self._feeds.next(now_ns + self._ahead_ns, stopping=stopping)
+        if feed is None:
+            return None
+        ready = self._inbox.take_all(now_ns)
+        ready.inputs[:0] = feed.inputs
+        return Turn(ready, feed.stamp_ns, feed.last, feed.sent, feed.gaps)
+
+
+def turns_of(
+    plan: Plan,
+    inbox: LockstepInbox | RealtimeInbox,
+    boot: str | None,
+    begun: int = 0,
+    *,
+    log: Sequence[LogRecord],
+    live: LiveSource | None,
+    wall_ns: int,
+) -> Turns:
+    """Return when a node steps, after its first ``begun`` ticks. ``boot`` is that of the run's source, None for others.
+
+    The source takes the records of ``log`` if the run plays one, or those of ``live``.
+    """
+    if boot is None:
+        return FollowLockstep(inbox) if isinstance(inbox, LockstepInbox) else FollowRealtime(inbox)
+    if live is not None and isinstance(inbox, RealtimeInbox):
+        return LeadLive(inbox, LiveFeeds(live, plan.graph, boot=boot, max_ticks=plan.max_ticks), wall_ns)
+    feeds = feed_ticks(plan.tick_ns, plan.max_ticks)
+    if plan.plays_log:
+        feeds = feed_log(log, plan.graph, boot=boot, publish_ns=wall_ns, max_ticks=plan.max_ticks)
+    if isinstance(inbox, LockstepInbox):
+        return LeadLockstep(inbox, islice(feeds, begun, None), plan.rate, alone=len(plan.graph.nodes) == 1)
+    return LeadRealtime(inbox, feeds, plan.rate or 1.0)

@@ -1,0 +1,197 @@
+"""``dynpf bridge``: localize a live ROS 2 robot, and record the run."""
+
+import argparse
+import multiprocessing
+import re
+import sys
+import tempfile
+from pathlib import Path
+
+from dynpf_protocol.errors import DynpfError, RunError, UsageError
+
+from dynpf_lab.cli.arguments import add_json, add_set
+from dynpf_lab.cli.loading import loading
+from dynpf_lab.cli.options import add_code
+from dynpf_lab.cli.page import add_no_page
+from dynpf_lab.cli.run import check_output, default_output, print_summary
+
+__all__ = ["add_arguments"]
+
+WORDS = ("pose", "cloud", "tf", "diagnostics")
+_NAMESPACE = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+_LONGEST_S = 3600.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``dynpf bridge``."""
+    parser.add_argument("system", choices=["ros2"], help="what the robot runs: ROS 2 with rmw_zenoh")
+    parser.add_argument("scenario", metavar="SCENARIO", help="name (dynpf list) or TOML file, of one that plays a log")
+    parser.add_argument("--connect", required=True, metavar="tcp/ROBOT:7447", help="the robot's Zenoh router")
+    parser.add_argument("--domain", type=_domain, default=0, metavar="N", help="ROS_DOMAIN_ID (default 0)")
+    parser.add_argument(
+        "--namespace", type=_namespace, default="", metavar="/r", help="of one robot among several (default: none)"
+    )
+    parser.add_argument(
+        "--publish",
+        type=_publish,
+        default=WORDS,
+        metavar="WORD,...",
+        help=f"what goes back to the robot, of {','.join(WORDS)}; none: nothing (default: all)",
+    )
+    parser.add_argument("--scan", metavar="TOPIC", help="the scanner's topic (default: the one of the widest view)")
+    parser.add_argument("--odometry", metavar="TOPIC", help="the odometry's topic, or tf (default: what there is)")
+    parser.add_argument("--base", metavar="FRAME", help="the robot's frame (default: of the odometry)")
+    parser.add_argument(
+        "--wait",
+        type=_seconds,
+        default=20.0,
+        metavar="S",
+        help="how long to wait for the first scan, odometry and map (default: %(default)g)",
+    )
+    parser.add_argument("--seed", type=int, metavar="N", help="seed of everything random in the run")
+    add_set(parser, "override one key of the scenario, such as estimator.n=500")
+    add_code(parser)
+    parser.add_argument("-o", "--output", type=Path, metavar="RUN.mcap", help="the recording to write (default: runs/)")
+    add_no_page(parser)
+    add_json(parser, "print the metrics of the run as JSON")
+    parser.set_defaults(run=run)
+
+
+def _domain(text: str) -> int:
+    if not text.isdecimal() or not 0 <= int(text) <= 232:
+        raise argparse.ArgumentTypeError(f"{text}: expected 0 to 232")
+    return int(text)
+
+
+def _namespace(text: str) -> str:
+    namespace = "/" + text.strip("/") if text.strip("/") else ""
+    if namespace and _NAMESPACE.fullmatch(namespace) is None:
+        raise argparse.ArgumentTypeError(f"{text}: expected a namespace such as /bot1")
+    return namespace
+
+
+def _publish(text: str) -> tuple[str, ...]:
+    words = () if text == "none" else tuple(dict.fromkeys(text.split(",")))
+    if unknown := [word for word in words if word not in WORDS]:
+        raise argparse.ArgumentTypeError(f"{unknown[0]!r}: expected some of {','.join(WORDS)}, or none")
+    return words
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 0 < seconds <= _LONGEST_S:
+        raise argparse.ArgumentTypeError(f"{text} s; expected up to {_LONGEST_S:g}")
+    return seconds
+
+
+def run(options: argparse.Namespace) -> int:
+    """Execute ``dynpf bridge`` and return its exit code."""
+    path = options.output or default_output(Path(options.scenario).stem, options.seed or 1)
+    check_output(path)
+    with tempfile.TemporaryDirectory(prefix="dynpf-bridge-") as name:
+        folder = Path(name)
+        log, settings = folder / "robot.mcap", folder / "robot.json"
+        print(f"dynpf bridge: waiting for the robot at {options.connect}", file=sys.stderr)
+        _in_a_process(options, log, settings, folder / "guests")
+        _run(options, path, log, settings, folder / "guests")
+    return print_summary(path, with_page=not options.no_page, as_json=options.json)
+
+
+def _in_a_process(options: argparse.Namespace, log: Path, settings: Path, observer: Path) -> None:
+    """Look at the robot in a process of its own: the run's processes are copies of this one, which has no threads."""
+    process = multiprocessing.Process(target=_look, args=(options, log, settings, observer))
+    process.start()
+    try:
+        process.join()
+    except KeyboardInterrupt:
+        process.join()
+        raise
+    if process.exitcode:
+        raise SystemExit(process.exitcode)  # it has said why
+
+
+def _look(options: argparse.Namespace, log: Path, settings: Path, observer: Path) -> None:
+    import msgspec
+    from dynpf_formats.importers.bag_plan import BagChoice
+    from dynpf_formats.ros2.robot import RobotPlan
+    from dynpf_runtime.bus.terminal import StopSignal
+    from dynpf_services.ros2.bridge import Bridge
+    from dynpf_services.ros2.discovery import look_at_robot
+
+    def made(plan: RobotPlan, humble: bool) -> Bridge:
+        return Bridge(
+            connect=options.connect,
+            domain=options.domain,
+            namespace=options.namespace,
+            publish=options.publish,
+            humble=humble,
+            plan=plan,
+            observer=str(observer),
+        )
+
+    choice = BagChoice(scan=options.scan, odometry=options.odometry, base=options.base)
+    try:
+        with StopSignal.installed() as stop:
+            bridge = look_at_robot(
+                made,
+                options.connect,
+                options.domain,
+                options.namespace,
+                choice,
+                patience_s=options.wait,
+                log=log,
+                stopped=lambda: stop.requested,
+            )
+    except DynpfError as error:
+        print(f"dynpf bridge: {error}", file=sys.stderr)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        print("dynpf bridge: stopped", file=sys.stderr)
+        sys.exit(1)
+    plan = bridge.plan
+    print(f"dynpf bridge: hears {plan.scan}, odometry {plan.odometry or 'none'}, base {plan.base}", file=sys.stderr)
+    settings.write_bytes(msgspec.json.encode(bridge))
+
+
+def _run(options: argparse.Namespace, path: Path, log_path: Path, settings: Path, guests: Path) -> None:
+    from dynpf_runtime.bus.processes import run_on_bus
+    from dynpf_runtime.bus.terminal import StopSignal
+    from dynpf_runtime.rehearsal import rehearse_run
+    from dynpf_services.scenario.build import plan_of
+    from dynpf_services.scenario.load import load_scenario
+    from dynpf_services.scenario.played_log import PlayedLog
+    from dynpf_services.scenario.schema import whole_json
+    from dynpf_services.scenario.user_code import add_folders, code_folders
+
+    from dynpf_lab.cli.main import main
+
+    with loading():
+        log = PlayedLog(log_path)
+        code = code_folders(options.code, options.scenario)
+        add_folders(code)
+        scenario = load_scenario(
+            options.scenario, overrides=options.overrides, seed=options.seed, clock="realtime", log=log.facts
+        )
+        if not scenario.needs_log:
+            raise UsageError(f"{options.scenario}: plays no log, so it has no use for a robot; laser-log does")
+        plan = plan_of(scenario)
+        for spec in plan.graph.specs.values():
+            spec.build()
+    rehearse_run(plan, log.records)
+    try:
+        with StopSignal.installed() as stop:
+            run_on_bus(
+                main,
+                plan.graph.nodes,
+                whole_json(scenario),
+                path,
+                stop=stop,
+                log=log_path,
+                code=code,
+                guests=guests,
+                further={plan.graph.source: ["--robot", str(settings)]},
+            )
+    except RunError:
+        if path.is_file():
+            print(f"dynpf bridge: the messages recorded so far are in {path}", file=sys.stderr)
+        raise

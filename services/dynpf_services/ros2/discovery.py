@@ -1,0 +1,117 @@
+"""What a robot says at first, from which follows what of it is heard: scanner, odometry, frames, and its map."""
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from dynpf_formats.importers.bag_plan import MAPS, ODOMETRY, SCANS, TF, TRANSFORMS, BagChoice, planned
+from dynpf_formats.importers.bags import Message
+from dynpf_formats.importers.errors import ImportFailedError
+from dynpf_formats.importers.log import ImportedLog, Losses
+from dynpf_formats.importers.maps import map_of_message
+from dynpf_formats.importers.recording import write_recording
+from dynpf_formats.importers.scans import without_repeated_scanners
+from dynpf_formats.ros2.attachment import BadAttachmentError
+from dynpf_formats.ros2.keys import NO_HASH, Entity
+from dynpf_formats.ros2.robot import Heard, LiveReader, RobotPlan, Said, opened
+from dynpf_formats.ros2.types import BadRosMessageError, RosTypes
+from dynpf_protocol.errors import RunError
+
+from dynpf_services.ros2.bridge import Bridge
+from dynpf_services.ros2.session import RobotSession
+
+__all__ = ["look_at_robot"]
+
+_LEAST_S = 1.0  # so that all that is latched has come
+_POLL_S = 0.02
+_MOST_MESSAGES = 5000
+_TF = TRANSFORMS[0]
+
+
+def look_at_robot(
+    bridge: Callable[[RobotPlan, bool], Bridge],
+    endpoint: str,
+    domain: int,
+    namespace: str,
+    choice: BagChoice,
+    *,
+    patience_s: float,
+    log: Path,
+    stopped: Callable[[], bool],
+) -> Bridge:
+    """Hear a robot until its scanner, odometry and map are known, and write what it has said so far to ``log``.
+
+    That is an imported log like any other: a scenario takes its map. Raises RunError if nothing of a scanner has come
+    in ``patience_s``, KeyboardInterrupt once ``stopped`` returns true.
+    """
+    types, said, losses = RosTypes(), Said(endpoint), Losses()
+    heard: list[Heard] = []
+    refused: list[str] = []
+    with RobotSession.connect(endpoint, domain, namespace) as session:
+        within = f"{namespace.strip('/')}/" if namespace else ""
+        for kind in (SCANS, ODOMETRY):
+            session.hear(f"{within}**", kind)
+        session.hear(f"{within}**", MAPS, latched=True)
+        session.hear("**", _TF, latched=True)
+        if namespace:
+            session.hear("map", MAPS, latched=True)
+        entities = session.entities()
+        began = time.monotonic()
+        while not _enough(said, choice, entities, time.monotonic() - began):
+            if stopped():
+                raise KeyboardInterrupt
+            if time.monotonic() - began > patience_s or len(heard) > _MOST_MESSAGES:
+                break
+            _hear(session, types, said, heard, refused)
+            time.sleep(_POLL_S)
+    if not said.of_type(SCANS):
+        raise RunError(_nothing(f"{endpoint}, domain {domain}", namespace, entities, said, refused))
+    plan = planned(said, choice, losses)
+    robot = RobotPlan.of(plan, said.odom_frame(plan), said.topics)
+    reader = LiveReader(robot, types)
+    records = [record for one in heard for record in reader.take(one).records]
+    name, content = "map", said.map()
+    try:
+        attachments = () if content is None else map_of_message(content, name)
+    except ValueError as error:
+        raise ImportFailedError(f"{endpoint}: the robot's map: {error}") from error
+    settings = {"scan": plan.scan, "odometry": plan.odometry, "base": plan.base, "odom_frame": robot.odom_frame}
+    write_recording(
+        ImportedLog(endpoint, "ros2", settings, without_repeated_scanners(records), losses, attachments), log
+    )
+    hashes = {entity.published.hash for entity in entities if entity.published is not None and entity.kind == "MP"}
+    return bridge(robot, hashes == {NO_HASH})
+
+
+def _hear(session: RobotSession, types: RosTypes, said: Said, heard: list[Heard], refused: list[str]) -> None:
+    while (one := session.take()) is not None:
+        try:
+            published, _, content = opened(one, types)
+        except (BadAttachmentError, BadRosMessageError) as error:
+            refused.append(str(error))
+            continue
+        said.add(published.type, Message(published.topic, one.arrival_ns, content))
+        if published.type != MAPS:
+            heard.append(one)
+
+
+def _enough(said: Said, choice: BagChoice, entities: Sequence[Entity], waited_s: float) -> bool:
+    """Return whether scanner and odometry are known, and the map if the robot has one."""
+    if waited_s < _LEAST_S or not said.of_type(SCANS) or not (said.of_type(ODOMETRY) or said.of_type(_TF)):
+        return False
+    if choice.odometry == TF and not said.of_type(_TF):
+        return False
+    maps = any(one.published is not None and one.kind == "MP" and one.published.type == MAPS for one in entities)
+    return not maps or bool(said.of_type(MAPS))
+
+
+def _nothing(where: str, namespace: str, entities: Sequence[Entity], said: Said, refused: list[str]) -> str:
+    """Return why there is no scan, as far as it is known."""
+    there = sorted({one.published.topic for one in entities if one.published is not None and one.kind == "MP"})
+    shown = ", ".join(there[:20]) or "none: is it the robot's domain, --domain?"
+    text = f"{where}: no {SCANS} has come from {namespace or 'the robot'}; its topics are {shown}"
+    if refused:
+        text += f"; refused {len(refused)} messages, the first: {refused[0]}"
+    if said.topics:
+        text += f"; heard {', '.join(sorted(said.topics))}"
+    return text

@@ -1,0 +1,174 @@
+"""One Zenoh session with a robot's router: what is heard waits in a bounded queue, what is said has number and sender.
+
+It is a client, as the router of rmw_zenoh passes nothing on between peers. When the router comes back after a restart,
+Zenoh tells it all subscriptions, publishers and tokens again.
+"""
+
+import json
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import zenoh
+import zenoh.ext
+from dynpf_formats.ros2.attachment import Attachment, publisher_id
+from dynpf_formats.ros2.keys import Entity, Published, Qos, dds_type
+from dynpf_formats.ros2.robot import Heard
+from dynpf_formats.ros2.types import MOST_BYTES
+from dynpf_protocol.errors import UsageError
+
+__all__ = ["RobotSession", "Writer"]
+
+NODE = "dynpf"
+MOST_WAITING = 64 * 2**20  # bytes
+_EACH = 1000  # bytes that a message takes beside its payload
+_MOST_TOKENS = 10_000
+_CLOSE_S = 1.0
+
+
+class Writer:
+    """A publisher on a robot's topic, with its liveliness token."""
+
+    def __init__(self, session: zenoh.Session, entity: Entity) -> None:
+        token = entity.token()
+        published, qos = entity.published, entity.qos
+        assert published is not None
+        key = published.key(entity.domain)
+        self._publisher: zenoh.Publisher | zenoh.ext.AdvancedPublisher
+        if qos.latched:
+            self._publisher = zenoh.ext.declare_advanced_publisher(
+                session, key, cache=zenoh.ext.CacheConfig(max_samples=qos.depth), publisher_detection=True
+            )
+        else:
+            self._publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP)
+        self._token = session.liveliness().declare_token(token)
+        self._id = publisher_id(token)
+        self._sequence = 0
+
+    def put(self, payload: bytes, wall_ns: int) -> None:
+        """Publish a message."""
+        self._sequence += 1
+        self._publisher.put(payload, attachment=Attachment(self._sequence, wall_ns, self._id).encode())
+
+
+class RobotSession:
+    """An open session; callbacks only enqueue. ``dropped`` counts what had no place in the queue."""
+
+    def __init__(self, session: zenoh.Session, domain: int, namespace: str) -> None:
+        self._session = session
+        self._domain, self._namespace = domain, namespace
+        self._zid = str(session.info.zid())
+        self._entities = 1
+        self._queue: deque[Heard] = deque()
+        self._lock = threading.Lock()
+        self._bytes = 0
+        self._wake: Callable[[], None] = lambda: None
+        self._declared: list[object] = [session.liveliness().declare_token(self._entity(0, "NN").token())]
+        self.dropped = 0
+
+    @classmethod
+    @contextmanager
+    def connect(cls, endpoint: str, domain: int, namespace: str) -> Iterator["RobotSession"]:
+        """Open a session; raises UsageError if nothing answers at ``endpoint``."""
+        config = zenoh.Config()
+        settings = {
+            "mode": "client",
+            "connect/endpoints": [endpoint],
+            "scouting/multicast/enabled": False,
+            "timestamping/enabled": True,
+            "transport/link/rx/max_message_size": 2 * MOST_BYTES,
+            "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
+        }
+        try:
+            for key, value in settings.items():
+                config.insert_json5(key, json.dumps(value))
+            session = zenoh.open(config)
+        except zenoh.ZError as error:
+            raise UsageError(
+                f"--connect {endpoint}: no Zenoh router of a robot: {str(error).partition(' at /')[0]}; on the robot, "
+                "this starts it: ros2 run rmw_zenoh_cpp rmw_zenohd"
+            ) from error
+        try:
+            yield cls(session, domain, namespace)
+        finally:
+            closing = threading.Thread(target=session.close, daemon=True)
+            closing.start()
+            closing.join(_CLOSE_S)
+
+    def wakes(self, wake: Callable[[], None]) -> None:
+        """Call ``wake``, in a thread of Zenoh's, whenever something arrives."""
+        self._wake = wake
+
+    def hear(self, topics: str, kind: str, *, latched: bool = False) -> None:
+        """Enqueue messages of a type on ``topics``, a key expression without leading slash, whatever the type's hash.
+
+        Of ``latched`` topics the last messages come even if they were published before.
+        """
+        key = f"{self._domain}/{topics}/{dds_type(kind)}/*"
+        if latched:
+            self._declared.append(
+                zenoh.ext.declare_advanced_subscriber(
+                    self._session,
+                    key,
+                    self._enqueue,
+                    history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=10),
+                )
+            )
+        else:
+            self._declared.append(self._session.declare_subscriber(key, self._enqueue))
+
+    def announce(self, published: Published, qos: Qos) -> None:
+        """Declare the token of a subscriber."""
+        token = self._entity(self._next(), "MS", published, qos).token()
+        self._declared.append(self._session.liveliness().declare_token(token))
+
+    def writer(self, published: Published, qos: Qos) -> Writer:
+        """Return a publisher."""
+        return Writer(self._session, self._entity(self._next(), "MP", published, qos))
+
+    def entities(self) -> Sequence[Entity]:
+        """Return the nodes and endpoints that are there now."""
+        replies = self._session.liveliness().get(f"@ros2_lv/{self._domain}/**", timeout=2.0)
+        found = []
+        for reply in replies:
+            if reply.ok is not None and (entity := Entity.parse(str(reply.ok.key_expr))) is not None:
+                found.append(entity)
+            if len(found) >= _MOST_TOKENS:
+                break
+        return found
+
+    @property
+    def waiting(self) -> bool:
+        """Whether a message waits."""
+        return bool(self._queue)
+
+    def take(self) -> Heard | None:
+        """Return the next message, None if none waits."""
+        with self._lock:
+            if not self._queue:
+                return None
+            heard = self._queue.popleft()
+            self._bytes -= len(heard.payload) + _EACH
+            return heard
+
+    def _enqueue(self, sample: zenoh.Sample) -> None:
+        attachment = sample.attachment
+        attached = b"" if attachment is None else attachment.to_bytes()
+        heard = Heard(str(sample.key_expr), sample.payload.to_bytes(), attached[:1000], time.monotonic_ns())
+        size = len(heard.payload) + _EACH
+        with self._lock:
+            if size > MOST_BYTES + _EACH or self._bytes + size > MOST_WAITING:
+                self.dropped += 1
+                return
+            self._queue.append(heard)
+            self._bytes += size
+        self._wake()
+
+    def _entity(self, number: int, kind: str, published: Published | None = None, qos: Qos | None = None) -> Entity:
+        return Entity(self._domain, self._zid, 0, number, kind, self._namespace or "/", NODE, published, qos or Qos())
+
+    def _next(self) -> int:
+        self._entities += 1
+        return self._entities - 1
