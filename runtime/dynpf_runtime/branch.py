@@ -5,7 +5,7 @@ what they did. Then the run goes on in this process as the inline runner goes on
 """
 
 from collections import Counter
-from collections.abc import Container, Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from dynpf_formats.recording.journals import messages_of
@@ -29,7 +29,7 @@ from dynpf_runtime.plan import Plan
 from dynpf_runtime.seat import Made, Seat
 from dynpf_runtime.source import LogRecord
 
-__all__ = ["Branch", "branch", "brought"]
+__all__ = ["Branch", "Past", "branch", "brought"]
 
 
 class Branch(NamedTuple):
@@ -55,26 +55,15 @@ def branch(
 
     Raises UsageError if there is no such tick, RunError if the nodes do not do again what they did.
     """
-    past = _Past(recording, plan, at)
+    past = Past(recording, plan, at)
     chains = past.copy(writer, changed[0])
-    seats, fresh = {}, []
-    for name in plan.graph.nodes:
-        snapshot = past.freeze(name)
-        snapshot = replace(_first_of_its_kind(name, snapshot), chain=chains[name].hex())
-        seat = _seat(changed[0], name, past.boots[name])
-        try:
-            seat.thaw(snapshot, Takeover.OTHER if name in changed[1] else Takeover.ITSELF)
-        except BadMessageError:
-            if name not in changed[1]:
-                raise
-            fresh.append(name)
-            seat = _seat(changed[0], name, past.boots[name])
-            seat.thaw(snapshot, Takeover.FRESH)
-        seats[name] = seat
-    for seat in seats.values():
-        past.expect(seat, changed[0])
+    snapshots = {
+        name: replace(_first_of_its_kind(name, past.freeze(name)), chain=chains[name].hex())
+        for name in plan.graph.nodes
+    }
+    seats, fresh = past.seats(snapshots, *changed)
     ran = run_inline(changed[0], log, writer, begun=Begun(at, seats))
-    return Branch(ran, tuple(fresh))
+    return Branch(ran, fresh)
 
 
 def brought(recording: Recording, plan: Plan, at: int) -> Begun:
@@ -83,7 +72,7 @@ def brought(recording: Recording, plan: Plan, at: int) -> Begun:
     Raises UsageError if there is no step of each before, and after, that moment; RunError if the nodes do not do again
     what they did.
     """
-    past = _Past(recording, plan, at)
+    past = Past(recording, plan, at)
     seats = {name: past.bring(name).seat for name in plan.graph.nodes}
     for seat in seats.values():
         past.expect(seat, plan)
@@ -102,8 +91,11 @@ class _Brought(NamedTuple):
     begun: Snapshot | None
 
 
-class _Past:
-    """The ticks of a recorded run before the tick ``at``."""
+class Past:
+    """The ticks of a recorded run before the tick ``at``.
+
+    Raises UsageError if the run has no steps of every node before and after it.
+    """
 
     def __init__(self, recording: Recording, plan: Plan, at: int) -> None:
         self._recording, self._plan, self._at = recording, plan, at
@@ -142,9 +134,9 @@ class _Past:
                 writer.message(record.topic, envelope, record.payload)
         return chains
 
-    def freeze(self, name: str) -> Snapshot:
-        """Return a snapshot of a node after the last of these ticks; raises RunError if it does something else."""
-        seat, made, begun = self.bring(name)
+    def freeze(self, name: str, known: Snapshot | None = None) -> Snapshot:
+        """Return a snapshot of a node after the last of these ticks; see ``bring``."""
+        seat, made, begun = self.bring(name, known)
         if made is None:
             assert begun is not None
             return begun
@@ -153,10 +145,13 @@ class _Past:
             raise UsageError(f"the state of {name} is too large for a snapshot: its run cannot be branched")
         return snapshot
 
-    def bring(self, name: str) -> "_Brought":
-        """Return a node after the last of these ticks; raises RunError if it does something else than it did."""
+    def bring(self, name: str, known: Snapshot | None = None) -> _Brought:
+        """Return a node after the last of these ticks; raises RunError if it does something else than it did.
+
+        ``known`` is a snapshot that was made for an earlier tick.
+        """
         seat = _seat(self._plan, name, self.boots[name])
-        begun = self._last_snapshot(name)
+        begun = max(filter(None, (known, self._last_snapshot(name))), key=lambda one: one.step, default=None)
         step = -1
         if begun is not None:
             try:
@@ -168,6 +163,28 @@ class _Past:
         for tick in range(step + 1, self._at):
             made = self._step(seat, tick)
         return _Brought(seat, made, begun)
+
+    def seats(
+        self, snapshots: Mapping[str, Snapshot], plan: Plan, others: Container[str]
+    ) -> tuple[dict[str, Seat], tuple[str, ...]]:
+        """Return the seats of a run of another plan that goes on after these ticks, and the nodes that begin anew.
+
+        ``snapshots`` are those of all nodes after these ticks. ``others`` are the nodes that are others in that plan.
+        """
+        seats, fresh = {}, []
+        for name in plan.graph.nodes:
+            seat = _seat(plan, name, self.boots[name])
+            try:
+                seat.thaw(snapshots[name], Takeover.OTHER if name in others else Takeover.ITSELF)
+            except BadMessageError:
+                if name not in others:
+                    raise
+                fresh.append(name)
+                seat = _seat(plan, name, self.boots[name])
+                seat.thaw(snapshots[name], Takeover.FRESH)
+            self.expect(seat, plan)
+            seats[name] = seat
+        return seats, tuple(fresh)
 
     def expect(self, seat: Seat, plan: Plan) -> None:
         """Give a seat what was sent to it and is not consumed, and the numbers of topics that it has not read before.

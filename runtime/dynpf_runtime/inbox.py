@@ -184,7 +184,7 @@ class LockstepInbox:
     def _delayed(self, arrived: list[Received], stamp_ns: int) -> list[Received]:
         """Return the messages that have come through the link by ``stamp_ns``."""
         for received in arrived:
-            delay_ns = self._link.delay_ns(received.topic, received.sequence)
+            delay_ns = self._link.delay_ns(received.topic, received.sequence, received.stamp_ns)
             if delay_ns is not None:
                 self._late.append((received.stamp_ns + delay_ns if delay_ns else 0, received))
         on_time = [received for due_ns, received in self._late if due_ns <= stamp_ns]
@@ -263,7 +263,7 @@ class RealtimeInbox:
 
     def deliver(self, received: Received, _tick: int, now_ns: int) -> None:
         """Add a message, unless the link loses it."""
-        delay_ns = self._link.delay_ns(received.topic, received.sequence)
+        delay_ns = self._link.delay_ns(received.topic, received.sequence, received.stamp_ns)
         if delay_ns is not None:
             self._count += 1
             heapq.heappush(self._late, (now_ns + delay_ns, self._count, received))

@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 from dynpf_formats.recording.header import RunHeader
 from dynpf_formats.recording.provenance import collect
 
-from dynpf_runtime.faults import Fault
+from dynpf_runtime.faults import Fault, LeftOut
 from dynpf_runtime.graph import Graph
 
 __all__ = ["Plan", "run_header"]
@@ -28,6 +28,7 @@ class Plan(NamedTuple):
     state_digest_ticks: int  # steps between two digests of a node's state
     faults: tuple[Fault, ...]
     text: str
+    left_out: tuple[LeftOut, ...] = ()  # of a branch, and no part of the scenario
 
 
 def run_header(plan: Plan) -> RunHeader:

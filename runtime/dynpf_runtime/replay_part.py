@@ -63,7 +63,7 @@ def _replayed(indexed: Indexed, plan: Plan, name: str, span: Span) -> Replayed:
         else:
             if whole or outcome.mismatch is None or outcome.mismatch.field != "message":
                 _check_reached(indexed, recording, name, span.last)
-                return outcome._replace(mismatch=outcome.mismatch or _broken_chain(recording, plan, name, span))
+                return outcome._replace(mismatch=outcome.mismatch or _broken_chain(recording, name, span))
         margin *= _WIDER
 
 
@@ -88,9 +88,11 @@ def _check_reached(indexed: Indexed, recording: Recording, name: str, last: Mome
         raise NoIndexError(f"{indexed.path}: its index does not lead to the end of the journal of {name}")
 
 
-def _broken_chain(recording: Recording, plan: Plan, name: str, span: Span) -> Mismatch | None:
+def _broken_chain(recording: Recording, name: str, span: Span) -> Mismatch | None:
     """Return the first chain value that does not follow from the one before it and what is in the recording."""
-    value = genesis(name, plan.text) if span.origin is None else bytes.fromhex(span.origin.snapshot.chain)
+    value = (
+        genesis(name, recording.header.scenario) if span.origin is None else bytes.fromhex(span.origin.snapshot.chain)
+    )
     for boot, entry in _covered(recording, name, span):
         value = chain_after(value, boot, entry, messages_of(recording, name, boot, entry) or [])
         if entry.chain and entry.chain != value.hex():

@@ -38,7 +38,8 @@ class Seat:
         chain = genesis(spec.name, plan.text)
         self._executor = Executor(spec.build(), spec, self.topics, boot, plan.state_digest_ticks, chain=chain)
         self._gaps = GapWatch()
-        self.inbox = LockstepInbox(plan.graph, spec.name, FaultyLink(plan.faults, spec.name, plan.seed))
+        link = FaultyLink(plan.faults, spec.name, plan.seed, plan.left_out)
+        self.inbox = LockstepInbox(plan.graph, spec.name, link)
         self._snapshots = Snapshots(self._executor, self._gaps, self.inbox)
 
     def take(self, stamp_ns: int = 0) -> Ready:

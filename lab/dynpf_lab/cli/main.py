@@ -42,6 +42,7 @@ _COMMANDS = {
     "import": ("import_", "make a recording from a log of another format"),
     "export": ("export", "write a topic of a recording for other programs"),
     "study": ("study", "an experiment of the source documents, with confidence intervals"),
+    "why": ("why", "when a run could not but fail any more, and the cause"),
     "sim": ("sim", "simulate the processes of a run under faults"),
     "sweep": ("sweep", "a scenario with several settings, over many seeds"),
     "bench": ("bench", "times of updates, against plain NumPy and other libraries"),

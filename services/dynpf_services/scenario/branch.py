@@ -50,7 +50,8 @@ def branch_run(
     was = scenario_of_replay(recording, allow_code=allow_code)
     scenario = scenario_of_replay(recording, overrides=overrides, allow_code=allow_code)
     _check_branches(was, scenario)
-    before, after = plan_of(was), plan_of(scenario)
+    # The chains of a recording begin with the text that is in it, which another version may have resolved.
+    before, after = plan_of(was)._replace(text=recording.header.scenario), plan_of(scenario)
     changed = tuple(name for name in scenario.nodes if _is_other(was, scenario, name))
     tick = _tick(recording, before, at)
     attachments = attachments_of(scenario, recording.attachments)

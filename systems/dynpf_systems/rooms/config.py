@@ -5,12 +5,13 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from dynpf.types import NonNegative, Positive
+from dynpf.types import Count, NonNegative, Positive
 from dynpf_systems.rooms.steering import Route
 
 __all__ = [
     "Door",
     "Driver",
+    "Kidnapping",
     "PeopleParams",
     "RoomConfig",
     "WaypointsConfig",
@@ -36,6 +37,13 @@ class Door(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     open_for: NonNegative = 10.0  # s; at the start of each period
     phase: float = 0.0  # s after the start of the run at which a period begins
     opens_within: NonNegative = 0.0  # m from the robot: then it is open in any case
+
+
+class Kidnapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Someone carries the robot to another pose, within one tick; neither wheels nor gyro feel it."""
+
+    tick: Count  # the tick in which it is there
+    to: tuple[float, float, float]  # m, m, rad
 
 
 class Driver(Route, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -72,6 +80,7 @@ class RoomConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     driver: Driver | None = None  # absent: the controller drives
     people: PeopleParams | None = None
     doors: Annotated[tuple[Door, ...], Meta(max_length=256)] = ()
+    kidnappings: Annotated[tuple[Kidnapping, ...], Meta(max_length=256)] = ()
 
 
 class WaypointsConfig(Route, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="waypoints"):

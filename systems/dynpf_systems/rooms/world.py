@@ -56,7 +56,7 @@ class RoomSimulator:
     Each step is one tick. The twist in truth/robot is that of the last command with the motion's noise; it holds from
     its stamp to the next, and the next step finds the robot at the end of that arc. A robot that would leave the room,
     or run into a wall of the map or a closed door, is held there while its wheels turn on. Raises ScenarioError for a
-    start where it does not fit, and for people or doors without a map.
+    start, or a kidnapping, to where it does not fit, and for people or doors without a map.
     """
 
     def __init__(
@@ -76,12 +76,9 @@ class RoomSimulator:
         self.landmarks = landmarks
         self._segments = None if maps.segments is None else maps.segments.segments
         self._clearance = clearance_of(maps)
-        if not self._fits(config.start):
-            room = "map" if self._clearance else f"room of {config.width} m x {config.height} m"
-            raise ScenarioError(
-                f"simulator.start {config.start}: the robot of radius {config.robot_radius} m does not fit there"
-                f" in the {room}"
-            )
+        self._check_fits("start", config.start)
+        for index, kidnapping in enumerate(config.kidnappings):
+            self._check_fits(f"kidnappings.{index}.to", kidnapping.to)
         self._pose = config.start
         self._command = (0.0, 0.0)  # forward speed and turning rate
         self._twist = (0.0, 0.0, 0.0)  # true forward speed and turning rate, and rate of turning on the spot besides
@@ -98,6 +95,8 @@ class RoomSimulator:
     def step(self, step: Step) -> Result:
         """Advance the world by one tick under the last command; return the true state, obstacles and pictures."""
         self._move()
+        for kidnapping in self.config.kidnappings:
+            self._pose = kidnapping.to if kidnapping.tick == step.tick else self._pose
         self._doors = closed_doors(self.config.doors, step.stamp_ns * 1e-9, self._pose[:2])
         if self._people is not None:
             self._people.walk(step.number, self.tick_s, self._pose[:2], self._doors)
@@ -189,6 +188,14 @@ class RoomSimulator:
         if self._clearance is None:
             return self._inside(*pose[:2]) == pose[:2]
         return self._clearance(*pose[:2]) >= self.config.robot_radius
+
+    def _check_fits(self, key: str, pose: tuple[float, float, float]) -> None:
+        if not self._fits(pose):
+            room = "map" if self._clearance else f"room of {self.config.width} m x {self.config.height} m"
+            raise ScenarioError(
+                f"simulator.{key} {pose}: the robot of radius {self.config.robot_radius} m does not fit there"
+                f" in the {room}"
+            )
 
     def _inside(self, x: float, y: float) -> tuple[float, float]:
         radius = self.config.robot_radius

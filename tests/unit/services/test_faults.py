@@ -3,14 +3,14 @@ from functools import partial
 
 import msgspec
 import pytest
-from dynpf_runtime.faults import Fault, FaultyLink
+from dynpf_runtime.faults import Fault, FaultyLink, LeftOut
 
 TOPIC, OTHER = "sensors/odometry", "sensors/landmarks"
 COUNT = 4000
 
 
 def fates(link: FaultyLink, topic: str = TOPIC, count: int = 200) -> list[int | None]:
-    return [link.delay_ns(topic, sequence) for sequence in range(count)]
+    return [link.delay_ns(topic, sequence, 0) for sequence in range(count)]
 
 
 def link(seed: int = 1, to: str = "estimator", **faults: float) -> FaultyLink:
@@ -22,7 +22,7 @@ def test_the_fate_of_a_message_depends_on_seed_topic_and_sequence_alone() -> Non
     first = fates(shaky())
     backwards = shaky()
     fates(backwards, OTHER)
-    assert [backwards.delay_ns(TOPIC, sequence) for sequence in reversed(range(200))] == first[::-1]
+    assert [backwards.delay_ns(TOPIC, sequence, 0) for sequence in reversed(range(200))] == first[::-1]
     assert fates(shaky(seed=2)) != first
     assert fates(shaky(), OTHER) != first
     assert fates(shaky(to="controller")) != first
@@ -59,3 +59,12 @@ def test_other_topics_and_other_nodes_are_spared() -> None:
 def test_impossible_faults_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert({"topic": TOPIC, "to": "estimator", **wrong}, Fault)
+
+
+def test_what_is_left_out_is_lost_in_its_stretch_alone_and_other_faults_stay() -> None:
+    late = [Fault(topic=TOPIC, to="estimator", delay_s=0.25)]
+    left_out = [LeftOut(TOPIC, "estimator", 10, 20), LeftOut(OTHER, "controller", 0, 100)]
+    with_stretch = FaultyLink(late, "estimator", 1, left_out)
+    fates_by_stamp = [with_stretch.delay_ns(TOPIC, 0, stamp_ns) for stamp_ns in (9, 10, 19, 20)]
+    assert fates_by_stamp == [250_000_000, None, None, 250_000_000]
+    assert with_stretch.delay_ns(OTHER, 0, 15) == 0
