@@ -45,11 +45,11 @@ class Values:
         return {self.text(): self.value(depth - 1) for _ in range(self.random.randrange(3))}
 
     def changed(self, document: Any) -> Any:
-        """Return a JSON document with one or a few of its parts changed."""
+        """Return a JSON document with one or a few of its parts changed; another value where it would be huge."""
         changed = deepcopy(document)
         for _ in range(self.random.choice((1, 1, 1, 2, 5))):
             changed = self._changed_once(changed)
-        return changed
+        return self.value() if _is_huge(changed) else changed
 
     def _changed_once(self, document: Any) -> Any:
         """Change one part of the document, found by a walk from its root that may stop anywhere."""
@@ -84,6 +84,17 @@ class Values:
                 holder[:] = holder * self.random.choice((2, 3, 50))
             case "rename" if isinstance(holder, dict):
                 holder[self.random.choice((*holder, self.text()))] = holder.pop(key)
+
+
+def _is_huge(value: Any) -> bool:
+    """Return whether a document has more than 16 million characters: lists that are repeated may hold one another."""
+    left, waiting = 2**24, [value]
+    while waiting and left > 0:
+        one = waiting.pop()
+        left -= len(one) if isinstance(one, str) else 1
+        if isinstance(one, dict | list):
+            waiting += (*one, *one.values()) if isinstance(one, dict) else one
+    return left <= 0
 
 
 def as_json(value: Any) -> str:
