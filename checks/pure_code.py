@@ -33,8 +33,8 @@ PURE = (
     "systems/dynpf_systems",
 )
 
-_BESIDE = ("measures", "pictures", "studies")
-"""What a system measures of its runs, draws of them and studies by them is beside its nodes; no node reaches it."""
+_BESIDE = ("amcl", "measures", "pictures", "studies", "verdict")
+"""What a system makes scenarios of, measures of its runs, draws of them and studies by them; no node reaches it."""
 _EXPERIMENT = re.compile(rf"(systems[/.])?dynpf_systems[/.]\w+[/.]({'|'.join(_BESIDE)})\b")
 _MEASURES = "measures runs, and is no part of one"
 
@@ -186,7 +186,7 @@ def dotted(node: ast.expr) -> tuple[str, ...]:
 
 
 def is_experiment(name: str) -> bool:
-    """Return whether a file or a module of a system is none of its nodes', but measures, pictures or studies."""
+    """Return whether a file or a module of a system is none of its nodes', but what is beside them."""
     return _EXPERIMENT.match(name) is not None
 
 

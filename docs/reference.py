@@ -1,4 +1,4 @@
-"""Writes docs/topics.md and docs/scenarios.md from the code: `python -m docs.reference`.
+"""Writes docs/topics.md, docs/scenarios.md and docs/amcl.md from the code: `python -m docs.reference`.
 
 Types, ranges and defaults are read from the structs themselves, units and meanings from the comments beside the fields.
 """
@@ -15,6 +15,7 @@ from dynpf_services.scenario.schema import RunTable
 from dynpf_services.scenario.vocabulary import whole_type
 from msgspec import inspect as types
 
+from docs.amcl_parameters import amcl
 from docs.fields import Structs, anchor, described, inside, pieces_of, struct_of, table, type_text
 
 __all__ = ["PAGES", "scenarios", "topics"]
@@ -258,7 +259,11 @@ def _sections(info: types.StructType, path: str) -> Iterator[tuple[str, types.St
             yield from _sections(inner, name)
 
 
-PAGES = {Path(__file__).with_name("topics.md"): topics, Path(__file__).with_name("scenarios.md"): scenarios}
+PAGES = {
+    Path(__file__).with_name("topics.md"): topics,
+    Path(__file__).with_name("scenarios.md"): scenarios,
+    Path(__file__).with_name("amcl.md"): amcl,
+}
 
 
 def _main() -> None:

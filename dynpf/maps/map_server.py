@@ -6,15 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from dynpf.types import FloatArray
-
-try:
-    import yaml
-except ModuleNotFoundError as error:
-    raise ModuleNotFoundError("maps of map_server need PyYAML: pip install 'dynpf[maps]'", name="yaml") from error
-
 from dynpf.maps.image import Shades, decode_image
 from dynpf.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from dynpf.maps.yaml_text import mapping, number, short
+from dynpf.types import FloatArray
 
 __all__ = ["decode"]
 
@@ -39,7 +34,7 @@ def decode(yaml_text: str, images: Callable[[str], bytes], name: str) -> Occupan
 
     Raises ValueError, in one line that names the file, the key, its value and what was expected.
     """
-    keys = _Keys(name, _mapping(yaml_text, name))
+    keys = _Keys(name, mapping(yaml_text, name, longest=LONGEST, kind="map_server file", such_as="image"))
     resolution = keys.number("resolution")
     if not resolution > 0.0:
         raise keys.wrong("resolution", "metres a pixel, above 0")
@@ -69,21 +64,6 @@ def _occupancy(shades: Shades, mode: str, negate: bool) -> FloatArray:
     return occupancy
 
 
-def _mapping(yaml_text: str, name: str) -> dict[Any, Any]:
-    if len(yaml_text) > LONGEST:
-        raise ValueError(f"{name}: {len(yaml_text)} characters; a map_server file has at most {LONGEST}")
-    try:
-        document = yaml.safe_load(yaml_text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f", line {mark.line + 1}" if mark else ""
-        what = " ".join(str(getattr(error, "problem", None) or error or type(error).__name__).split())
-        raise ValueError(f"{name}{where}: not YAML: {what}") from None
-    if not isinstance(document, dict):
-        raise ValueError(f"{name}: holds {_short(document)}; expected the keys of a map_server file, such as image")
-    return document
-
-
 class _Keys:
     """The keys of one file, each checked when it is taken."""
 
@@ -92,20 +72,20 @@ class _Keys:
         self._values = values
 
     def wrong(self, key: str, expected: str) -> ValueError:
-        return ValueError(f"{self._name}: {key} = {_short(self._values[key])}; expected {expected}")
+        return ValueError(f"{self._name}: {key} = {short(self._values[key])}; expected {expected}")
 
     def number(self, key: str) -> float:
-        number = _number(self._take(key))
-        if number is None:
+        found = number(self._take(key))
+        if found is None:
             raise self.wrong(key, "a finite number")
-        return number
+        return found
 
     def origin(self) -> tuple[float, float, float]:
         expected = "[x, y, yaw], three finite numbers in metres and radians"
         value = self._take("origin")
         if not isinstance(value, list) or len(value) != 3:
             raise self.wrong("origin", expected)
-        x, y, yaw = (_number(part) for part in value)
+        x, y, yaw = (number(part) for part in value)
         if x is None or y is None or yaw is None:
             raise self.wrong("origin", expected)
         return x, y, yaw
@@ -147,23 +127,3 @@ class _Keys:
         if key not in self._values:
             raise ValueError(f"{self._name}: {key} is missing; a map_server file must state it")
         return self._values[key]
-
-
-def _number(value: Any) -> float | None:
-    """Return a finite number, or None. Text too: to PyYAML 1e-2, without a point, is text."""
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
-        return None
-    try:
-        number = float(value)
-    except (ValueError, OverflowError):
-        return None
-    return number if math.isfinite(number) else None
-
-
-def _short(value: Any) -> str:
-    """Return a value as errors show it: nothing that is nested, since references in YAML can make that huge."""
-    if isinstance(value, list):
-        parts = ["[...]" if isinstance(part, list) else _short(part) for part in value[:4]]
-        return f"[{', '.join(parts)}{', ...' if len(value) > 4 else ''}]"
-    text = "a mapping" if isinstance(value, dict) else repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -38,7 +38,8 @@ class Measures(NamedTuple):
 
     ``of_run`` returns the measures of a run by name, without those for which it has no data; ``lines`` returns them as
     text for a person. ``estimate`` is the type of the system's estimates, ``reads`` are the types of messages that the
-    measures need, and ``truths`` are the topics of the truth, of which a run has one.
+    measures need, and ``truths`` are the topics of the truth, of which a run has one. ``aligned`` returns the run with
+    its truth moved as close to the estimates as a change of frames can bring it.
     """
 
     estimate: type[Message]
@@ -46,6 +47,7 @@ class Measures(NamedTuple):
     truths: tuple[str, ...]
     of_run: Callable[[RunMessages], dict[str, Any]]
     lines: Callable[[Mapping[str, Any]], list[str]]
+    aligned: Callable[[RunMessages], RunMessages] | None = None
 
 
 @cache
@@ -53,10 +55,17 @@ def _all_measures() -> tuple[Measures, ...]:
     return tuple(map(load, listed("MEASURES")))
 
 
-def measure(recording: Recording) -> dict[str, Any]:
-    """Return the measures of a recording; measures without data are left out."""
+def measure(recording: Recording, *, truth_align: bool = False) -> dict[str, Any]:
+    """Return the measures of a recording; measures without data are left out.
+
+    With ``truth_align``, the truth of logs is first moved as close to the estimates as a change of frames can bring it.
+    """
     outcome = recording.end.outcome if recording.end is not None else ""
-    return {**_figures(recording), "outcome": outcome, "content_digest": content_digest(recording)}
+    return {
+        **_figures(recording, truth_align=truth_align),
+        "outcome": outcome,
+        "content_digest": content_digest(recording),
+    }
 
 
 def measure_run(run: RunMessages) -> dict[str, Any]:
@@ -88,14 +97,22 @@ def differing(a: Recording, b: Recording) -> dict[str, tuple[Any, Any]]:
     return {name: (left.get(name), right.get(name)) for name in names if left.get(name) != right.get(name)}
 
 
-def _figures(recording: Recording) -> dict[str, Any]:
+def _figures(recording: Recording, *, truth_align: bool = False) -> dict[str, Any]:
     end = recording.end
+    run = recorded(recording)
     return {
-        **measure_run(recorded(recording)),
+        **(_measured_aligned(run) if truth_align else measure_run(run)),
         "messages": sum(is_compared(record.topic) for record in recording.messages()),
         "gaps": end.missing if end is not None else None,
         "complete": end is not None and end.complete and not recording.truncated,
     }
+
+
+def _measured_aligned(run: RunMessages) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for measures in _all_measures():
+        found |= measures.of_run(run if measures.aligned is None else measures.aligned(run))
+    return {**found, "truth_aligned": True}
 
 
 def lines_of(measures: Mapping[str, Any]) -> list[str]:

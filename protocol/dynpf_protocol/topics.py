@@ -106,6 +106,13 @@ _ROWS = (
         description="Reference pose of an imported log; belongs to the tick of the next sensor record, begins none",
     ),
     Topic(
+        name="log/localized",
+        type=messages.RobotState,
+        publishers=(LOG_NODE,),
+        wakes=False,
+        description="Pose in the map by the localization that ran on the robot: amcl_pose, or map to odom",
+    ),
+    Topic(
         name="truth/robot",
         type=messages.RobotState,
         publishers=("simulator",),

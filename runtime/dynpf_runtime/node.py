@@ -7,7 +7,7 @@ random generator, and starts no threads. Its whole state can be saved and restor
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import Enum
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -17,6 +17,7 @@ from dynpf_protocol.messages import Message
 
 __all__ = [
     "Adopting",
+    "Doubting",
     "Node",
     "Output",
     "Received",
@@ -106,6 +107,14 @@ class Adopting(Protocol):
 
     def adopt(self, state: State) -> None:
         """Go on from a state of a node with other settings; raises an exception if there is no way to."""
+
+
+@runtime_checkable
+class Doubting(Protocol):
+    """A node that can tell, before a run, what of its settings is possible and still probably wrong."""
+
+    def doubts(self) -> Sequence[str]:
+        """Return a sentence for each."""
 
 
 class Takeover(Enum):

@@ -37,9 +37,11 @@ CLOUDS = "sensor_msgs/msg/PointCloud2"
 ODOMETRY = "nav_msgs/msg/Odometry"
 MAPS = "nav_msgs/msg/OccupancyGrid"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+LOCALIZED = "amcl_pose"
 POSES = (
     "geometry_msgs/msg/PoseStamped",
-    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    WITH_COVARIANCE,
     "geometry_msgs/msg/TransformStamped",
     ODOMETRY,
 )
@@ -70,6 +72,9 @@ class BagPlan(NamedTuple):
     is_cloud: bool
     odometry: str | None
     truth: str | None
+    localized: (
+        str | None
+    )  # topic with the robot's own estimate of its pose in the map; None: map to odom in tf, if at all
     transforms: tuple[str, ...]
     base: str
     odom_frame: str
@@ -99,6 +104,7 @@ def planned(bag: Messages, choice: BagChoice, losses: Losses) -> BagPlan:
     scan, frame, range_max = _scanner(bag, choice)
     transforms = tuple(bag.of_type(*TRANSFORMS))
     poses = (topic for topic in _nearest(bag.of_type(*POSES), scan) if TRUE.search(topic))
+    localized = _first(topic for topic in _nearest(bag.of_type(WITH_COVARIANCE), scan) if topic.endswith(LOCALIZED))
     truth = _named(bag, choice.truth, "truth", POSES) or _first(poses)
     odometry = None if choice.odometry == TF else _named(bag, choice.odometry, "odometry", (ODOMETRY,))
     if odometry is None and choice.odometry is None:
@@ -130,6 +136,7 @@ def planned(bag: Messages, choice: BagChoice, losses: Losses) -> BagPlan:
         is_cloud,
         odometry,
         truth,
+        localized if localized != truth else None,
         transforms,
         base,
         odom_frame,

@@ -69,3 +69,4 @@ class ImportSummary(msgspec.Struct, frozen=True, kw_only=True):
     messages: dict[str, int]  # topic -> messages
     attachments: tuple[str, ...]
     dropped: dict[str, Dropped]  # by reason
+    warnings: tuple[str, ...] = ()

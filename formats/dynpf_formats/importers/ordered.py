@@ -10,7 +10,7 @@ __all__ = ["Reorder"]
 
 WINDOW_NS = 2 * 10**9  # how much older than the newest record a record may be
 STEP_NS = 60 * 10**9  # a stamp that leaps further than this from one record to the next is doubtful
-RANKS = {"log/truth": 0, "log/odometry_pose": 1, "log/scan": 2}  # of records of the same stamp
+RANKS = {"log/truth": 0, "log/odometry_pose": 1, "log/localized": 1, "log/scan": 2}  # of records of the same stamp
 
 BACKWARDS = "records whose clock went backwards"
 LEAPT = "records whose clock leapt ahead"

@@ -1,6 +1,7 @@
 """Writes imported logs as recordings: records as messages of node "log", landmarks and maps as attachments."""
 
 from collections import Counter
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from dynpf_formats.regular_files import readable
 __all__ = ["BOOT", "write_recording"]
 
 BOOT = "import"
+TRUTH = "log/truth"
 
 
 def write_recording(log: ImportedLog, path: Path) -> ImportSummary:
@@ -33,30 +35,46 @@ def write_recording(log: ImportedLog, path: Path) -> ImportSummary:
     )
     header = RunHeader(scenario=text.decode(), seed=0, provenance=collect())
     counts: Counter[str] = Counter()
-    first, last = 2**63, 0
+    spans: dict[bool, tuple[int, int]] = {}  # of references, and of all else
     with RecordingWriter(path, header, log.attachments) as writer:
         try:
             for topic, stamp_ns, message in log.records:
                 envelope = Envelope(LOG_NODE, BOOT, counts[topic], 0, stamp_ns, stamp_ns)
                 counts[topic] += 1
-                first, last = min(first, stamp_ns), max(last, stamp_ns)
+                is_truth = topic.endswith(TRUTH)
+                first, last = spans.get(is_truth, (stamp_ns, stamp_ns))
+                spans[is_truth] = min(first, stamp_ns), max(last, stamp_ns)
                 writer.message(topic, envelope, _payload(topic, stamp_ns, message))
         except BaseException:
             writer.close(complete=False, reason="the import failed")
             path.unlink()
             raise
         writer.close(complete=True, reason="imported")
-    start = min(first, last)
+    start = min((first for first, _ in spans.values()), default=0)
+    end = max((last for _, last in spans.values()), default=0)
     return ImportSummary(
         source=readable(log.source),
         format=log.format,
         settings=log.settings,
         start_ns=start,
-        duration_s=(last - start) / 1e9,
+        duration_s=(end - start) / 1e9,
         messages=dict(sorted(counts.items())),
         attachments=tuple(attachment.name for attachment in log.attachments),
         dropped=log.losses.summary(),
+        warnings=tuple(_apart(spans)),
     )
+
+
+def _apart(spans: Mapping[bool, tuple[int, int]]) -> Iterator[str]:
+    """Yield a warning if no record of a log was taken while there were references, in words."""
+    if len(spans) < 2:
+        return
+    (truth_first, truth_last), (first, last) = spans[True], spans[False]
+    hint = "nothing can be scored (are both clocks the same, and the stamps in seconds?)"
+    if truth_last < first:
+        yield f"the reference ends {(first - truth_last) / 1e9:.1f} s before the log begins: {hint}"
+    elif truth_first > last:
+        yield f"the reference begins {(truth_first - last) / 1e9:.1f} s after the log ends: {hint}"
 
 
 def _payload(topic: str, stamp_ns: int, message: Any) -> bytes:

@@ -30,6 +30,8 @@ __all__ = ["BagChoice", "RecordReader", "import_rosbag"]
 NO_RETURN_M = 100.0
 """What a beam without return reads if the scanner's greatest range is infinite, unless a return is farther."""
 
+MAP_FRAME = "map"
+
 Limits = tuple[float, float]
 """Least and greatest range of a scanner, m."""
 
@@ -48,11 +50,12 @@ def import_rosbag(
         plan = planned(bag, choice, losses)
         attachments = attachments or _map(bag, losses)
         x, y, theta = mount_of(plan)
-        taken = {plan.scan, plan.odometry, plan.truth, *plan.transforms, *bag.of_type(MAPS)}
+        taken = {plan.scan, plan.odometry, plan.truth, plan.localized, *plan.transforms, *bag.of_type(MAPS)}
         settings = {
             "scan": plan.scan,
             "odometry": plan.odometry if plan.odometry != TF else f"tf {plan.odom_frame} -> {plan.odom_child}",
             "truth": plan.truth,
+            **({} if plan.localized is None else {"localized": plan.localized}),
             "base": plan.base,
             "scanner_x_m": x,
             "scanner_y_m": y,
@@ -83,8 +86,8 @@ def _map(bag: Bag, losses: Losses) -> tuple[Attachment, ...]:
 
 def _records(path: Path, plan: BagPlan, choice: BagChoice, losses: Losses) -> Iterator[Record]:
     with open_bag(path, TYPES) as bag:
-        named = (plan.scan, plan.truth, *(plan.transforms if plan.odometry == TF else (plan.odometry,)))
-        topics = sorted({topic for topic in named if topic is not None})
+        named = (plan.scan, plan.truth, plan.localized, plan.odometry, *plan.transforms)
+        topics = sorted({topic for topic in named if topic is not None and topic != TF})
         order = Reorder(losses)
         reader = RecordReader(plan, choice, losses)
         for message in bag.messages(topics, losses):
@@ -104,13 +107,17 @@ class RecordReader:
         self._shift_ns = round(choice.truth_shift * 1e9)
         self._to_map = inverse(choice.truth_offset)
         self._last_odometry: Record | None = None
+        self._odom_in_map = _Corrections()
 
     def read(self, message: Message) -> Iterator[tuple[Record, ...]]:
         """Yield the records of a message."""
         plan, content = self._plan, message.content
         if message.topic in plan.transforms:
             for transform in content.transforms:
-                if frame_of(transform) == plan.odom_frame and _child(transform) == plan.odom_child:
+                if _child(transform) == plan.odom_frame and plan.localized is None:
+                    self._odom_in_map.take(transform)
+                of_base = frame_of(transform) == plan.odom_frame and _child(transform) == plan.odom_child
+                if plan.odometry == TF and of_base:
                     body = transform.transform
                     yield from self._odometry(message, transform.header, body.translation, body.rotation, plan.to_base)
             return
@@ -121,9 +128,13 @@ class RecordReader:
         if message.topic == plan.odometry:
             yield from self._odometry(message, content.header, position, orientation, (0.0, 0.0, 0.0))
         else:
-            stamp_ns, true_pose = self._stamp(message, content.header), self._planar(message, position, orientation)
-            if stamp_ns is not None and true_pose is not None:
-                x, y, theta = compose(self._to_map, true_pose)
+            stamp_ns, pose = self._stamp(message, content.header), self._planar(message, position, orientation)
+            if stamp_ns is None or pose is None:
+                return
+            if message.topic == plan.localized:
+                yield (_localized(stamp_ns, pose),)
+            else:
+                x, y, theta = compose(self._to_map, pose)
                 truth = RobotState(x=x, y=y, theta=theta)
                 yield (Record("log/truth", max(stamp_ns + self._shift_ns, 0), truth),)
 
@@ -139,7 +150,8 @@ class RecordReader:
             self._losses.add("repeated odometry", _where(message))
             return
         self._last_odometry = record
-        yield (record,)
+        corrected = self._odom_in_map.corrected((x, y, theta))
+        yield (record,) if corrected is None else (record, _localized(stamp_ns, corrected))
 
     def _scan(self, message: Message) -> Iterator[tuple[Record, ...]]:
         stamp_ns = self._stamp(message, message.content.header)
@@ -203,6 +215,31 @@ class RecordReader:
             self._losses.add(reason, _where(message))
             return None
         return planar(found)
+
+
+class _Corrections:
+    """The transform from map to odom, by which a localization corrects odometry; one that never changes is none."""
+
+    def __init__(self) -> None:
+        self._first: Pose | None = None
+        self._newest: Pose | None = None
+
+    def take(self, transform: Any) -> None:
+        """Take a transform to the odometry's frame."""
+        found = matrix(transform.transform.translation, transform.transform.rotation)
+        if found is not None and frame_of(transform).rpartition("/")[2] == MAP_FRAME:
+            pose = planar(found)
+            self._first = self._first or pose
+            self._newest = pose if pose != self._first else self._newest
+
+    def corrected(self, pose: Pose) -> Pose | None:
+        """Return a pose by odometry as it is in the map, or None while nothing has been corrected."""
+        return None if self._newest is None else compose(self._newest, pose)
+
+
+def _localized(stamp_ns: int, pose: Pose) -> Record:
+    x, y, theta = pose
+    return Record("log/localized", stamp_ns, RobotState(x=x, y=y, theta=theta))
 
 
 def _position_and_orientation(content: Any) -> tuple[Any, Any]:

@@ -46,6 +46,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_common(world, "YAML file; its image beside it")
     world.set_defaults(run=_import_map)
 
+    amcl = formats.add_parser("amcl", help="AMCL's parameters, of ROS 1 or Nav2, as a scenario for laser logs")
+    amcl.add_argument("source", metavar="PARAMS.yaml", type=Path, help="nav2_params.yaml, or the parameters of amcl")
+    amcl.add_argument("-o", "--output", metavar="MINE.toml", type=Path, required=True, help="scenario to be written")
+    add_json(amcl, "print what becomes of each parameter as one JSON document")
+    amcl.set_defaults(run=_import_amcl)
+
     tum = formats.add_parser("tum", help="reference poses as lines of time, position and quaternion")
     _add_common(tum, "text file, plain, .gz, .xz or .bz2")
     tum.add_argument(
@@ -174,6 +180,12 @@ def _import_map(options: argparse.Namespace) -> int:
     return _write(import_map(options.source), options)
 
 
+def _import_amcl(options: argparse.Namespace) -> int:
+    from dynpf_lab.cli.import_amcl import import_amcl
+
+    return import_amcl(options)
+
+
 def _import_tum(options: argparse.Namespace) -> int:
     from dynpf_formats.importers.tum import import_tum
 
@@ -201,6 +213,7 @@ def _in_words(summary: "ImportSummary", output: Path) -> str:
     lines += [f"  attached           {name}" for name in summary.attachments]
     lines += [f"  {name.replace('_', ' ')}: {_in_text(value)}" for name, value in summary.settings.items()]
     lines += [f"  left out: {lost.count} {why} (first: {lost.first})" for why, lost in summary.dropped.items()]
+    lines += [f"  warning: {text}" for text in summary.warnings]
     return "\n".join(lines)
 
 

@@ -37,6 +37,7 @@ _COMMANDS = {
     "sign": ("sign", "sign every byte of a recording"),
     "resume": ("resume", "go on with a run of which everything was killed"),
     "recover": ("recover", "repair a recording into a new file"),
+    "localize": ("localize", "from a robot's log to a verdict: import, run, measures and page"),
     "metrics": ("metrics", "measures of a recorded run against its truth"),
     "fit": ("fit", "the beam model's parameters from a recorded run"),
     "import": ("import_", "make a recording from a log of another format"),

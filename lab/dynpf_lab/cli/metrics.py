@@ -11,6 +11,11 @@ __all__ = ["add_arguments"]
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``dynpf metrics``."""
     add_recording(parser)
+    parser.add_argument(
+        "--truth-align",
+        action="store_true",
+        help="first move the reference, as a whole, as close to the estimates as it goes: for one in another frame",
+    )
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -21,6 +26,8 @@ def run(options: argparse.Namespace) -> int:
     from dynpf_formats.recording.reader import read_recording
 
     recording = read_recording(options.recording)
-    measures = measure(recording)
+    measures = measure(recording, truth_align=options.truth_align)
     print(json.dumps(measures) if options.json else summary(recording, measures))
+    if options.truth_align and not options.json:
+        print("            against the reference moved into the frame of the estimate (--truth-align)")
     return 0

@@ -17,10 +17,22 @@ from dynpf_lab.cli.page import add_no_page, leave_page
 from dynpf_lab.cli.sign import add_sign, check_key, sign_recording
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from dynpf_runtime.node import Node
     from dynpf_runtime.plan import Plan
     from dynpf_services.scenario.played_log import PlayedLog
 
-__all__ = ["add_arguments", "add_restarts", "check_output", "default_output", "print_summary", "tell_given"]
+__all__ = [
+    "add_arguments",
+    "add_restarts",
+    "check_output",
+    "default_output",
+    "print_summary",
+    "run_in_process",
+    "tell_doubts",
+    "tell_given",
+]
 
 RESTARTS = 3
 
@@ -89,11 +101,11 @@ def run(options: argparse.Namespace) -> int:
         check_key(options.sign)
     with loading():
         plan = plan_of(scenario)
-        for spec in plan.graph.specs.values():
-            spec.build()  # errors are reported here, before any process is started
+        nodes = [spec.build() for spec in plan.graph.specs.values()]  # errors are reported here, before any process
+    tell_doubts("run", nodes)
     try:
         if options.runner == "inline":
-            _run_inline(scenario, path, log, durable=options.durable)
+            run_in_process(scenario, path, log, durable=options.durable)
         else:
             _run_on_bus(scenario, plan, path, log, options)
     except DynpfError as error:
@@ -145,7 +157,18 @@ def check_output(path: Path) -> None:
         raise UsageError(f"{path}: cannot be written: {reason}; choose another name with -o") from error
 
 
-def _run_inline(scenario: Scenario, path: Path, log: "PlayedLog | None", *, durable: bool) -> None:
+def tell_doubts(command: str, nodes: "Iterable[Node]") -> None:
+    """Print what nodes find probably wrong before a run."""
+    from dynpf_runtime.node import Doubting
+
+    for node in nodes:
+        if isinstance(node, Doubting):
+            for doubt in node.doubts():
+                print(f"dynpf {command}: warning: {node.name}: {doubt}", file=sys.stderr)
+
+
+def run_in_process(scenario: Scenario, path: Path, log: "PlayedLog | None", *, durable: bool = False) -> None:
+    """Run a scenario in this process into a recording; a signal ends it as a whole one."""
     from dynpf_runtime.bus.terminal import StopSignal
     from dynpf_services.scenario.record import record_inline
 

@@ -48,6 +48,9 @@ RESERVED = frozenset({"router", "recorder", "log", "event", "journal", "diagnost
 _LARGEST = 2**25
 """Bytes of a scenario's file."""
 
+SENSORS = "sensors/"
+"""The beginning of the topics of sensors, which play the log's records of the same name."""
+
 ROBOT = "robot"
 """The section whose tables describe the nodes of each robot in ``robots``."""
 
@@ -111,6 +114,8 @@ def load_scenario(
         return log.files[bare]
 
     scenario = with_user_code(parse_scenario(raw, str(path)), str(path))
+    if log is not None:
+        _raise(str(path), _without_readings(scenario, log))
     return with_files(scenario, str(path), read)
 
 
@@ -333,6 +338,24 @@ def _set_start(table: Any, robot: str, log: LogFacts) -> None:
     if pose is not None and isinstance(start, dict) and start.get("kind") == "known":
         for key, value in zip(("x", "y", "theta"), pose, strict=True):
             start.setdefault(key, value)
+
+
+def _without_readings(scenario: Scenario, log: LogFacts) -> Iterator[str]:
+    """Yield a problem for each node of which the log has none of the readings; those of a user's classes are his."""
+    if log.topics is None or scenario.user_classes:
+        return
+    for name, config in scenario.nodes.items():
+        robot, slash, _ = name.rpartition("/")
+        kind = node_kind(scenario.kinds[name])
+        needs = kind.needs(config, Context(scenario, name))
+        own = {topic: key for topic, key in needs.items() if isinstance(topic, str) and topic.startswith(SENSORS)}
+        records = sorted(f"{robot}{slash}log/{topic.removeprefix(SENSORS)}" for topic in own)
+        if records and not scenario.remaps.get(name) and log.topics.isdisjoint(records):
+            there = ", ".join(sorted(log.topics))
+            yield (
+                f"{key_of(name)}.{next(iter(own.values()))}: takes {' or '.join(records)}, of which the log has none; "
+                f"it has {there}: take a scenario for these (dynpf localize chooses one)"
+            )
 
 
 def _contradictions(scenario: Scenario) -> Iterator[str]:

@@ -7,15 +7,16 @@ from typing import Any
 
 from dynpf_protocol.errors import ScenarioError
 
-__all__ = ["apply_override", "overrides_of", "value_of"]
+__all__ = ["apply_override", "overrides_of", "toml_value", "value_of"]
 
 
 def overrides_of(settings: Mapping[str, Any]) -> list[str]:
     """Return the overrides that set keys to Python values; raises ScenarioError for a value that TOML does not have."""
-    return [f"{key}={_toml(key, value)}" for key, value in settings.items()]
+    return [f"{key}={toml_value(key, value)}" for key, value in settings.items()]
 
 
-def _toml(key: str, value: Any) -> str:
+def toml_value(key: str, value: Any) -> str:
+    """Return a value as TOML has it; raises ScenarioError, naming ``key``, for one that TOML does not have."""
     match value:
         case bool():
             return json.dumps(value)
@@ -26,10 +27,10 @@ def _toml(key: str, value: Any) -> str:
         case float():
             return repr(float(value))
         case Mapping():
-            inside = (f"{_quoted(str(name))} = {_toml(key, inner)}" for name, inner in value.items())
+            inside = (f"{_quoted(str(name))} = {toml_value(key, inner)}" for name, inner in value.items())
             return f"{{ {', '.join(inside)} }}"
         case list() | tuple():
-            return f"[{', '.join(_toml(key, inner) for inner in value)}]"
+            return f"[{', '.join(toml_value(key, inner) for inner in value)}]"
     raise ScenarioError(f"{key}: {value!r} is a {type(value).__name__}; expected a number, a text, a list or a table")
 
 

@@ -18,7 +18,7 @@ from dynpf_runtime.source import LogRecord
 from dynpf.se2 import compose, relative
 from dynpf_services.scenario.schema import LogFacts
 
-__all__ = ["PlayedLog", "log_records"]
+__all__ = ["PlayedLog", "log_records", "start_by"]
 
 
 class PlayedLog:
@@ -40,6 +40,7 @@ class PlayedLog:
             landmarks=_landmarks(path, landmarks[0]) if landmarks else [],
             starts=_starts(self.records),
             files=files_of(recording.attachments),
+            topics=frozenset(record.topic for record in self.records),
         )
 
 
@@ -55,13 +56,13 @@ def log_records(recording: Recording) -> list[LogRecord]:
 def _starts(records: list[LogRecord]) -> dict[str, tuple[float, float, float]]:
     """Return each robot's pose at its first record, by name; "" for a robot without a name."""
     robots = sorted({record.topic.rpartition("log/")[0].removesuffix("/") for record in records})
-    return {robot: pose for robot in robots if (pose := _start(records, robot)) is not None}
+    return {robot: pose for robot in robots if (pose := start_by(records, robot, "log/truth")) is not None}
 
 
-def _start(records: list[LogRecord], robot: str) -> tuple[float, float, float] | None:
-    """Return a robot's pose at its first record: its first reference pose minus the odometry's motion until then."""
+def start_by(records: list[LogRecord], robot: str, poses: str) -> tuple[float, float, float] | None:
+    """Return a robot's pose at its first record: the first of ``poses`` minus the odometry's motion until then."""
     first = last = None
-    topics = {f"{robot}/{name}".removeprefix("/") for name in ("log/odometry_pose", "log/truth")}
+    topics = {f"{robot}/{name}".removeprefix("/") for name in ("log/odometry_pose", poses)}
     for record in records:
         if record.topic not in topics:
             continue

@@ -115,13 +115,14 @@ class LogFacts(NamedTuple):
     """Facts of an imported log that a scenario takes over.
 
     Its content digest, its landmarks, the reference pose at its start by the robot's name ("" if there is only one),
-    and the files of its map by name.
+    the files of its map by name, and the topics of its records where they are known.
     """
 
     digest: str
     landmarks: Sequence[Mapping[str, Any]]
     starts: Mapping[str, tuple[float, float, float]] = {}
     files: Mapping[str, bytes] = {}
+    topics: frozenset[str] | None = None
 
     @property
     def map(self) -> str | None:

@@ -12,13 +12,27 @@ import numpy as np
 from dynpf_experiments.measures import Measures
 from dynpf_experiments.messages import RunMessages, Timed, of_type, planar_poses, seconds
 from dynpf_protocol.messages import Estimate, PoseInFrame, RobotState
+from msgspec import UNSET
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from dynpf.metrics.alignment import Alignment, alignment, moved_into
 from dynpf.metrics.consistency import mean_square, nees
 from dynpf.metrics.trajectory import Trajectory, pose_errors, score, thin
 from dynpf.types import FloatArray
 
-__all__ = ["FOUND_M", "FOUND_RAD", "LOST_M", "MEASURES", "localization", "reckoned_path", "reference_path"]
+__all__ = [
+    "FOUND_M",
+    "FOUND_RAD",
+    "LOCALIZED",
+    "LOST_M",
+    "MEASURES",
+    "aligned",
+    "localization",
+    "reckoned_path",
+    "reference_path",
+    "wrong_share",
+]
 
 STATE = "/state"
 
@@ -28,8 +42,11 @@ FOUND_M, FOUND_RAD = 0.5, math.radians(15.0)
 LOST_M = 1.0
 """The robot counts as lost while the estimate is farther than this from the truth, in metres."""
 
+NO_REFERENCE = "no estimate has a reference"
+
 _SCORED_HZ = 10.0
 _MAX_GAP_S = 0.5
+LOCALIZED = "log/localized"
 _TRUTHS = ("truth/robot", "log/truth")
 
 
@@ -49,12 +66,16 @@ def localization(run: RunMessages, estimator: str = "estimator") -> dict[str, An
     - ``nees_mean``, ``nees_low``, ``nees_high``: normalized estimation error squared over pose or, where the heading is
       measured, position; its mean and the 95 % band of that for an honest filter
     - ``dead_reckoning_rmse_m``: position_rmse_m of odometry alone
+    - ``alignment``: where a rigid motion makes a median error of metres much smaller, ``position_rmse_m`` and
+      ``heading_rmse_rad`` after it, and that motion as ``truth_offset``, the pose of the map in the reference's frame
+    - ``unscored``: why no estimate could be scored, in words
     """
-    robot, slash, _ = estimator.rpartition("/")
-    truth = next((robot + slash + name for name in _TRUTHS if run.topic(robot + slash + name)), None)
+    truth = _truth_of(run, estimator)
     estimated = run.topic(f"{estimator}/state") if truth is not None else []
-    if truth is None or len(run.topic(truth)) < 2 or not estimated:
+    if truth is None or not estimated:
         return {}
+    if len(run.topic(truth)) < 2:
+        return {"unscored": f"{NO_REFERENCE}: {truth} has one pose; two are needed"}
     reference, valid = reference_path(run, truth)
     estimates = of_type(estimated, Estimate)
     chosen, max_gap = _scored(estimated, run.topic(truth))
@@ -74,7 +95,78 @@ def localization(run: RunMessages, estimator: str = "estimator") -> dict[str, An
         measures["lost_by_verdict"] = verdicts.count("lost") / len(verdicts)
     measures |= _consistency(errors.errors, errors.heading_valid, [estimates[index] for index in chosen])
     measures |= _dead_reckoning(run, estimator, reference, truth)
-    return {name: value for name, value in measures.items() if np.isfinite(value)}
+    found = {name: value for name, value in measures.items() if np.isfinite(value)}
+    if not distance.size:
+        found["unscored"] = f"{NO_REFERENCE}: {_apart(seconds(estimated), reference.stamps)}"
+    elif scored.position_median_m >= LOST_M:
+        found |= _alignment(scored.position_median_m, alignment(path, errors))
+    return found
+
+
+def _truth_of(run: RunMessages, estimator: str) -> str | None:
+    robot, slash, _ = estimator.rpartition("/")
+    return next((robot + slash + name for name in _TRUTHS if run.topic(robot + slash + name)), None)
+
+
+def _apart(stamps: FloatArray, known: FloatArray) -> str:
+    """Return in words why no stamp of an estimate has a reference, both in seconds."""
+    if known[-1] < stamps[0]:
+        return f"the reference ends {stamps[0] - known[-1]:.1f} s before the first estimate"
+    if known[0] > stamps[-1]:
+        return f"the reference begins {known[0] - stamps[-1]:.1f} s after the last estimate"
+    return f"all estimates are in gaps of the reference of more than {_MAX_GAP_S} s"
+
+
+def _alignment(median_m: float, found: Alignment | None) -> dict[str, Any]:
+    """Return the alignment of an estimate whose error it makes much smaller, over a path with a shape to tell it by."""
+    if found is None or not 4.0 * found.position_median_m <= min(median_m, found.extent_m):
+        return {}
+    figures = {
+        "position_rmse_m": found.position_rmse_m,
+        "position_median_m": found.position_median_m,
+        "heading_rmse_rad": found.heading_rmse_rad,
+    }
+    finite = {name: value for name, value in figures.items() if np.isfinite(value)}
+    return {"alignment": {**finite, "truth_offset": list(found.offset)}}
+
+
+def aligned(run: RunMessages) -> RunMessages:
+    """Return the run with the reference of each estimator moved into the estimate's frame, as well as that can be.
+
+    Where several estimators have one reference, the first says where it goes.
+    """
+    offsets: dict[str, tuple[float, float, float]] = {}
+    for name in _estimators(run):
+        truth = _truth_of(run, name)
+        if truth is None or len(run.topic(truth)) < 2:
+            continue
+        reference, _ = reference_path(run, truth)
+        path = _estimated_path(run, name)
+        found = alignment(path, pose_errors(path, reference, max_gap=_longest_gap(run.topic(truth))))
+        if found is not None:
+            offsets.setdefault(truth, found.offset)
+
+    def read(name: str) -> list[Timed]:
+        """Return the messages of a topic, those of a reference moved."""
+        messages = run.topic(name)
+        if name not in offsets or not messages:
+            return messages
+        path, _ = reference_path(run, name)
+        poses = moved_into(path.poses, offsets[name]).T.tolist()
+        states = zip(messages, of_type(messages, RobotState), poses, strict=True)
+        return [timed._replace(message=replace(state, x=x, y=y, theta=theta)) for timed, state, (x, y, theta) in states]
+
+    return RunMessages(lambda: run.scenario, run.with_files, read, run.topics)
+
+
+def _estimated_path(run: RunMessages, estimator: str) -> Trajectory:
+    estimated = run.topic(f"{estimator}{STATE}")
+    poses = np.array([(state.x, state.y, state.theta) for state in of_type(estimated, Estimate)]).reshape(-1, 3).T
+    return Trajectory(seconds(estimated), poses)
+
+
+def _longest_gap(truth: list[Timed]) -> float:
+    return _MAX_GAP_S if np.median(np.diff(seconds(truth))) <= _MAX_GAP_S else math.inf
 
 
 def reference_path(run: RunMessages, topic: str) -> tuple[Trajectory, NDArray[np.bool_]]:
@@ -132,10 +224,44 @@ def _dead_reckoning(run: RunMessages, estimator: str, reference: Trajectory, tru
     return {"dead_reckoning_rmse_m": score(chosen_path, reference, max_gap=max_gap).position_rmse_m}
 
 
+def _estimators(run: RunMessages) -> list[str]:
+    return [topic.removesuffix(STATE) for topic in run.carrying(Estimate) if topic.endswith(STATE)]
+
+
 def _measured(run: RunMessages) -> dict[str, Any]:
-    names = [topic.removesuffix(STATE) for topic in run.carrying(Estimate) if topic.endswith(STATE)]
+    names = _estimators(run)
     beside_one_another = {"estimators": {name: localization(run, name) for name in names}} if len(names) > 1 else {}
-    return localization(run) | beside_one_another
+    return localization(run) | _recorded(run) | beside_one_another
+
+
+def _recorded(run: RunMessages) -> dict[str, Any]:
+    """Return the measures of the localization that ran on the robot, if the log has it.
+
+    ``robot_localization`` has ``position_rmse_m``, ``position_median_m`` and ``heading_rmse_rad`` against the
+    reference, with ``alignment`` as an estimator has it, and without a reference ``from_ours_median_m``, the distance
+    to our estimates.
+    """
+    if len(run.topic(LOCALIZED)) < 2:
+        return {}
+    path, _ = reference_path(run, LOCALIZED)
+    truth = _truth_of(run, "estimator")
+    found: dict[str, Any]
+    if truth is not None and len(run.topic(truth)) >= 2:
+        reference, valid = reference_path(run, truth)
+        gap = _longest_gap(run.topic(truth))
+        scored = score(path, reference, heading_valid=valid, max_gap=gap)
+        names = ("position_rmse_m", "position_median_m", "heading_rmse_rad")
+        found = {name: getattr(scored, name) for name in names if np.isfinite(getattr(scored, name))}
+        if scored.position_median_m >= LOST_M:
+            errors = pose_errors(path, reference, heading_valid=valid, max_gap=gap)
+            found |= _alignment(scored.position_median_m, alignment(path, errors))
+    elif run.topic(f"estimator{STATE}"):
+        apart = pose_errors(path, _estimated_path(run, "estimator"), max_gap=_MAX_GAP_S)
+        distance = np.hypot(*apart.errors[:2])[apart.position_valid]
+        found = {"from_ours_median_m": float(np.median(distance))} if distance.size else {}
+    else:
+        return {}
+    return {"robot_localization": found} if found else {}
 
 
 def _lines(measures: Mapping[str, Any]) -> list[str]:
@@ -147,7 +273,54 @@ def _lines(measures: Mapping[str, Any]) -> list[str]:
         lines.append(text)
     if "heading_rmse_rad" in measures:
         lines.append(f"heading     RMSE {np.degrees(measures['heading_rmse_rad']):.2f} deg")
+    if "alignment" in measures:
+        lines += _frames(measures["alignment"])
+    if theirs := measures.get("robot_localization"):
+        lines.append(_theirs(theirs))
+    if "unscored" in measures:
+        lines.append(f"position    not scored: {measures['unscored']}")
     return lines + (_table(measures["estimators"]) if "estimators" in measures else [])
+
+
+def _theirs(found: Mapping[str, Any]) -> str:
+    """Return what to say of the localization that ran on the robot."""
+    if "from_ours_median_m" in found:
+        return f"robot's own localization {found['from_ours_median_m']:.3f} m from ours in the median"
+    other = found.get("alignment")
+    figures = other or found
+    told = (
+        f"RMSE {figures.get('position_rmse_m', np.nan):.4f} m, median {figures.get('position_median_m', np.nan):.4f} m"
+    )
+    where = " after alignment: it is in another frame than the reference" if other else ""
+    return f"robot's own localization {told}{where}"
+
+
+def wrong_share(run: RunMessages, estimator: str = "estimator") -> float:
+    """Return the share of the estimates with a reference that are wrong while the filter says that it is on its track.
+
+    Wrong is farther than ``LOST_M`` from the reference. 0 where there is no reference.
+    """
+    truth = _truth_of(run, estimator)
+    if truth is None or len(run.topic(truth)) < 2 or not run.topic(f"{estimator}{STATE}"):
+        return 0.0
+    reference, _ = reference_path(run, truth)
+    errors = pose_errors(_estimated_path(run, estimator), reference, max_gap=_longest_gap(run.topic(truth)))
+    states = of_type(run.topic(f"{estimator}{STATE}"), Estimate)
+    tracking = np.array([state.health is not UNSET and state.health.status == "tracking" for state in states])
+    wrong = (np.hypot(*errors.errors[:2]) > LOST_M) & tracking
+    return float(np.mean(wrong[errors.position_valid])) if errors.position_valid.any() else 0.0
+
+
+def _frames(found: Mapping[str, Any]) -> list[str]:
+    """Return what to say of an error that a change of frames makes much smaller."""
+    x, y, theta = found["truth_offset"]
+    offset = f"{x:.4f} {y:.4f} {theta:.5f}"
+    left = f"RMSE {found['position_rmse_m']:.4f} m, median {found['position_median_m']:.4f} m"
+    return [
+        f"frames      after alignment: {left}; offset {x:.3f} m, {y:.3f} m, {math.degrees(theta):.2f} deg",
+        "            The reference looks like another frame, or the filter follows another place that looks alike.",
+        f"            Import with --truth-offset {offset}, or score with dynpf metrics --truth-align.",
+    ]
 
 
 def _table(estimators: Mapping[str, Mapping[str, float]]) -> list[str]:
@@ -167,5 +340,10 @@ def _table(estimators: Mapping[str, Mapping[str, float]]) -> list[str]:
 
 
 MEASURES = Measures(
-    estimate=Estimate, reads=(RobotState, Estimate, PoseInFrame), truths=_TRUTHS, of_run=_measured, lines=_lines
+    estimate=Estimate,
+    reads=(RobotState, Estimate, PoseInFrame),
+    truths=_TRUTHS,
+    of_run=_measured,
+    lines=_lines,
+    aligned=aligned,
 )

@@ -85,9 +85,9 @@ def test_what_is_told_by_a_host_or_is_there_to_be_looked_at_wakes_nobody() -> No
     assert {name for name, row in TOPICS.items() if not row.compared} <= idle
 
 
-def test_of_an_imported_log_all_but_the_reference_and_what_the_scanner_says_begins_a_tick() -> None:
+def test_of_an_imported_log_all_but_poses_of_others_and_what_the_scanner_says_begins_a_tick() -> None:
     log = {row.name: row.wakes for row in TOPICS.values() if row.publishers == (LOG_NODE,)}
-    assert log.pop("log/truth") is log.pop("log/scanner") is False
+    assert log.pop("log/truth") is log.pop("log/localized") is log.pop("log/scanner") is False
     assert log
     assert all(log.values())
 

@@ -310,6 +310,7 @@ def _growth_tasks(settings: GrowthSettings, trials: int, seed: int) -> list[Task
 
 
 _FACTORS = (("case", "", "case"), ("tube", "", "tube"), ("filter", "", "filter"), ("n", "", "n"))
+_RADIUS = (("radius %", ".2f", "error_radius_percent_mean"), ("95 %", ".2f", "error_radius_percent_p95"))
 _ERRORS = (
     ("trials", "", "trials"),
     ("error % x / y / theta", ".3f", "error_x_percent_mean error_y_percent_mean error_theta_percent_mean"),
@@ -378,12 +379,7 @@ GROWTH = Study(
     tasks=_growth_tasks,
     run_task=_run_task,
     rows=_beside(PRINTED_GROWTH, "case", "known"),
-    columns=(
-        *_FACTORS,
-        *_ERRORS,
-        ("radius %", ".2f", "error_radius_percent_mean"),
-        ("95 %", ".2f", "error_radius_percent_p95"),
-    ),
+    columns=(*_FACTORS, *_ERRORS, *_RADIUS),
     figures=_figures,
 )
 

@@ -88,6 +88,10 @@ class LocalizationEstimator:
         self._predict()
         return Result((*(self._report() if self._belief is not None else ()), *self._logs))
 
+    def doubts(self) -> Sequence[str]:
+        """See Doubting."""
+        return tuple(self._beginning.doubts())
+
     def rehearse(self) -> None:
         """See Rehearsing; a user's measurement model takes part if it gives a reading by ``example()``."""
         stream = Stream.of(self._seed, self.name, 0, "rehearsal")
@@ -130,7 +134,7 @@ class LocalizationEstimator:
         before = self._odometer.left_out
         self._odometer.take(received.stamp_ns, odometry)
         count = self._odometer.left_out
-        if count > before and str(count).strip("0") == "1":
+        if count > before and str(count).rstrip("0") == "1":
             text = f"{received.topic}: {odometry} is left out, for no robot moves so fast; {count} so far"
             self._logs.append(warning(text, received.stamp_ns, self.name))
 
