@@ -139,13 +139,11 @@ def _imported(
 ) -> "tuple[Path, ImportSummary | None]":
     """Return the log as a recording of ours, and what was made of it."""
     from dynpf_formats.importers.recording import write_recording
-    from dynpf_systems.rooms.amcl.scenario import HINTS
 
     from dynpf_lab.localize.sources import imported, source_of
 
-    given = {} if parameters is None else parameters.given
-    hints = {name: parameters.values[name] for name in HINTS if name in given} if parameters is not None else {}
-    log = imported(source_of(options.source), options.map, hints)
+    scan = str(parameters.values["scan_topic"]) if parameters and "scan_topic" in parameters.given else None
+    log = imported(source_of(options.source), options.map, scan)
     if log is None:
         return options.source, None
     path = _unused(folder, options.source.name.partition(".")[0] or "log", ".log.mcap")

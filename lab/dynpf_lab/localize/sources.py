@@ -2,7 +2,7 @@
 
 import struct
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from dynpf_experiments.extras import needing
 from dynpf_formats.importers.bag_plan import SCANS, TYPES, BagChoice
@@ -59,13 +59,12 @@ def _profile(path: Path) -> str:
         return stream.read(min(length, 64)).decode(errors="replace")
 
 
-def imported(source: Source, map_file: Path | None, hints: dict[str, Any]) -> ImportedLog | None:
+def imported(source: Source, map_file: Path | None, scan: str | None) -> ImportedLog | None:
     """Return the log of a source; None for a recording of ours that is taken as it is.
 
-    ``hints`` are scan_topic, base_frame_id and odom_frame_id, taken where a bag has them. Raises UsageError and what
-    the importers raise.
+    ``scan`` is AMCL's topic of the scans, which is taken where a bag has it. Raises UsageError and what the importers
+    raise.
     """
-
     attachments = () if map_file is None else map_attachments(map_file)
     match source.kind:
         case "recording":
@@ -76,11 +75,10 @@ def imported(source: Source, map_file: Path | None, hints: dict[str, Any]) -> Im
             if attachments:
                 raise UsageError(f"--map {map_file}: {source.path} holds readings of landmarks, which need no map")
             return import_mrclam(source.path)
-    return _rosbag(source.path, attachments, hints)
+    return _rosbag(source.path, attachments, scan)
 
 
 def _with_map(path: Path, attachments: tuple[Attachment, ...]) -> ImportedLog:
-
     recording = read_recording(path)
     records = (
         Record(record.topic, record.stamp_ns, decode(record.topic, record.payload))
@@ -91,28 +89,25 @@ def _with_map(path: Path, attachments: tuple[Attachment, ...]) -> ImportedLog:
 
 
 def _carmen(path: Path, attachments: tuple[Attachment, ...]) -> ImportedLog:
-
     drawn = () if attachments else drawn_map(lambda: import_carmen(path).records, CELL_M, "map")
     log = import_carmen(path, attachments=attachments or drawn)
     return log._replace(settings={**log.settings, "map_from_poses": CELL_M}) if drawn else log
 
 
-def _rosbag(path: Path, attachments: tuple[Attachment, ...], hints: dict[str, Any]) -> ImportedLog:
-
+def _rosbag(path: Path, attachments: tuple[Attachment, ...], scan: str | None) -> ImportedLog:
     with needing("rosbags", extra="ros", what="reading ROS bags"):
         from dynpf_formats.importers.rosbag import import_rosbag  # noqa: PLC0415
-    return import_rosbag(path, _choice(path, hints), attachments=attachments)
+    return import_rosbag(path, _choice(path, scan), attachments=attachments)
 
 
-def _choice(path: Path, hints: dict[str, Any]) -> BagChoice:
-    """Return the hints that a bag can follow."""
-
-    if "scan_topic" not in hints:
+def _choice(path: Path, scan: str | None) -> BagChoice:
+    """Return the choice of the scans that are wanted, if a bag has them."""
+    if scan is None:
         return BagChoice()
     from dynpf_formats.importers.bags import open_bag  # noqa: PLC0415  # needs rosbags
 
     with open_bag(path, TYPES) as bag:
         scans = bag.of_type(SCANS)
-    wanted = str(hints["scan_topic"]).strip("/")
+    wanted = scan.strip("/")
     named = [topic for topic in scans if topic.strip("/") == wanted or topic.endswith(f"/{wanted}")]
     return BagChoice(scan=named[0] if len(named) == 1 else None)

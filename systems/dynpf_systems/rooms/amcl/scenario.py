@@ -10,12 +10,11 @@ from dynpf.portable import erf
 from dynpf_systems.rooms.amcl.parameters import NAMES
 from dynpf_systems.rooms.amcl.reading import Parameters
 
-__all__ = ["HINTS", "Row", "is_start_given", "ranges_of", "rows_of", "scenario_of", "toml_of"]
+__all__ = ["Row", "is_start_given", "ranges_of", "rows_of", "scenario_of", "toml_of"]
 
 FARTHEST = 100.0
 """laser_max_range where nobody says it, m: no scanner of a robot sees as far."""
 
-HINTS = ("scan_topic", "base_frame_id", "odom_frame_id")
 Table = dict[str, Any]
 
 
