@@ -396,7 +396,8 @@ def test_info_and_doctor_tell_what_a_replay_would_run(lab: Lab) -> None:
     assert "the class system of the module os, which replay refuses" in told[5].out
     assert [json.loads(told[place].out)["code"] for place in (1, 3)] == [expected, expected]
     assert not json.loads(told[3].out)["healthy"]  # the scenario is not that of the run
-    assert json.loads(told[4].out) == {"healthy": True, "findings": [], "code": [], "signed": None}
+    nothing: dict[str, object] = {"findings": [], "code": [], "signed": None, "restarts": []}
+    assert json.loads(told[4].out) == {"healthy": True, "resumable": False, **nothing}
 
 
 def paths_of(lab: Lab) -> tuple[str, ...]:

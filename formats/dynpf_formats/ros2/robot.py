@@ -52,14 +52,18 @@ class RobotPlan(msgspec.Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, plan: BagPlan, odom_frame: str, types: dict[str, str]) -> "RobotPlan":
-        """Return the plan of a robot, whose odometry is given in ``odom_frame``."""
-        taken = plan._asdict() | {"odom_frame": odom_frame, "mount": tuple(map(tuple, plan.mount.tolist()))}
+        """Return the plan of a robot, whose odometry is given in ``odom_frame``.
+
+        Its own localization, if it has one, is not heard.
+        """
+        own = {name: value for name, value in plan._asdict().items() if name != "localized"}
+        taken = own | {"odom_frame": odom_frame, "mount": tuple(map(tuple, plan.mount.tolist()))}
         heard = [plan.scan, plan.odometry, plan.truth, *(plan.transforms if plan.odometry == TF else ())]
         return cls(**taken, types={topic: types[topic] for topic in heard if topic in types})
 
     def bag_plan(self) -> BagPlan:
         """Return the plan as the importer of bags takes it."""
-        values = {name: getattr(self, name) for name in BagPlan._fields}
+        values = {name: getattr(self, name, None) for name in BagPlan._fields}
         return BagPlan(**values | {"mount": np.array(self.mount)})
 
 
