@@ -186,7 +186,7 @@ def test_a_container_that_is_killed_goes_on_where_it_was(finished: Compose, tmp_
     """``docker kill`` and ``docker start``; a process that is killed is started again by Docker."""
     finished("up", "--no-color", "--detach", "--force-recreate")
     recorder = _container(finished, "recorder")
-    for victim, size in (("estimator", 200_000), ("recorder", 500_000), ("router", 800_000)):
+    for victim, size in (("estimator", 2_000_000), ("recorder", 10_000_000), ("router", 20_000_000)):
         grown = f"until [ $(stat -c %s {_recorded(recorder)} 2>/dev/null || echo 0) -gt {size} ]; do sleep 0.05; done"
         run(["docker", "exec", recorder, "sh", "-c", grown], seconds=300)
         container = _container(finished, victim)
