@@ -1,6 +1,7 @@
 """Arguments that several commands share, without any import that would delay a command's start."""
 
 import argparse
+import math
 import re
 from pathlib import Path
 
@@ -15,6 +16,8 @@ __all__ = [
     "add_recording",
     "add_set",
     "endpoint",
+    "finite_number",
+    "positive_count",
 ]
 
 DEFAULT_PORT = 7447
@@ -77,3 +80,21 @@ def endpoint(text: str) -> str:
     if found is None or not 0 < int(found[3]) < 2**16:
         raise argparse.ArgumentTypeError(f"{text!r}: expected tls/HOST:PORT, such as tls/127.0.0.1:{DEFAULT_PORT}")
     return text
+
+
+def finite_number(text: str) -> float:
+    """Read a finite number; for argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text} is not a finite number")
+    return value
+
+
+def positive_count(text: str) -> int:
+    """Read a whole number of at least 1; for argparse."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected a number of at least 1")
+    return int(text)

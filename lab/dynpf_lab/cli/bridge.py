@@ -13,6 +13,7 @@ from dynpf_lab.cli.arguments import add_json, add_set
 from dynpf_lab.cli.loading import loading
 from dynpf_lab.cli.options import add_code
 from dynpf_lab.cli.page import add_no_page
+from dynpf_lab.cli.processes import run_processes
 from dynpf_lab.cli.run import check_output, default_output, print_summary
 
 __all__ = ["add_arguments"]
@@ -94,7 +95,7 @@ def run(options: argparse.Namespace) -> int:
         print(f"dynpf bridge: waiting for the robot at {options.connect}", file=sys.stderr)
         _in_a_process(options, log, settings, folder / "guests")
         _run(options, path, log, settings, folder / "guests")
-    return print_summary(path, with_page=not options.no_page, as_json=options.json)
+    return print_summary("bridge", path, with_page=not options.no_page, as_json=options.json)
 
 
 def _in_a_process(options: argparse.Namespace, log: Path, settings: Path, observer: Path) -> None:
@@ -154,16 +155,10 @@ def _look(options: argparse.Namespace, log: Path, settings: Path, observer: Path
 
 
 def _run(options: argparse.Namespace, path: Path, log_path: Path, settings: Path, guests: Path) -> None:
-    from dynpf_runtime.bus.processes import run_on_bus
-    from dynpf_runtime.bus.terminal import StopSignal
-    from dynpf_runtime.rehearsal import rehearse_run
     from dynpf_services.scenario.build import plan_of
     from dynpf_services.scenario.load import load_scenario
     from dynpf_services.scenario.played_log import PlayedLog
-    from dynpf_services.scenario.schema import whole_json
     from dynpf_services.scenario.user_code import add_folders, code_folders
-
-    from dynpf_lab.cli.main import main
 
     with loading():
         log = PlayedLog(log_path)
@@ -177,20 +172,9 @@ def _run(options: argparse.Namespace, path: Path, log_path: Path, settings: Path
         plan = plan_of(scenario)
         for spec in plan.graph.specs.values():
             spec.build()
-    rehearse_run(plan, log.records)
+    further = {plan.graph.source: ["--robot", str(settings)]}
     try:
-        with StopSignal.installed() as stop:
-            run_on_bus(
-                main,
-                plan.graph.nodes,
-                whole_json(scenario),
-                path,
-                stop=stop,
-                log=log_path,
-                code=code,
-                guests=guests,
-                further={plan.graph.source: ["--robot", str(settings)]},
-            )
+        run_processes(scenario, plan, path, log, code, guests=guests, further=further)
     except RunError:
         if path.is_file():
             print(f"dynpf bridge: the messages recorded so far are in {path}", file=sys.stderr)

@@ -2,13 +2,12 @@
 
 import argparse
 import json
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynpf_protocol.errors import UsageError
 
-from dynpf_lab.cli.arguments import add_json
+from dynpf_lab.cli.arguments import add_json, finite_number
 
 if TYPE_CHECKING:
     from dynpf_formats.importers.log import ImportedLog, ImportSummary
@@ -76,17 +75,19 @@ def _add_rosbag(parser: argparse.ArgumentParser) -> None:
         "--truth-offset",
         metavar=pose,
         nargs=3,
-        type=_number,
+        type=finite_number,
         default=(0.0, 0.0, 0.0),
         help="pose of the map in the truth's frame (m, m, rad)",
     )
-    parser.add_argument("--truth-shift", metavar="S", type=_number, default=0.0, help="s, added to the truth's stamps")
+    parser.add_argument(
+        "--truth-shift", metavar="S", type=finite_number, default=0.0, help="s, added to the truth's stamps"
+    )
     band = ("LOW", "HIGH")
     parser.add_argument(
         "--heights",
         metavar=band,
         nargs=2,
-        type=_number,
+        type=finite_number,
         help="the points of a cloud between these heights make the scan (m)",
     )
     _add_map(parser)
@@ -104,19 +105,9 @@ def _add_map(parser: argparse.ArgumentParser) -> None:
 
 
 def _metres(text: str) -> float:
-    value = _number(text)
+    value = finite_number(text)
     if value <= 0.0:
         raise argparse.ArgumentTypeError(f"{text} is not a number of metres above 0")
-    return value
-
-
-def _number(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text} is not a finite number")
     return value
 
 

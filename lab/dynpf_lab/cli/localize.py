@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from dynpf_protocol.errors import UsageError
 
-from dynpf_lab.cli.arguments import add_json
+from dynpf_lab.cli.arguments import add_json, finite_number
 from dynpf_lab.cli.loading import loading
 from dynpf_lab.cli.page import add_no_page, leave_page
 
@@ -51,22 +51,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"else a search of the map; last: the pose in FOLDER/{LAST}, where the run before it ended",
     )
     parser.add_argument(
-        "--start-pose", metavar=("X", "Y", "THETA"), nargs=3, type=_finite, help="pose at the start (m, m, rad)"
+        "--start-pose", metavar=("X", "Y", "THETA"), nargs=3, type=finite_number, help="pose at the start (m, m, rad)"
     )
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of everything random in the run")
     add_no_page(parser)
     add_json(parser, "print what was found as one JSON document")
     parser.set_defaults(run=run)
-
-
-def _finite(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text} is not a finite number")
-    return value
 
 
 def run(options: argparse.Namespace) -> int:

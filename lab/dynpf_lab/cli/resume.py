@@ -3,16 +3,16 @@
 import argparse
 import os
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dynpf_protocol.errors import DiedAgainError, DynpfError, UsageError
 
-from dynpf_lab.cli.arguments import add_durable, add_json, add_log, add_recording
+from dynpf_lab.cli.arguments import add_json, add_log, add_recording
 from dynpf_lab.cli.loading import loading
 from dynpf_lab.cli.options import add_allow_code, add_code, load_log
 from dynpf_lab.cli.page import add_no_page
-from dynpf_lab.cli.run import add_restarts, print_summary, tell_given
+from dynpf_lab.cli.processes import add_runner, run_processes
+from dynpf_lab.cli.run import print_summary, tell_given
 
 if TYPE_CHECKING:
     from dynpf_services.scenario.played_log import PlayedLog
@@ -32,18 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_log(parser)
     add_allow_code(parser)
     add_code(parser)
-    parser.add_argument("--runner", choices=["bus", "inline"], default="bus", help="processes on Zenoh, or one process")
-    parser.add_argument(
-        "--keys",
-        type=Path,
-        metavar="FOLDER",
-        help="where the keys of an observer and an operator lie during the run (default: the run's own folder)",
-    )
-    parser.add_argument(
-        "--insecure", action="store_true", help="plain tcp: any program on this machine may speak and listen"
-    )
-    add_durable(parser)
-    add_restarts(parser)
+    add_runner(parser)
     add_no_page(parser)
     add_json(parser, "print the metrics of the run as JSON")
     parser.set_defaults(run=run)
@@ -72,10 +61,10 @@ def run(options: argparse.Namespace) -> int:
             _on_bus(options, scenario, log)
     except DynpfError as error:
         if isinstance(error, DiedAgainError):
-            tell_given(options.recording, plan_of(scenario), error)
+            tell_given("resume", options.recording, plan_of(scenario), error)
         print(f"dynpf resume: all that was recorded is in {options.recording}", file=sys.stderr)
         raise
-    return print_summary(options.recording, with_page=not options.no_page, as_json=options.json)
+    return print_summary("resume", options.recording, with_page=not options.no_page, as_json=options.json)
 
 
 def _inline(options: argparse.Namespace, scenario: "Scenario", log: "PlayedLog | None") -> None:
@@ -94,29 +83,18 @@ def _inline(options: argparse.Namespace, scenario: "Scenario", log: "PlayedLog |
 
 
 def _on_bus(options: argparse.Namespace, scenario: "Scenario", log: "PlayedLog | None") -> None:
-    from dynpf_runtime.bus.processes import run_on_bus
-    from dynpf_runtime.bus.terminal import StopSignal
-    from dynpf_runtime.rehearsal import rehearse_run
     from dynpf_services.scenario.build import plan_of
-    from dynpf_services.scenario.schema import whole_json
     from dynpf_services.scenario.user_code import code_folders
 
-    from dynpf_lab.cli.main import main
-
-    plan = plan_of(scenario)
-    rehearse_run(plan, log.records if log else [])
-    with StopSignal.installed() as stop:
-        run_on_bus(
-            main,
-            plan.graph.nodes,
-            whole_json(scenario),
-            options.recording,
-            stop=stop,
-            log=log.path if log else None,
-            code=code_folders(options.code),
-            secure=not options.insecure,
-            guests=options.keys,
-            restarts=options.restarts,
-            durable=options.durable,
-            resume=True,
-        )
+    run_processes(
+        scenario,
+        plan_of(scenario),
+        options.recording,
+        log,
+        code_folders(options.code),
+        secure=not options.insecure,
+        guests=options.keys,
+        restarts=options.restarts,
+        durable=options.durable,
+        resume=True,
+    )

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 from dynpf_protocol.errors import DiedAgainError, DynpfError, UsageError
 from dynpf_services.scenario.schema import Scenario
 
-from dynpf_lab.cli.arguments import add_clock, add_durable, add_json
+from dynpf_lab.cli.arguments import add_clock, add_json
 from dynpf_lab.cli.loading import loading
 from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
 from dynpf_lab.cli.page import add_no_page, leave_page
+from dynpf_lab.cli.processes import add_runner, run_processes
 from dynpf_lab.cli.sign import add_sign, check_key, sign_recording
 
 if TYPE_CHECKING:
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "add_arguments",
-    "add_restarts",
     "check_output",
     "default_output",
     "print_summary",
@@ -34,41 +34,17 @@ __all__ = [
     "tell_given",
 ]
 
-RESTARTS = 3
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``dynpf run``."""
     add_scenario_options(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="RUN.mcap", help="the recording to write (default: runs/)")
-    parser.add_argument("--runner", choices=["bus", "inline"], default="bus", help="processes on Zenoh, or one process")
     add_clock(parser)
-    parser.add_argument(
-        "--keys",
-        type=Path,
-        metavar="FOLDER",
-        help="where the keys of an observer and an operator lie during the run (default: the run's own folder)",
-    )
-    parser.add_argument(
-        "--insecure", action="store_true", help="plain tcp: any program on this machine may speak and listen"
-    )
-    add_durable(parser)
-    add_restarts(parser)
+    add_runner(parser)
     add_sign(parser)
     add_no_page(parser)
     add_json(parser, "print the metrics of the run as JSON")
     parser.set_defaults(run=run)
-
-
-def add_restarts(parser: argparse.ArgumentParser) -> None:
-    """Add --restarts."""
-    parser.add_argument(
-        "--restarts",
-        type=int,
-        default=RESTARTS,
-        metavar="N",
-        help="in lockstep, how often each process is started again that was killed or hangs (default: %(default)s)",
-    )
 
 
 def default_output(scenario: str, seed: int) -> Path:
@@ -111,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
     except DynpfError as error:
         if path.is_file():
             if isinstance(error, DiedAgainError):
-                tell_given(path, plan, error)
+                tell_given("run", path, plan, error)
             if options.sign is not None:
                 sign_recording(path, options.sign)
             page = None if options.no_page else leave_page("run", path)
@@ -123,10 +99,10 @@ def run(options: argparse.Namespace) -> int:
         raise
     if options.sign is not None:
         sign_recording(path, options.sign)
-    return print_summary(path, with_page=not options.no_page, as_json=options.json)
+    return print_summary("run", path, with_page=not options.no_page, as_json=options.json)
 
 
-def tell_given(path: Path, plan: "Plan", error: DiedAgainError) -> None:
+def tell_given(command: str, path: Path, plan: "Plan", error: DiedAgainError) -> None:
     """Tell what the step was given in which a node has died twice."""
     from dynpf_formats.recording.reader import read_recording
     from dynpf_runtime.given import given
@@ -136,7 +112,7 @@ def tell_given(path: Path, plan: "Plan", error: DiedAgainError) -> None:
     recording = read_recording(path, allow_truncated=True)
     told = ", ".join(f"{topic} {sequence}" for topic, sequence in given(recording, plan, error.node, error.tick))
     print(
-        f"dynpf run: the step of tick {error.tick} of {error.node} ends so whenever it is made; it is given "
+        f"dynpf {command}: the step of tick {error.tick} of {error.node} ends so whenever it is made; it is given "
         f"{told or 'no message'}",
         file=sys.stderr,
     )
@@ -179,34 +155,23 @@ def run_in_process(scenario: Scenario, path: Path, log: "PlayedLog | None", *, d
 def _run_on_bus(
     scenario: Scenario, plan: "Plan", path: Path, log: "PlayedLog | None", options: argparse.Namespace
 ) -> None:
-    from dynpf_runtime.bus.processes import run_on_bus
-    from dynpf_runtime.bus.terminal import StopSignal
-    from dynpf_runtime.rehearsal import rehearse_run
-    from dynpf_services.scenario.schema import whole_json
     from dynpf_services.scenario.user_code import code_folders
 
-    from dynpf_lab.cli.main import main
-
-    # Kernels are compiled once here instead of in every process at the same time.
-    rehearse_run(plan, log.records if log else [])
-    with StopSignal.installed() as stop:
-        run_on_bus(
-            main,
-            plan.graph.nodes,
-            whole_json(scenario),
-            path,
-            stop=stop,
-            log=log.path if log else None,
-            code=code_folders(options.code, options.scenario),
-            secure=not options.insecure,
-            guests=options.keys,
-            restarts=options.restarts if scenario.clock == "lockstep" else 0,
-            durable=options.durable,
-        )
+    run_processes(
+        scenario,
+        plan,
+        path,
+        log,
+        code_folders(options.code, options.scenario),
+        secure=not options.insecure,
+        guests=options.keys,
+        restarts=options.restarts if scenario.clock == "lockstep" else 0,
+        durable=options.durable,
+    )
 
 
-def print_summary(path: Path, *, with_page: bool, as_json: bool) -> int:
-    """Print what became of a run, and return the exit code."""
+def print_summary(command: str, path: Path, *, with_page: bool, as_json: bool) -> int:
+    """Print what became of a run of a command, and return the exit code."""
     from dynpf_experiments.measures import measure, summary
     from dynpf_formats.recording.reader import read_recording
 
@@ -214,7 +179,7 @@ def print_summary(path: Path, *, with_page: bool, as_json: bool) -> int:
     measures = measure(recording)
     if not as_json:
         print(summary(recording, measures), flush=True)  # before the page, which takes a moment
-    page = leave_page("run", path, recording, measures) if with_page else None
+    page = leave_page(command, path, recording, measures) if with_page else None
     if as_json:
         print(json.dumps({"recording": str(path), **({} if page is None else {"page": str(page)}), **measures}))
     elif page is not None:

@@ -7,7 +7,7 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any
 
-from dynpf_lab.cli.arguments import add_clock, add_durable, add_json, add_log, add_set
+from dynpf_lab.cli.arguments import add_clock, add_durable, add_json, add_log, add_set, positive_count
 from dynpf_lab.cli.loading import loading
 from dynpf_lab.cli.options import add_code, load_log
 
@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_durable(parser)
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="seed of the schedules (default: 1)")
     parser.add_argument(
-        "--schedules", type=_positive, default=200, metavar="N", help="how many schedules to play (default: 200)"
+        "--schedules", type=positive_count, default=200, metavar="N", help="how many schedules to play (default: 200)"
     )
     parser.add_argument(
         "--schedule", type=int, metavar="K", help="play the schedule with this number, and tell its story"
@@ -44,18 +44,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--jobs",
-        type=_positive,
+        type=positive_count,
         metavar="N",
         help="number of processes, without effect on the results (default: all cores)",
     )
     add_json(parser)
     parser.set_defaults(run=run)
-
-
-def _positive(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected a number of at least 1")
-    return int(text)
 
 
 def _indices(text: str) -> list[int]:

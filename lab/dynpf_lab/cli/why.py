@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from dynpf_protocol.errors import UsageError
 
-from dynpf_lab.cli.arguments import add_json, add_recording
+from dynpf_lab.cli.arguments import add_json, add_recording, positive_count
 from dynpf_lab.cli.options import add_allow_code, add_code
 
 if TYPE_CHECKING:
@@ -38,11 +38,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "brackets",
     )
     parser.add_argument(
-        "--futures", type=_positive, default=200, metavar="N", help="how many futures at most (default: 200)"
+        "--futures", type=positive_count, default=200, metavar="N", help="how many futures at most (default: 200)"
     )
     parser.add_argument(
         "--within",
-        type=_positive,
+        type=positive_count,
         default=100,
         metavar="TICKS",
         help="a future that has not failed so long after the run did, does not fail (default: 100)",
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="seed of the futures' seeds (default: 1)")
     parser.add_argument(
         "--jobs",
-        type=_positive,
+        type=positive_count,
         metavar="N",
         help="number of processes, without effect on the results (default: all cores)",
     )
@@ -59,12 +59,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_code(parser)
     add_json(parser)
     parser.set_defaults(run=run)
-
-
-def _positive(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected a number of at least 1")
-    return int(text)
 
 
 def run(options: argparse.Namespace) -> int:
