@@ -9,7 +9,7 @@ from pathlib import Path
 
 from dynpf_protocol.errors import DynpfError, RunError, UsageError
 
-from dynpf_lab.cli.arguments import add_json, add_set
+from dynpf_lab.cli.arguments import add_json, add_set, finite_number
 from dynpf_lab.cli.loading import loading
 from dynpf_lab.cli.options import add_code
 from dynpf_lab.cli.page import add_no_page
@@ -27,7 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``dynpf bridge``."""
     parser.add_argument("system", choices=["ros2"], help="what the robot runs: ROS 2 with rmw_zenoh")
     parser.add_argument("scenario", metavar="SCENARIO", help="name (dynpf list) or TOML file, of one that plays a log")
-    parser.add_argument("--connect", required=True, metavar="tcp/ROBOT:7447", help="the robot's Zenoh router")
+    parser.add_argument(
+        "--connect", type=_endpoint, required=True, metavar="tcp/ROBOT:7447", help="the robot's Zenoh router"
+    )
     parser.add_argument("--domain", type=_domain, default=0, metavar="N", help="ROS_DOMAIN_ID (default 0)")
     parser.add_argument(
         "--namespace", type=_namespace, default="", metavar="/r", help="of one robot among several (default: none)"
@@ -64,6 +66,12 @@ def _domain(text: str) -> int:
     return int(text)
 
 
+def _endpoint(text: str) -> str:
+    if re.fullmatch(r"[a-z]+/[^/\s]+:\d{1,5}", text) is None:
+        raise argparse.ArgumentTypeError(f"{text}: expected tcp/ROBOT:7447")
+    return text
+
+
 def _namespace(text: str) -> str:
     namespace = "/" + text.strip("/") if text.strip("/") else ""
     if namespace and _NAMESPACE.fullmatch(namespace) is None:
@@ -79,7 +87,7 @@ def _publish(text: str) -> tuple[str, ...]:
 
 
 def _seconds(text: str) -> float:
-    seconds = float(text)
+    seconds = finite_number(text)
     if not 0 < seconds <= _LONGEST_S:
         raise argparse.ArgumentTypeError(f"{text} s; expected up to {_LONGEST_S:g}")
     return seconds
@@ -87,6 +95,7 @@ def _seconds(text: str) -> float:
 
 def run(options: argparse.Namespace) -> int:
     """Execute ``dynpf bridge`` and return its exit code."""
+    _check_possible(options)
     path = options.output or default_output(Path(options.scenario).stem, options.seed or 1)
     check_output(path)
     with tempfile.TemporaryDirectory(prefix="dynpf-bridge-") as name:
@@ -96,6 +105,20 @@ def run(options: argparse.Namespace) -> int:
         _in_a_process(options, log, settings, folder / "guests")
         _run(options, path, log, settings, folder / "guests")
     return print_summary("bridge", path, with_page=not options.no_page, as_json=options.json)
+
+
+def _check_possible(options: argparse.Namespace) -> None:
+    """Raise UsageError for what needs no robot to be told."""
+    from dynpf_experiments.extras import needing
+    from dynpf_services.scenario.load import load_scenario
+    from dynpf_services.scenario.user_code import add_folders, code_folders
+
+    with needing("rosbags", extra="ros", what="the bridge to ROS 2"):
+        import rosbags  # noqa: F401
+    add_folders(code_folders(options.code, options.scenario))
+    scenario = load_scenario(options.scenario, overrides=options.overrides, seed=options.seed, clock="realtime")
+    if not scenario.needs_log:
+        raise UsageError(f"{options.scenario}: plays no log, so it has no use for a robot; laser-log does")
 
 
 def _in_a_process(options: argparse.Namespace, log: Path, settings: Path, observer: Path) -> None:
@@ -147,8 +170,7 @@ def _look(options: argparse.Namespace, log: Path, settings: Path, observer: Path
         print(f"dynpf bridge: {error}", file=sys.stderr)
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
-        print("dynpf bridge: stopped", file=sys.stderr)
-        sys.exit(1)
+        sys.exit(1)  # who has started this process says so
     plan = bridge.plan
     print(f"dynpf bridge: hears {plan.scan}, odometry {plan.odometry or 'none'}, base {plan.base}", file=sys.stderr)
     settings.write_bytes(msgspec.json.encode(bridge))
@@ -158,20 +180,17 @@ def _run(options: argparse.Namespace, path: Path, log_path: Path, settings: Path
     from dynpf_services.scenario.build import plan_of
     from dynpf_services.scenario.load import load_scenario
     from dynpf_services.scenario.played_log import PlayedLog
-    from dynpf_services.scenario.user_code import add_folders, code_folders
+    from dynpf_services.scenario.user_code import code_folders
 
     with loading():
         log = PlayedLog(log_path)
-        code = code_folders(options.code, options.scenario)
-        add_folders(code)
         scenario = load_scenario(
             options.scenario, overrides=options.overrides, seed=options.seed, clock="realtime", log=log.facts
         )
-        if not scenario.needs_log:
-            raise UsageError(f"{options.scenario}: plays no log, so it has no use for a robot; laser-log does")
         plan = plan_of(scenario)
         for spec in plan.graph.specs.values():
             spec.build()
+    code = code_folders(options.code, options.scenario)
     further = {plan.graph.source: ["--robot", str(settings)]}
     try:
         run_processes(scenario, plan, path, log, code, guests=guests, further=further)

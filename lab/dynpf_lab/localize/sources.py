@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from dynpf_experiments.extras import needing
-from dynpf_formats.importers.bag_plan import SCANS, TYPES, BagChoice
 from dynpf_formats.importers.carmen import import_carmen
 from dynpf_formats.importers.log import ImportedLog, Losses, Record
 from dynpf_formats.importers.mapping import drawn_map
@@ -50,7 +49,6 @@ def source_of(path: Path) -> Source:
 
 def _profile(path: Path) -> str:
     """Return the profile in the header of an MCAP file; an empty text for what has none."""
-
     with open_regular(path) as stream:
         head = stream.read(len(MCAP_MAGIC) + 13)
         if len(head) < len(MCAP_MAGIC) + 13 or not head.startswith(MCAP_MAGIC):
@@ -96,18 +94,18 @@ def _carmen(path: Path, attachments: tuple[Attachment, ...]) -> ImportedLog:
 
 def _rosbag(path: Path, attachments: tuple[Attachment, ...], scan: str | None) -> ImportedLog:
     with needing("rosbags", extra="ros", what="reading ROS bags"):
-        from dynpf_formats.importers.rosbag import import_rosbag  # noqa: PLC0415
-    return import_rosbag(path, _choice(path, scan), attachments=attachments)
+        from dynpf_formats.importers.rosbag import BagChoice, import_rosbag  # noqa: PLC0415
+    choice = BagChoice() if scan is None else BagChoice(scan=_named(path, scan))
+    return import_rosbag(path, choice, attachments=attachments)
 
 
-def _choice(path: Path, scan: str | None) -> BagChoice:
-    """Return the choice of the scans that are wanted, if a bag has them."""
-    if scan is None:
-        return BagChoice()
-    from dynpf_formats.importers.bags import open_bag  # noqa: PLC0415  # needs rosbags
+def _named(path: Path, scan: str) -> str | None:
+    """Return the one topic of scans in a bag whose name ends so; None if there is none, or several."""
+    from dynpf_formats.importers.bag_plan import SCANS, TYPES  # noqa: PLC0415  # needs rosbags
+    from dynpf_formats.importers.bags import open_bag  # noqa: PLC0415
 
     with open_bag(path, TYPES) as bag:
         scans = bag.of_type(SCANS)
     wanted = scan.strip("/")
     named = [topic for topic in scans if topic.strip("/") == wanted or topic.endswith(f"/{wanted}")]
-    return BagChoice(scan=named[0] if len(named) == 1 else None)
+    return named[0] if len(named) == 1 else None

@@ -30,7 +30,7 @@ from dynpf_runtime.machines.missing import MissingNotice
 from dynpf_runtime.machines.refusals import Refusals, known_names
 from dynpf_runtime.machines.rivals import Rivals
 from dynpf_runtime.machines.roles import check_boot, check_named
-from dynpf_runtime.machines.roster import Change, Roster, boot_of, follows, holder, next_start
+from dynpf_runtime.machines.roster import Change, Roster, boot_of, follows, holder, next_start, was_before
 from dynpf_runtime.plan import Plan
 
 __all__ = ["Membership"]
@@ -319,7 +319,7 @@ class Membership:
             self._others.take(token)
         elif node in self.peers:
             change = self._roster.take(token)
-            if change is Change.SECOND and not self.inherited:
+            if change is Change.SECOND and not (self.inherited or was_before(self.starts[node], start)):
                 yield Tell(f"a second {node} (boot {start}) is refused; this run's is {self.starts[node]}")
             elif change is Change.GONE and not self._may_go(node):
                 self.absence.left(node, now_ns)
@@ -349,6 +349,8 @@ class Membership:
     def _take_beat(self, beat: Beat, now_ns: int) -> Iterator[Effect]:
         known = self.starts | self._others.starts
         if beat.node not in known or follows(beat.boot, known[beat.node]):  # its first beat may come before its token
+            return
+        if was_before(beat.boot, known[beat.node]):  # it had not taken over when it said this
             return
         if self.inherited and beat.node in self.peers - self.present:  # it does not know yet that it takes over
             return

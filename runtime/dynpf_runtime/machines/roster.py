@@ -13,7 +13,7 @@ from dynpf_protocol.keys import ALIVE, READY
 
 from dynpf_runtime.machines.events import Token
 
-__all__ = ["MOST_STARTS", "Change", "Roster", "boot_of", "follows", "holder", "next_start"]
+__all__ = ["MOST_STARTS", "Change", "Roster", "boot_of", "follows", "holder", "next_start", "was_before"]
 
 MOST_STARTS = 8
 """How many starts of a process are kept at most."""
@@ -45,6 +45,11 @@ def next_start(start: str, own: str) -> str:
 def follows(start: str, before: str) -> bool:
     """Return whether the one who started as ``start`` takes over from ``before``."""
     return boot_of(start) == boot_of(before) and _rank(start) > _rank(before)
+
+
+def was_before(name: str, start: str) -> bool:
+    """Return whether ``name`` is what the one who is known as ``start`` called itself before it took over."""
+    return start.count(".") == 2 and start.rpartition(".")[2] == name
 
 
 def _rank(start: str) -> int:

@@ -323,3 +323,17 @@ def test_a_rival_that_is_ready_stays_in_whatever_order_its_tokens_come(ready_fir
     alone = Scripted().joined()  # the control: who is ready and never alive is a stranger
     alone.give(token(READY, "simulator", boot="zzz"), *(token(ALIVE, node) for node in PEERS))
     assert f"{READY}simulator/mine" in alone.tokens
+
+
+def test_who_takes_over_is_no_stranger_by_the_name_that_it_had_before() -> None:
+    """Its token may come before, and its beats after, the ones by its new name; another's are told."""
+    early = Scripted().joined()
+    early.give(token(ALIVE, "sensors", boot="own"), token(READY, "sensors", boot="own"))
+    early.give(token(ALIVE, "sensors", boot="boot.1.own"))
+    late = Scripted().joined()
+    late.give(*(token(prefix, node, boot="boot.1.own") for prefix in (ALIVE, READY) for node in PEERS))
+    late.give(control(f"{BEAT}sensors", Beat("sensors", "own", 0)))
+    assert [text for one in (early, late) for text in one.told if "refused" in text] == []
+    early.give(token(ALIVE, "sensors", boot="boot.1.other"))
+    late.give(control(f"{BEAT}sensors", Beat("sensors", "other", 0)))
+    assert ["refused" in one.told[-1] for one in (early, late)] == [True, True]
