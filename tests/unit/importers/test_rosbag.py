@@ -26,6 +26,7 @@ from dynpf_formats.importers.rosbag import BagChoice, import_rosbag
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import read_recording
 from dynpf_lab.cli.main import main
+from dynpf_lab.localize.sources import imported, source_of
 from dynpf_protocol.codec import decode
 from dynpf_protocol.messages import LaserScan, OdometryPose, RobotState, Scanner, heading
 from rosbags.rosbag1 import Writer as Writer1
@@ -195,6 +196,10 @@ def test_of_several_scanners_the_widest_is_taken_unless_another_is_named(tmp_pat
     assert import_rosbag(path, BagChoice(scan="/scan")).settings["scan"] == "/scan"
     with pytest.raises(ImportFailedError, match="no topic /odom for the scan; the bag has /scan, /wide"):
         import_rosbag(path, BagChoice(scan="/odom"))
+    for wanted, taken_scan in (("scan", "/scan"), ("/scan", "/scan"), ("other", "/wide"), (None, "/wide")):
+        log = imported(source_of(path), None, wanted)
+        assert log is not None
+        assert log.settings["scan"] == taken_scan
 
 
 def test_the_truth_is_moved_into_the_map_and_in_time(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from random import Random
 
 import pytest
-from dynpf_formats.recording.doctor import examine
+from dynpf_formats.recording.doctor import altered, diagnose, examine
 from dynpf_formats.recording.reader import read_recording
 from dynpf_formats.recording.recover import recover
 from dynpf_protocol.journal import encode_entry
@@ -62,6 +62,9 @@ def test_recovery_does_not_make_an_altered_run_a_complete_one(name, what, runs, 
     changed = kind.change(runs[0], Random(1))
     assert changed is not None
     write_content(changed, tmp_path / "edited.mcap")
+    found = altered(read_recording(tmp_path / "edited.mcap"))
+    assert found
+    assert diagnose(tmp_path / "edited.mcap").altered == tuple(found)
     recovered = recover(tmp_path / "edited.mcap", tmp_path / "recovered.mcap")
     assert not recovered.complete
     assert what in recovered.reason

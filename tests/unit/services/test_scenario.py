@@ -46,6 +46,8 @@ ERRORS: list[tuple[Raw, str]] = [
     (room(seed=-1), "seed: -1: expected `int` >= 0"),
     (room(max_ticks=0), "max_ticks: 0: expected `int` >= 1"),
     (room(simulator={"kind": "room", "width": 0.0}), "simulator.width: 0.0: expected `float` > 0.0"),
+    (room(simulator={"kind": "room", "width": float("inf")}), "simulator.width: inf: expected a finite number"),
+    (room(landmarks=[{"id": 1, "x": float("nan"), "y": 1}]), "landmarks.0.x: nan: expected a finite number"),
     (room(faults=[{**FAULT, "loss": 2}]), "faults.0.loss: 2: expected `float` <= 1.0"),
     (room(simulator=3), "simulator: 3; expected a table, such as [simulator]"),
     (room(landmarks=[{"id": "a", "x": 0, "y": 1}]), 'landmarks.0.id: "a": expected `int`, got `str`'),
