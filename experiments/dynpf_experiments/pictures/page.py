@@ -26,7 +26,7 @@ from dynpf_experiments.pictures.scenes import scenes_of
 from dynpf_experiments.pictures.source import Budget, RunSource
 from dynpf_experiments.pictures.tracks import Clouds, Readings, clouds_of, readings_of, tracks_of
 
-__all__ = ["Apart", "Head", "RunPicture", "apart", "run_picture"]
+__all__ = ["Apart", "Head", "RunPicture", "apart", "measures_in_words", "run_picture"]
 
 MOST_ROWS = 60
 
@@ -178,19 +178,27 @@ def _head(source: RunSource, measures: Mapping[str, Any], ticks: FloatArray) -> 
         missing=measures["gaps"],
         digest=str(measures["content_digest"]),
         versions=[(printable(name, 80), printable(text, 80)) for name, text in versions[:MOST_ROWS]],
-        lines=_lines(measures),
+        lines=measures_in_words(measures),
         replay=printable(_replay(recording)),
     )
 
 
-def _lines(measures: Mapping[str, Any]) -> list[tuple[str, str]]:
+def measures_in_words(measures: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return the measures in a few words: what ``dynpf run`` says of them, or a line for each of several estimators."""
     several = measures.get("estimators")
     if isinstance(several, Mapping):
-        rows = ((str(name), figures(each)[:2]) for name, each in several.items())
-        return [(name, ", ".join(f"{row.label} {row.value} {row.unit}" for row in told)) for name, told in rows if told]
-    split = [re.split(r" {2,}", line, maxsplit=1) for line in lines_of(measures)]
-    return [(line[0], line[1]) for line in split if len(line) == 2]
+        first = ((str(name), figures(each)[:2]) for name, each in several.items())
+        return [
+            (name, ", ".join(f"{row.label} {row.value} {row.unit}" for row in told)) for name, told in first if told
+        ]
+    rows: list[tuple[str, str]] = []
+    for line in lines_of(measures):
+        name, *texts = re.split(r" {2,}", line, maxsplit=1)
+        if texts and not name and rows:  # the line before goes on
+            name, before = rows.pop()
+            texts = [f"{before.removesuffix('.')}. {texts[0]}"]
+        rows += [(name, text) for text in texts]
+    return rows
 
 
 def _replay(recording: Recording) -> str:

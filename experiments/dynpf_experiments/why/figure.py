@@ -12,8 +12,7 @@ __all__ = ["Bar", "draw"]
 
 _WIDTH, _LEFT, _RIGHT, _TOP = 860, 70, 830, 60
 _HEIGHT = 220  # of the plot of shares over time
-_ROW = 34  # of a bar
-_NAMES = 330  # where bars begin
+_ROW = 48  # of a bar and what stands above it
 _FAIL, _KEEP, _SHADE, _LINE = "#d55e00", "#0072b2", "#f0e442", "#222222"  # Okabe and Ito's, told apart by everybody
 
 
@@ -83,15 +82,15 @@ def _bars(bars: Sequence[Bar], top: int) -> Iterator[str]:
     for index, bar in enumerate(bars):
         rate, low, high = bar.share.proportion
         y = top + _ROW * index
-        width = _RIGHT - _NAMES
+        width = _RIGHT - _LEFT
         colour = _KEEP if bar.averts else _FAIL
-        yield f'<text x="{_LEFT}" y="{y + 14}">{_text(bar.name, 45)}</text>'
-        yield f'<rect x="{_NAMES}" y="{y}" width="{width}" height="20" fill="#eeeeee"/>'
-        yield f'<rect x="{_NAMES}" y="{y}" width="{width * rate:.1f}" height="20" fill="{colour}"/>'
-        yield (
-            f'<path d="M{_NAMES + width * low:.1f} {y + 10}H{_NAMES + width * high:.1f}" stroke="{_LINE}"'
-            f' stroke-width="2"><title>{bar.share.failed} of {bar.share.trials} fail</title></path>'
-        )
+        counts = f"{bar.share.failed} of {bar.share.trials} fail"
+        yield f'<text x="{_LEFT}" y="{y + 14}">{_text(bar.name, 95)}</text>'
+        yield f'<text x="{_RIGHT}" y="{y + 14}" text-anchor="end">{counts}</text>'
+        yield f'<rect x="{_LEFT}" y="{y + 20}" width="{width}" height="16" fill="#eeeeee"/>'
+        yield f'<rect x="{_LEFT}" y="{y + 20}" width="{width * rate:.1f}" height="16" fill="{colour}"/>'
+        ends = f"M{_LEFT + width * low:.1f} {y + 28}H{_LEFT + width * high:.1f}"
+        yield f'<path d="{ends}" stroke="{_LINE}" stroke-width="2"/>'
 
 
 def _text(text: str, most: int) -> str:

@@ -5,10 +5,11 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from dynpf_experiments.measures import lines_of
 from dynpf_experiments.messages import recorded as messages_of
 from dynpf_experiments.pictures import packing
 from dynpf_experiments.pictures.estimates import error_plots
-from dynpf_experiments.pictures.page import apart
+from dynpf_experiments.pictures.page import apart, measures_in_words
 from dynpf_experiments.pictures.scenes import scenes_of
 from dynpf_experiments.pictures.source import Budget, RunSource
 from dynpf_protocol.messages import Estimate, Gap, RobotState
@@ -133,3 +134,19 @@ def test_pages_hold_only_finite_numbers_and_plain_values() -> None:
     for run in (short_run("landmark-room", TICKS), recorded("camera"), recorded("colon"), recorded("faults")):
         data = picture(run).data
         assert msgspec.json.decode(json.dumps(data, allow_nan=False)) == data
+
+
+def test_a_measure_of_several_lines_is_one() -> None:
+    frames = {
+        "truth_offset": [1.0, 2.0, 0.5],
+        "position_rmse_m": 0.02,
+        "position_median_m": 0.02,
+        "heading_rmse_rad": 0.1,
+    }
+    measures = {"position_rmse_m": 15.0, "position_median_m": 15.0, "heading_rmse_rad": 0.05, "alignment": frames}
+    told = lines_of(measures)
+    assert any(line.startswith("   ") for line in told), "the control: a line that goes on"
+    rows = measures_in_words(measures)
+    assert [name for name, _ in rows] == ["position", "heading", "frames"]
+    assert "28.65 deg. The reference" in rows[-1][1]
+    assert "--truth-offset" in rows[-1][1]
