@@ -3,9 +3,10 @@
 ``python -m checks.kills --kills 100 --stops 50 --doubles 30 --seed 0`` starts ``dynpf run`` again and again and sends
 one of its processes SIGKILL or SIGSTOP, at a moment between its first process and its end, or kills two of them, the
 second up to two seconds after the first. Every run has to end with the content digest of an undisturbed one; only when
-``dynpf run`` itself is killed, all has to end. ``--everything 50`` kills all processes of a run at once, and then has
-``dynpf resume`` go on with it, to the same digest. ``--cold 50`` starts it with an empty
+``dynpf run`` itself is killed, all has to end, and ``dynpf resume`` goes on with it, to the same digest.
+``--everything 50`` kills all processes of a run at once, and resumes it. ``--cold 50`` starts it with an empty
 cache of kernels while other processes keep the machine busy: nobody may be named then. Durations are this machine's.
+``--scenario parts-3-easy``, or ``--scenario laser-log --log INTEL.mcap``, does that to another run than landmark-room.
 """
 
 import argparse
@@ -29,9 +30,6 @@ from dynpf_formats.recording.errors import RecordingError
 from dynpf_formats.recording.reader import read_recording
 from dynpf_lab.cli.main import main as dynpf
 
-SCENARIO = "landmark-room"
-SETTINGS = ("--set", "max_ticks=300")
-PROCESSES = ("router", "recorder", "simulator", "sensors", "estimator", "controller")
 SUPERVISOR = "run"
 NAMED_S = 3.0
 """Within this a process has to be named, and all have to be gone when the starting process was killed."""
@@ -51,9 +49,11 @@ class Outcome(NamedTuple):
 
 
 class Undisturbed(NamedTuple):
-    """How long an undisturbed run lasts from its last process's start to its end, and its content digest."""
+    """A run that nobody disturbs: the words after ``dynpf run``, its processes, how long it lasts, its digest."""
 
-    lasts_s: float
+    words: tuple[str, ...]
+    processes: tuple[str, ...]
+    lasts_s: float  # from its last process's start to its end
     digest: str
 
 
@@ -66,10 +66,14 @@ def main() -> int:
     parser.add_argument("--everything", type=int, default=0, metavar="N", help="runs that are killed whole and resumed")
     parser.add_argument("--cold", type=int, default=0, metavar="N", help="starts with an empty cache, under load")
     parser.add_argument("--seed", type=int, default=0, metavar="N")
+    parser.add_argument("--scenario", default="landmark-room", metavar="NAME", help="which run (landmark-room)")
+    parser.add_argument("--ticks", type=int, default=300, metavar="N", help="how long a run is at most (300)")
+    parser.add_argument("--log", metavar="IN.mcap", help="the log of a scenario that needs one")
     options = parser.parse_args()
     random = Random(options.seed)
+    words = (options.scenario, "--set", f"max_ticks={options.ticks}", *(("--log", options.log) if options.log else ()))
     trials = options.kills + options.stops + options.doubles + options.everything
-    undisturbed = _undisturbed() if trials else Undisturbed(0.0, "")
+    undisturbed = _undisturbed(words) if trials else Undisturbed(words, (), 0.0, "")
     outcomes: dict[str, list[Outcome]] = defaultdict(list)
     for number, count, second in (
         (signal.SIGKILL, options.kills, False),
@@ -77,10 +81,11 @@ def main() -> int:
         (signal.SIGKILL, options.doubles, True),
     ):
         # A stopped supervisor stops nobody but itself.
-        targets = (*PROCESSES, SUPERVISOR) if number is signal.SIGKILL and not second else PROCESSES
+        processes = undisturbed.processes
+        targets = (*processes, SUPERVISOR) if number is signal.SIGKILL and not second else processes
         for trial in range(count):
             target, after_s = targets[trial % len(targets)], random.uniform(0.0, undisturbed.lasts_s)
-            then = (random.choice(PROCESSES), random.uniform(0.0, 2.0)) if second else None
+            then = (random.choice(processes), random.uniform(0.0, 2.0)) if second else None
             outcome = _disturbed(target, number, after_s, then, undisturbed)
             what = f"{number.name} {target}" if then is None else "SIGKILL of two"
             print(f"\r{what} {trial + 1} of {count} ", end="", file=sys.stderr, flush=True)
@@ -94,11 +99,11 @@ def main() -> int:
         _print_table(outcomes, undisturbed.lasts_s)
     faults = _everything(options.everything, random, undisturbed)
     faults += sum(len(outcome.faults) for rows in outcomes.values() for outcome in rows)
-    return int(faults + _cold(options.cold) > 0)
+    return int(faults + _cold(words, options.cold) > 0)
 
 
 def _print_table(outcomes: dict[str, list[Outcome]], lasts_s: float) -> None:
-    print(f"an undisturbed run: {lasts_s:.2f} s")
+    print(f"\nan undisturbed run: {lasts_s:.2f} s")
     print(
         f"{'signal to':20} {'runs':>5} {'same bytes':>11} {'named':>6} "
         f"{'after at most':>14} {'end at most':>12} {'faults':>7}"
@@ -118,8 +123,8 @@ class _Run:
         self.path = folder / "run.mcap"
         self._folder = folder
         self._errors = folder / "stderr"
-        command = [sys.executable, "-P", "-m", "dynpf_lab.cli.main", "run", SCENARIO, *SETTINGS]
-        command += ["-o", str(self.path), *words]
+        command = [sys.executable, "-P", "-m", "dynpf_lab.cli.main", "run", *words]
+        command += ["-o", str(self.path)]
         variables = {**os.environ, "TMPDIR": str(folder), **environment}
         with self._errors.open("wb") as errors:
             self.popen = subprocess.Popen(
@@ -149,6 +154,14 @@ class _Run:
             time.sleep(POLL_S)
         return None
 
+    def services(self) -> tuple[str, ...]:
+        """Return the names of the services that are seen until the run ends, in the order in which they came."""
+        seen: dict[str, None] = {}
+        while self.popen.poll() is None:
+            seen |= dict.fromkeys(self.processes().values())
+            time.sleep(POLL_S)
+        return tuple(name for name in seen if name != "guard")
+
     def kill(self) -> None:
         for pid in self.processes():
             with contextlib.suppress(ProcessLookupError):
@@ -167,23 +180,24 @@ def _run(*words: str, **environment: str) -> Iterator[_Run]:
             run.kill()
 
 
-def _undisturbed() -> Undisturbed:
-    """Return what an undisturbed run is like; kernels are compiled before."""
-    for _ in range(2):
-        with _run() as run:
-            run.await_process(PROCESSES[-1])
-            began = time.monotonic()
-            run.popen.wait()
-            found = Undisturbed(time.monotonic() - began, content_digest(read_recording(run.path)))
-    return found
+def _undisturbed(words: tuple[str, ...]) -> Undisturbed:
+    """Return what an undisturbed run is like; its first run finds its processes, and compiles the kernels."""
+    with _run(*words) as run:
+        processes = run.services()
+    with _run(*words) as run:
+        run.await_process(processes[-1])
+        began = time.monotonic()
+        run.popen.wait()
+        lasts_s = time.monotonic() - began
+        return Undisturbed(words, processes, lasts_s, content_digest(read_recording(run.path)))
 
 
 def _disturbed(
     target: str, number: signal.Signals, after_s: float, then: tuple[str, float] | None, undisturbed: Undisturbed
 ) -> Outcome:
     """Send a signal to one process of a run, ``then`` kill another, and see what becomes of it."""
-    with _run() as run:
-        pid = run.await_process(PROCESSES[-1] if target == SUPERVISOR else target)
+    with _run(*undisturbed.words) as run:
+        pid = run.await_process(undisturbed.processes[-1] if target == SUPERVISOR else target)
         time.sleep(after_s)
         sent_s = time.monotonic()
         _send(run, run.popen.pid if target == SUPERVISOR else pid, number)
@@ -201,9 +215,12 @@ def _disturbed(
         gone_s = time.monotonic() - sent_s
         if named_s is None and any(text in run.errors for text in _names(target)):
             named_s = gone_s
-        faults = [*_faults(run, target, named_s, gone_s, many=then is not None), *_file_faults(run.path)]
+        others = () if then is not None else tuple(name for name in undisturbed.processes if name != target)
+        faults = [*_faults(run, target, named_s, gone_s, others), *_file_faults(run.path)]
+        if target == SUPERVISOR and run.path.exists() and not _is_whole(run.path, undisturbed.digest):
+            faults += _resume_faults(run.path)
         whole = _is_whole(run.path, undisturbed.digest)
-        if not whole and target != SUPERVISOR:
+        if not whole and run.path.exists():
             faults.append(f"the recording is not that of an undisturbed run: {run.errors}")
         if left:
             faults.append(f"left: {', '.join(left.values())}")
@@ -214,8 +231,8 @@ def _everything(count: int, random: Random, undisturbed: Undisturbed) -> int:
     """Kill all processes of runs at once, resume those of which there is a recording, and return how many are wrong."""
     took_s, blank, wrong = [], 0, 0
     for trial in range(count):
-        with _run() as run:
-            run.await_process(PROCESSES[-1])
+        with _run(*undisturbed.words) as run:
+            run.await_process(undisturbed.processes[-1])
             after_s = random.uniform(0.0, undisturbed.lasts_s)
             time.sleep(after_s)
             run.kill()
@@ -223,12 +240,11 @@ def _everything(count: int, random: Random, undisturbed: Undisturbed) -> int:
             if not run.path.exists() or _is_whole(run.path, undisturbed.digest):
                 blank += 1
                 continue
-            command = [sys.executable, "-P", "-m", "dynpf_lab.cli.main", "resume", str(run.path), "--no-page"]
-            told = subprocess.run(command, capture_output=True, text=True, check=False)
+            faults = _resume_faults(run.path)
             took_s.append(time.monotonic() - began_s)
-            if told.returncode or not _is_whole(run.path, undisturbed.digest):
+            if faults or not _is_whole(run.path, undisturbed.digest):
                 wrong += 1
-                print(f"everything killed after {after_s:.2f} s: {told.stdout}{told.stderr}", flush=True)
+                print(f"everything killed after {after_s:.2f} s: {', '.join(faults) or 'other bytes'}", flush=True)
         print(f"\reverything {trial + 1} of {count} ", end="", file=sys.stderr, flush=True)
     if took_s:
         print(
@@ -236,6 +252,12 @@ def _everything(count: int, random: Random, undisturbed: Undisturbed) -> int:
             f"{len(took_s)} in {sum(took_s) / len(took_s):.2f} s, at most {max(took_s):.2f} s; wrong: {wrong}"
         )
     return wrong
+
+
+def _resume_faults(path: Path) -> list[str]:
+    command = [sys.executable, "-P", "-m", "dynpf_lab.cli.main", "resume", str(path), "--no-page"]
+    told = subprocess.run(command, capture_output=True, text=True, check=False)
+    return [f"dynpf resume: {told.stdout}{told.stderr}"] if told.returncode else []
 
 
 def _send(run: _Run, pid: int | None, number: signal.Signals) -> None:
@@ -258,11 +280,12 @@ def _names(target: str) -> tuple[str, str]:
     return f"dynpf run: {target} hangs: ", f"dynpf run: {target} was killed by signal 9"
 
 
-def _faults(run: _Run, target: str, named_s: float | None, gone_s: float, *, many: bool) -> Iterator[str]:
+def _faults(run: _Run, target: str, named_s: float | None, gone_s: float, others: tuple[str, ...]) -> Iterator[str]:
+    """Say what is wrong with how a run ended; ``others`` are those who must not be named."""
     errors = run.errors
     if "Traceback" in errors:
         yield f"a traceback: {errors}"
-    if not many and any(text in errors for name in PROCESSES if name != target for text in _names(name)):
+    if any(text in errors for name in others for text in _names(name)):
         yield f"another was named: {errors}"
     if target == SUPERVISOR:
         if gone_s > NAMED_S:
@@ -300,13 +323,16 @@ def _told(*words: str) -> tuple[int, str]:
     return code, out.getvalue() or errors.getvalue()
 
 
-def _cold(count: int) -> int:
+def _cold(words: tuple[str, ...], count: int) -> int:
     """Start runs with an empty cache of kernels on a busy machine, and return how often something was wrong."""
     wrong = 0
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(BUSY if count else 0)]
     try:
         for trial in range(count):
-            with tempfile.TemporaryDirectory() as cache, _run("--set", "max_ticks=20", NUMBA_CACHE_DIR=cache) as run:
+            with (
+                tempfile.TemporaryDirectory() as cache,
+                _run(*words, "--set", "max_ticks=20", NUMBA_CACHE_DIR=cache) as run,
+            ):
                 code = run.popen.wait()
                 if code or "hangs" in run.errors:
                     wrong += 1

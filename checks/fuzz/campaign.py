@@ -1,6 +1,7 @@
 """Many cases, in blocks, each in a process of its own: what takes a process down is a fault, and the next one begins.
 
-A corpus grows: a hostile recording that brings about an outcome not seen before is kept, and edited further.
+A corpus grows: a hostile recording that brings about an outcome not seen before is kept, and edited further. What a
+fault came of is kept beside it, in the folder ``faults``.
 """
 
 import hashlib
@@ -109,6 +110,8 @@ class Campaign:
             for trial in files_case(number, self.plan.seed, workshop):
                 outcome = tried(trial.action, trial.limits)
                 self._keep(workshop.folder, trial.subject, outcome)
+                if outcome.verdict is Verdict.FAULT:
+                    self._set_aside(workshop.folder, number)
                 print(json.dumps({"number": number, "subject": trial.subject, "outcome": outcome}), file=out)
 
     def _payloads(self, numbers: range, out: TextIO) -> None:
@@ -153,6 +156,10 @@ class Campaign:
             return
         if len([*self._corpus.iterdir()]) < _MOST_KEPT:
             shutil.copyfile(path, kept)
+
+    def _set_aside(self, folder: Path, number: int) -> None:
+        """Keep what a trial at fault has read: with a corpus that grows, the number alone does not bring it back."""
+        shutil.copytree(folder, self._corpus / "faults" / f"{self.plan.seed}-{number}", dirs_exist_ok=True)
 
     def table(self) -> str:
         """Return the counts of each subject, and the faults with their cases."""

@@ -21,6 +21,8 @@ __all__ = ["Measurement", "MrclamTexts", "Reading", "Tables", "TextFile", "table
 
 Row = TypeVar("Row")
 
+_MOST_COLUMNS = 9  # that are counted
+
 
 class TextFile(NamedTuple):
     """A table's name, for messages about it, and its lines."""
@@ -131,7 +133,7 @@ class RobotPath(NamedTuple):
 def _table(file: TextFile, parse: Callable[[list[str]], Row], problems: list[str]) -> Iterator[Row]:
     """Yield the rows of a table; append rows that cannot be parsed to ``problems``, with file and line."""
     for number, line in enumerate(file.lines, start=1):
-        fields = line.split()
+        fields = line.split(maxsplit=_MOST_COLUMNS)
         if not fields or fields[0].startswith("#"):
             continue
         try:
@@ -172,7 +174,8 @@ def _reference(fields: list[str]) -> Record:
 
 def _columns(fields: list[str], count: int) -> list[str]:
     if len(fields) != count:
-        raise ValueError(f"{len(fields)} columns in {' '.join(fields)[:60]!r}; expected {count}")
+        found = f"over {_MOST_COLUMNS}" if len(fields) > _MOST_COLUMNS else len(fields)
+        raise ValueError(f"{found} columns in {' '.join(fields)[:60]!r}; expected {count}")
     return fields
 
 

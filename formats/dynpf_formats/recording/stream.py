@@ -5,6 +5,7 @@ Memory is bounded by one record, one chunk, and the number of senders and topics
 
 import os
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -44,6 +45,7 @@ _LARGEST_ATTACHED = 2**27  # bytes of all attachments
 _LISTED_TOPICS = 8
 _LONGEST_SHOWN = 80  # characters of a name in a text
 _FOREIGN_CHUNKS = 16  # chunks of a foreign file that are searched for topics
+_FOREIGN_RECORDS = 2000  # records of each of them
 
 
 class Source(NamedTuple):
@@ -326,6 +328,6 @@ def _shown(name: str) -> str:
 
 def _topics(data: bytes) -> Iterator[str]:
     try:
-        yield from (record.topic for record in contents(data) if isinstance(record, Channel))
+        yield from (record.topic for record in islice(contents(data), _FOREIGN_RECORDS) if isinstance(record, Channel))
     except ValueError:
         return

@@ -183,6 +183,11 @@ def test_a_marker_swap_is_told_in_the_summary_and_on_each_reference(tmp_path: Pa
         ("Robot1_Odometry", "100.0 abc 0.0\n", "Robot1_Odometry.dat:1: v is 'abc'; expected a finite number"),
         ("Robot1_Odometry", "# c\n\n100.0 0.1 nan\n", "Robot1_Odometry.dat:3: w is 'nan'; expected a finite number"),
         ("Robot1_Odometry", "100.0 0.1\n", "Robot1_Odometry.dat:1: 2 columns in '100.0 0.1'; expected 3"),
+        (
+            "Robot1_Odometry",
+            "1 " * 99 + "\n",
+            f"Robot1_Odometry.dat:1: over 9 columns in {'1 ' * 30!r}; expected 3",
+        ),
         ("Robot1_Odometry", "-1 0 0\n", "Robot1_Odometry.dat:1: time is '-1'; expected seconds, 0 or more"),
         ("Robot1_Odometry", "inf 0 0\n", "Robot1_Odometry.dat:1: time is 'inf'; expected seconds, 0 or more"),
         ("Robot1_Odometry", "x 0 0\n", "Robot1_Odometry.dat:1: time is 'x'; expected seconds, 0 or more"),

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from dynpf_formats.recording import mcap_records
 from dynpf_formats.recording.doctor import examine
-from dynpf_formats.recording.errors import CorruptRecordingError, RecordingError
+from dynpf_formats.recording.errors import CorruptRecordingError, ForeignRecordingError, RecordingError
 from dynpf_formats.recording.mcap_records import MAX_RECORD
 from dynpf_formats.recording.reader import load, read_recording
 from dynpf_formats.recording.recover import recover
-from mcap.records import Attachment, Channel, Message, Schema
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
 from checks.fuzz.anatomy import Anatomy, Cluster
 from tests.unit.recording.recorded_runs import MAP, lockstep, write
@@ -50,6 +50,22 @@ def test_a_chunk_cannot_hold_ever_more_descriptions(
     path = written(tmp_path, anatomy)
     with pytest.raises(CorruptRecordingError, match=expected):
         load(path)
+
+
+def test_topics_of_a_foreign_file_are_looked_for_in_the_beginnings_of_its_chunks(
+    anatomy: Anatomy, tmp_path: Path
+) -> None:
+    anatomy.header.profile, anatomy.summary = "", False
+
+    def refused(*before: Schema) -> str:
+        anatomy.items[:] = [item for item in anatomy.items if not isinstance(item, Metadata | Cluster)]
+        anatomy.items.insert(1, Cluster([*before, channel("scan", "lidar")]))
+        with pytest.raises(ForeignRecordingError) as error:
+            load(written(tmp_path, anatomy))
+        return str(error.value)
+
+    assert "topics 'scan'" in refused()
+    assert "no topics" in refused(*[SCHEMA] * 2000)
 
 
 def test_chunks_unpack_to_a_multiple_of_the_files_size(anatomy: Anatomy, tmp_path: Path) -> None:
