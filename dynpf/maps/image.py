@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynpf.image_size import size_of
 from dynpf.maps.occupancy import MOST_CELLS, check_size
 from dynpf.types import FloatArray
 
@@ -53,14 +54,13 @@ def _size(data: bytes) -> tuple[int, int] | None:
     """Return width and height as the header of an image tells them; None where it is none that is read."""
     if header := _PIXMAP.match(data) or _BITMAP.match(data):
         return int(header[2]), int(header[3])
-    if data.startswith(_PNG) and len(data) >= 24:
-        width, height = struct.unpack_from(">II", data, 16)
-    elif data.startswith(b"BM") and len(data) >= 26:
+    if data.startswith(_PNG):
+        return size_of(data)
+    if data.startswith(b"BM") and len(data) >= 26:
         wide = struct.unpack_from("<I", data, 14)[0] >= 40  # else the header of OS/2
         width, height = struct.unpack_from("<ii" if wide else "<HH", data, 18)
-    else:
-        return None
-    return abs(width), abs(height)
+        return abs(width), abs(height)
+    return None
 
 
 def _pixels(data: bytes) -> NDArray[np.uint8] | NDArray[np.uint16] | None:

@@ -1,7 +1,6 @@
 """Camera frames as thumbnails, with the circles that a system draws over them."""
 
 import base64
-import struct
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -9,6 +8,7 @@ import cv2
 import numpy as np
 from dynpf_protocol.messages import CompressedImage
 
+from dynpf.image_size import size_of
 from dynpf_experiments.pictures.columns import evenly
 from dynpf_experiments.pictures.drawing import Circle
 from dynpf_experiments.pictures.source import RunSource
@@ -65,7 +65,7 @@ def _camera(source: RunSource, topic: str, most: int, circles: Callable[[int], S
 
 def _thumbnail(data: bytes) -> tuple[bytes, int, int, int] | None:
     """Return a JPEG of some WIDTH_PX, its width and height, and how many times smaller it is; None for no image."""
-    size = _size(data)
+    size = size_of(data)
     if size is None or size[0] * size[1] > MOST_PIXELS or min(size) < 1:
         return None
     factor = next((each for each in (4, 2) if size[0] >= each * WIDTH_PX), 1)
@@ -80,21 +80,6 @@ def _thumbnail(data: bytes) -> tuple[bytes, int, int, int] | None:
     except cv2.error:
         return None
     return (bytes(jpeg), small.shape[1], small.shape[0], factor * stride) if done else None
-
-
-def _size(data: bytes) -> tuple[int, int] | None:
-    """Return width and height as the header of a PNG or JPEG tells them."""
-    if data.startswith(b"\x89PNG\r\n\x1a\n") and len(data) >= 24:
-        width, height = struct.unpack_from(">II", data, 16)
-        return int(width), int(height)
-    at = 2
-    while data.startswith(b"\xff\xd8") and at + 9 <= len(data) and data[at] == 0xFF:
-        kind, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
-        if 0xC0 <= kind <= 0xCF and kind not in (0xC4, 0xC8, 0xCC):
-            height, width = struct.unpack_from(">HH", data, at + 5)
-            return int(width), int(height)
-        at += 2 + length
-    return None
 
 
 def as_uri(jpeg: bytes) -> str:

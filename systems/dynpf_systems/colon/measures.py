@@ -1,5 +1,7 @@
 """Measures of COLON: errors of the capsule's last pose estimate, and of the posterior over maps during the run."""
 
+import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -37,16 +39,21 @@ def capsule(run: RunMessages) -> dict[str, Any]:
     if last.maps:
         posteriors = [{entry.map: entry.probability for entry in estimate.maps} for _, estimate in followed]
         casters = _casters(run)
-        measures |= map_errors(held, posteriors, first_visible(held, true, casters.__getitem__))
-    if isinstance(last.end_radius_px, float) and held[-1].startswith("end "):
+        if casters.keys() >= {*held}:  # else the truth is in a map that the scenario does not have
+            measures |= map_errors(held, posteriors, first_visible(held, true, casters.__getitem__))
+    if isinstance(last.end_radius_px, float):
         measures["error_radius_percent"] = radius_error(last.end_radius_px, held[-1])
     return {name: value for name, value in measures.items() if np.isfinite(value)}
 
 
 def radius_error(radius_px: float, true_map: str) -> float:
-    """Return the error of the radius of the tube's round end, in % of the true radius in the map's name."""
-    true = float(true_map.removeprefix("end "))
-    return 100.0 * abs(radius_px - true) / true
+    """Return the error of the radius of the tube's round end, in % of the true radius in the map's name.
+
+    NaN where the name has none.
+    """
+    named = re.fullmatch(r"end (\d{1,6}(?:\.\d{1,6})?)", true_map)
+    true = float(named[1]) if named else 0.0
+    return 100.0 * abs(radius_px - true) / true if true > 0.0 else math.nan
 
 
 def _casters(run: RunMessages) -> dict[str, RayCaster]:

@@ -12,6 +12,7 @@ from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.scenario.context import Context
 from numpy.typing import NDArray
 
+from dynpf.image_size import size_of
 from dynpf.rng import generator
 from dynpf.vision import Board, Calibration, CalibrationError, Disc, detect_discs
 from dynpf_systems.parts.messages import Detection, Detections
@@ -96,18 +97,16 @@ class VisionNode:
         """Decode to grey at a quarter of the frame's size, in a single pass of the decoder."""
         if data.startswith(b"\xff\xd8") and not data.endswith(_JPEG_END):
             raise BrokenFrameError(f"JPEG of {len(data)} bytes is cut off")
+        size, expected = size_of(data), (self._config.width_px, self._config.height_px)
+        if size is not None and size != expected:
+            raise BrokenFrameError(f"frame of {size[0]} x {size[1]} pixels; expected {expected[0]} x {expected[1]}")
         try:
-            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_4)
+            encoded = np.frombuffer(data, np.uint8)
+            image = None if size is None else cv2.imdecode(encoded, cv2.IMREAD_REDUCED_GRAYSCALE_4)
         except cv2.error as error:
             raise BrokenFrameError(f"{len(data)} bytes that are no image ({error.err})") from error
-        if image is None:
-            raise BrokenFrameError(f"{len(data)} bytes that are no image")
-        expected = (self._config.height_px // SUBSAMPLING, self._config.width_px // SUBSAMPLING)
-        if image.shape != expected:
-            raise BrokenFrameError(
-                f"frame is about {SUBSAMPLING * image.shape[1]} x {SUBSAMPLING * image.shape[0]} pixels, "
-                f"expected {self._config.width_px} x {self._config.height_px}"
-            )
+        if image is None or image.shape != tuple(side // SUBSAMPLING for side in reversed(expected)):
+            raise BrokenFrameError(f"{len(data)} bytes that are no image; expected a PNG or JPEG")
         return np.asarray(image, dtype=np.uint8)
 
     def _noise(self, count: int, number: int) -> NDArray[np.float64]:
