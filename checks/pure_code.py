@@ -33,7 +33,7 @@ PURE = (
     "systems/dynpf_systems",
 )
 
-_BESIDE = ("amcl", "measures", "pictures", "studies", "verdict")
+_BESIDE = ("amcl", "fit", "measures", "pictures", "studies", "verdict")
 """What a system makes scenarios of, measures of its runs, draws of them and studies by them; no node reaches it."""
 _EXPERIMENT = re.compile(rf"(systems[/.])?dynpf_systems[/.]\w+[/.]({'|'.join(_BESIDE)})\b")
 _MEASURES = "measures runs, and is no part of one"

@@ -39,7 +39,8 @@ class Measures(NamedTuple):
     ``of_run`` returns the measures of a run by name, without those for which it has no data; ``lines`` returns them as
     text for a person. ``estimate`` is the type of the system's estimates, ``reads`` are the types of messages that the
     measures need, and ``truths`` are the topics of the truth, of which a run has one. ``aligned`` returns the run with
-    its truth moved as close to the estimates as a change of frames can bring it.
+    its truth moved as close to the estimates as a change of frames can bring it. ``of_recording`` returns the measures
+    of a recorded run, those among them for which a recording's readings and files are needed, too.
     """
 
     estimate: type[Message]
@@ -48,6 +49,7 @@ class Measures(NamedTuple):
     of_run: Callable[[RunMessages], dict[str, Any]]
     lines: Callable[[Mapping[str, Any]], list[str]]
     aligned: Callable[[RunMessages], RunMessages] | None = None
+    of_recording: Callable[[RunMessages], dict[str, Any]] | None = None
 
 
 @cache
@@ -99,20 +101,20 @@ def differing(a: Recording, b: Recording) -> dict[str, tuple[Any, Any]]:
 
 def _figures(recording: Recording, *, truth_align: bool = False) -> dict[str, Any]:
     end = recording.end
-    run = recorded(recording)
     return {
-        **(_measured_aligned(run) if truth_align else measure_run(run)),
+        **_measured(recorded(recording), truth_align=truth_align),
         "messages": sum(is_compared(record.topic) for record in recording.messages()),
         "gaps": end.missing if end is not None else None,
         "complete": end is not None and end.complete and not recording.truncated,
     }
 
 
-def _measured_aligned(run: RunMessages) -> dict[str, Any]:
+def _measured(run: RunMessages, *, truth_align: bool) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for measures in _all_measures():
-        found |= measures.of_run(run if measures.aligned is None else measures.aligned(run))
-    return {**found, "truth_aligned": True}
+        aligned = measures.aligned(run) if truth_align and measures.aligned is not None else run
+        found |= (measures.of_recording or measures.of_run)(aligned)
+    return {**found, "truth_aligned": True} if truth_align else found
 
 
 def lines_of(measures: Mapping[str, Any]) -> list[str]:

@@ -4,16 +4,17 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from dynpf_protocol.messages import Estimate, FilterHealth
+from dynpf_protocol.messages import Estimate, FilterHealth, HealthFigures
 from numpy.typing import NDArray
 
 from dynpf.metrics.trajectory import Trajectory, pose_errors
 from dynpf.types import FloatArray
+from dynpf_experiments.pictures.changes import changed
 from dynpf_experiments.pictures.drawing import Line, Plot, Track
 from dynpf_experiments.pictures.source import RunSource, robot_of
 from dynpf_experiments.pictures.tracks import columns_of
 
-__all__ = ["Estimated", "Span", "error_plots", "estimates_of", "filter_plots", "verdicts"]
+__all__ = ["Estimated", "Span", "error_plots", "estimates_of", "filter_plots", "position_errors", "verdicts"]
 
 STATE = "/state"
 MAX_GAP_S = 0.5
@@ -34,12 +35,16 @@ class Estimated(NamedTuple):
 
 
 class Span(NamedTuple):
-    """A verdict of a filter on itself, from ``begin`` until ``end``, s; ``reason`` is the first that it gave."""
+    """A verdict of a filter on itself, from ``begin`` until ``end``, s; ``reason`` is the first that it gave.
+
+    ``changed`` says in words which of its figures are no longer what they were in the verdict before.
+    """
 
     begin: float
     end: float
     status: str
     reason: str
+    changed: str = ""
 
 
 def estimates_of(source: RunSource) -> list[Estimated]:
@@ -60,6 +65,7 @@ def estimates_of(source: RunSource) -> list[Estimated]:
 def verdicts(estimated: Estimated, end: float) -> list[Span]:
     """Return how a filter judged itself over the run; nothing where it does not monitor its health."""
     spans: list[Span] = []
+    before: list[HealthFigures] = []
     for at, health in zip(estimated.track.seconds.tolist(), estimated.health, strict=True):
         if health is None:
             continue
@@ -68,8 +74,18 @@ def verdicts(estimated: Estimated, end: float) -> list[Span]:
                 spans[-1] = spans[-1]._replace(end=at)
             if len(spans) == MOST_SPANS:
                 return spans
-            spans.append(Span(at, end, health.status, health.reason))
+            spans.append(Span(at, end, health.status, health.reason, changed(before, health.figures)))
+            before = []
+        before.append(health.figures)
     return spans
+
+
+def position_errors(track: Track, truth: Track) -> tuple[FloatArray, FloatArray]:
+    """Return the times of those estimates that can be judged, and their distances from the truth, (T,) each."""
+    if truth.seconds.size < 2 or not track.seconds.size:
+        return np.empty(0), np.empty(0)
+    seconds, errors, _ = _errors(track, truth)
+    return seconds, np.sqrt(errors[0] * errors[0] + errors[1] * errors[1])
 
 
 def error_plots(tracks: Sequence[Track], unit: str) -> list[Plot]:

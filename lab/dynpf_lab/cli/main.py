@@ -39,6 +39,7 @@ _COMMANDS = {
     "recover": ("recover", "repair a recording into a new file"),
     "localize": ("localize", "from a robot's log to a verdict: import, run, measures and page"),
     "metrics": ("metrics", "measures of a recorded run against its truth"),
+    "explain": ("explain", "why a run went as it did: each verdict of its filters, and what happened then"),
     "fit": ("fit", "the beam model's parameters from a recorded run"),
     "import": ("import_", "make a recording from a log of another format"),
     "export": ("export", "write a topic of a recording for other programs"),

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from dynpf_experiments.measures import measure
-from dynpf_experiments.messages import RunMessages, recorded
+from dynpf_experiments.messages import recorded
 from dynpf_formats.recording.reader import Recording
 from dynpf_protocol.errors import UsageError
 from dynpf_protocol.messages import Estimate
@@ -18,15 +18,14 @@ from dynpf_services.scenario.played_log import PlayedLog, start_by
 from dynpf_services.scenario.schema import Scenario
 from dynpf_systems.rooms.amcl.reading import Parameters
 from dynpf_systems.rooms.amcl.scenario import is_start_given
+from dynpf_systems.rooms.fit import fit_where_tracking, poses_at
 from dynpf_systems.rooms.maps import OccupancyConfig, open_maps
 from dynpf_systems.rooms.measures import LOCALIZED, wrong_share
 from dynpf_systems.rooms.measures import aligned as in_frame
 from dynpf_systems.rooms.verdict import Fit, Verdict, spans_of, verdict_of
 from dynpf_systems.rooms.wall_fit import WallFit
-from msgspec import UNSET
 
 from dynpf.maps.occupancy import OccupancyGrid
-from dynpf.metrics.trajectory import Trajectory
 from dynpf_lab.localize.starting import (
     LastPose,
     Start,
@@ -34,7 +33,6 @@ from dynpf_lab.localize.starting import (
     first_fit,
     fits,
     path_in,
-    poses_at,
     read_last,
     scans_in,
 )
@@ -232,31 +230,12 @@ def judged(recording: Recording, log: PlayedLog, plan: Plan) -> Judged:
     measures = measure(recording)
     other = plan.frames.agree is False or "alignment" in measures
     aligned = measure(recording, truth_align=True) if other else None
-    fit = _fit(run, log.records, plan) if plan.walls is not None else Fit()
+    fit = Fit()
+    if plan.walls is not None:
+        estimate = fit_where_tracking(run, scans_in(log.records, SCANS_COMPARED), plan.walls)
+        fit = Fit(estimate, plan.frames.reference, plan.frames.chance)
     wrong = wrong_share(in_frame(run) if other else run)
     return Judged(measures, aligned, fit, verdict_of(spans_of(run), wrong, fit))
-
-
-def _fit(run: RunMessages, records: Sequence[LogRecord], plan: Plan) -> Fit:
-    """Return how well the scans fit the map where the filter says that it is on its track, or else anywhere."""
-    assert plan.walls is not None
-    scans = scans_in(records, SCANS_COMPARED)
-    path, tracking = _estimates(run)
-    poses, inside = poses_at(path, np.array([timed.stamp for timed in scans]))
-    if not inside.size:
-        return Fit(math.nan, plan.frames.reference, plan.frames.chance)
-    newest = np.searchsorted(path.stamps, [scans[index].stamp for index in inside], side="right") - 1
-    chosen = tracking[newest] if tracking[newest].any() else np.ones(inside.size, dtype=np.bool_)
-    share = plan.walls.share([scans[index].scan for index in inside[chosen]], poses[:, chosen])
-    return Fit(share, plan.frames.reference, plan.frames.chance)
-
-
-def _estimates(run: RunMessages) -> tuple[Trajectory, Any]:
-    timed = run.topic("estimator/state")
-    states = [message.message for message in timed if isinstance(message.message, Estimate)]
-    poses = np.array([(state.x, state.y, state.theta) for state in states]).reshape(-1, 3).T
-    tracking = np.array([state.health is not UNSET and state.health.status == "tracking" for state in states])
-    return Trajectory(np.array([message.stamp_ns * 1e-9 for message in timed]), poses), tracking
 
 
 def last_pose(recording: Recording, plan: Plan) -> LastPose | None:

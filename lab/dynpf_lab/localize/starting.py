@@ -14,25 +14,22 @@ from dynpf_protocol.errors import UsageError
 from dynpf_protocol.json_text import read_json
 from dynpf_protocol.messages import LaserScan, OdometryPose, RobotState, Scanner
 from dynpf_runtime.source import LogRecord
+from dynpf_systems.rooms.fit import TimedScan, poses_at
 from dynpf_systems.rooms.localization.readings import reading_of
 from dynpf_systems.rooms.wall_fit import WallFit
-from numpy.typing import NDArray
 
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.measurement.scan import Scan
 from dynpf.metrics.trajectory import Trajectory
 from dynpf.se2 import compose, relative
-from dynpf.types import FloatArray
 
 __all__ = [
     "LastPose",
     "Start",
-    "Timed",
     "digest_of",
     "first_fit",
     "fits",
     "path_in",
-    "poses_at",
     "read_last",
     "scans_in",
 ]
@@ -65,14 +62,7 @@ class LastPose(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     stamp_ns: int
 
 
-class Timed(NamedTuple):
-    """A scan and its time, s."""
-
-    stamp: float
-    scan: Scan
-
-
-def scans_in(records: Sequence[LogRecord], most: int) -> list[Timed]:
+def scans_in(records: Sequence[LogRecord], most: int) -> list[TimedScan]:
     """Return at most ``most`` of a log's scans, evenly spaced, each as its scanner has announced it."""
     count = sum(record.topic == "log/scan" for record in records)
     wanted = {int(index) for index in np.linspace(0, count - 1, min(most, count))} if count else set()
@@ -84,7 +74,7 @@ def scans_in(records: Sequence[LogRecord], most: int) -> list[Timed]:
             if number in wanted and isinstance(announced, Scanner):
                 message = decode(record.topic, record.payload)
                 assert isinstance(message, LaserScan)
-                found.append(Timed(record.stamp_ns * 1e-9, reading_of(message, Scan, announced)))
+                found.append(TimedScan(record.stamp_ns * 1e-9, reading_of(message, Scan, announced)))
             number += 1
     return found
 
@@ -99,16 +89,6 @@ def path_in(records: Sequence[LogRecord], topic: str) -> Trajectory:
             poses.append((record.stamp_ns, pose.x, pose.y, pose.theta))
     rows = np.array(sorted(poses), dtype=np.float64).reshape(-1, 4)
     return Trajectory(rows[:, 0] * 1e-9, rows[:, 1:].T)
-
-
-def poses_at(path: Trajectory, stamps: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return the poses of a path at those stamps that it spans, (3, T), and the indices of these stamps, (T,)."""
-    if path.stamps.size < 2:
-        return np.empty((3, 0)), np.empty(0, dtype=np.intp)
-    inside = np.flatnonzero((stamps >= path.stamps[0]) & (stamps <= path.stamps[-1]))
-    x, y, theta = path.poses
-    rows = (x, y, np.unwrap(theta))
-    return np.stack([np.interp(stamps[inside], path.stamps, row) for row in rows]), inside
 
 
 def fits(share: float, chance: float) -> bool:
@@ -127,7 +107,7 @@ def first_fit(records: Sequence[LogRecord], walls: WallFit, pose: Sequence[float
     return walls.share([scans[index].scan for index in inside], moved)
 
 
-def _first_scans(records: Sequence[LogRecord]) -> list[Timed]:
+def _first_scans(records: Sequence[LogRecord]) -> list[TimedScan]:
     last = count = 0
     for index, record in enumerate(records):
         count += record.topic == "log/scan"

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 
+from dynpf_experiments.pictures.estimates import Span
 from dynpf_experiments.pictures.events import Event
 from dynpf_experiments.pictures.figures import Figure
 from dynpf_experiments.pictures.page import Apart, RunPicture
@@ -147,7 +148,7 @@ def _player(runs: Sequence[RunPicture], apart: Apart | None) -> Iterator[str]:
         for each in run.data["health"]:
             run_name = f"{'AB'[index]}: " if len(runs) > 1 else ""
             name = f"{run_name}{each['node']}: " if len(run.data["health"]) > 1 else run_name
-            spans = "".join(_verdict(name, *span) for span in each["spans"])
+            spans = "".join(_verdict(name, Span(*span)) for span in each["spans"])
             yield f'<div class="lane" aria-hidden="true">{spans}</div>'
     marks = [event for run in runs for event in run.events if event.kind != "end"][:MOST_MARKS]
     texts = [
@@ -165,11 +166,11 @@ def _player(runs: Sequence[RunPicture], apart: Apart | None) -> Iterator[str]:
     yield "</div></section>"
 
 
-def _verdict(name: str, begin: float, end: float, status: str, reason: str) -> str:
-    title = escape(f"{status}: {reason}")
-    kind = escape(status)
-    times = f'data-from="{begin:.3f}" data-to="{end:.3f}"'
-    return f'<span class="verdict {kind}" {times} title="{title}">{escape(name + _spoken(status))}</span>'
+def _verdict(name: str, span: Span) -> str:
+    title = escape(f"{span.status}: {span.reason}" + (f"; {span.changed}" if span.changed else ""))
+    kind = escape(span.status)
+    times = f'data-from="{span.begin:.3f}" data-to="{span.end:.3f}"'
+    return f'<span class="verdict {kind}" {times} title="{title}">{escape(name + _spoken(span.status))}</span>'
 
 
 def _first_time(run: RunPicture, apart: Apart) -> float | None:
@@ -222,10 +223,10 @@ def _health(run: RunPicture) -> Iterator[str]:
         yield '<p class="quiet">No node says how reliable its estimate is.</p>'
         return
     rows = [
-        (_Seek(begin), f"{end - begin:.1f} s", node, _spoken(status), reason)
-        for node, begin, end, status, reason in spans
+        (_Seek(begin), f"{end - begin:.1f} s", node, _spoken(status), reason, changed)
+        for node, begin, end, status, reason, changed in spans
     ]
-    heads = ("from", "for", "node", "verdict", "reason")
+    heads = ("from", "for", "node", "verdict", "reason", "what changed")
     if len(rows) <= 8:
         yield from _table(heads, rows)
     else:

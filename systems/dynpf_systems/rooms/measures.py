@@ -20,6 +20,7 @@ from dynpf.metrics.alignment import Alignment, alignment, moved_into
 from dynpf.metrics.consistency import mean_square, nees
 from dynpf.metrics.trajectory import Trajectory, pose_errors, score, thin
 from dynpf.types import FloatArray
+from dynpf_systems.rooms.fit import fit_of
 
 __all__ = [
     "FOUND_M",
@@ -234,6 +235,14 @@ def _measured(run: RunMessages) -> dict[str, Any]:
     return localization(run) | _recorded(run) | beside_one_another
 
 
+def _with_fit(run: RunMessages) -> dict[str, Any]:
+    """Return the measures of a recorded run, each estimator's with how well its readings fit."""
+    measured, names = _measured(run), _estimators(run)
+    for name in names if len(names) > 1 else ():
+        measured["estimators"][name] |= fit_of(run, name)
+    return measured | (fit_of(run) if "estimator" in names else {})
+
+
 def _recorded(run: RunMessages) -> dict[str, Any]:
     """Return the measures of the localization that ran on the robot, if the log has it.
 
@@ -273,6 +282,8 @@ def _lines(measures: Mapping[str, Any]) -> list[str]:
         lines.append(text)
     if "heading_rmse_rad" in measures:
         lines.append(f"heading     RMSE {np.degrees(measures['heading_rmse_rad']):.2f} deg")
+    if "near_walls_fraction" in measures:
+        lines.append(_fit_in_words(measures))
     if "alignment" in measures:
         lines += _frames(measures["alignment"])
     if theirs := measures.get("robot_localization"):
@@ -280,6 +291,12 @@ def _lines(measures: Mapping[str, Any]) -> list[str]:
     if "unscored" in measures:
         lines.append(f"position    not scored: {measures['unscored']}")
     return lines + (_table(measures["estimators"]) if "estimators" in measures else [])
+
+
+def _fit_in_words(measures: Mapping[str, Any]) -> str:
+    near = f"{100.0 * measures['near_walls_fraction']:.0f} % of the beams end within 10 cm of a wall at the estimates"
+    chance = measures.get("near_walls_by_chance_fraction")
+    return f"fit         {near}" + (f", {100.0 * chance:.0f} % would anywhere on the map" if chance is not None else "")
 
 
 def _theirs(found: Mapping[str, Any]) -> str:
@@ -344,6 +361,7 @@ MEASURES = Measures(
     reads=(RobotState, Estimate, PoseInFrame),
     truths=_TRUTHS,
     of_run=_measured,
+    of_recording=_with_fit,
     lines=_lines,
     aligned=aligned,
 )

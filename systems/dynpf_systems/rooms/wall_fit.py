@@ -20,11 +20,11 @@ MOST_BEAMS = 120
 
 
 class WallFit:
-    """The walls of a map, and how near to them scans end."""
+    """The walls of a map, and whether scans end near them: no farther than ``near`` metres."""
 
-    def __init__(self, grid: OccupancyGrid) -> None:
+    def __init__(self, grid: OccupancyGrid, near: float = NEAR_M) -> None:
         self._grid = grid
-        self._near = distance_field(grid.occupied, grid.resolution, 1.0) <= NEAR_M
+        self._near = distance_field(grid.occupied, grid.resolution, 1.0) <= near
 
     def share(self, scans: Sequence[Scan], poses: FloatArray) -> float:
         """Return the median over scans, taken at ``poses`` (3, len(scans)), of the share of beams that end near a wall.

@@ -1,0 +1,179 @@
+"""Why a run went as it did, in words: each verdict of its filters, what changed, and what happened at the time."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from dynpf_formats.recording.info import ended, title_of
+from dynpf_formats.recording.reader import Recording
+from dynpf_protocol.messages import RobotState
+from dynpf_protocol.printable import printable
+
+from dynpf_experiments.pictures.drawing import Track
+from dynpf_experiments.pictures.estimates import Span, estimates_of, position_errors, verdicts
+from dynpf_experiments.pictures.events import Event, events_of
+from dynpf_experiments.pictures.source import Budget, RunSource
+from dynpf_experiments.pictures.tracks import tracks_of
+
+__all__ = ["Explanation", "Verdict", "as_data", "explanation", "in_words"]
+
+SILENT_S, SILENT_PERIODS = 1.0, 10.0
+"""A topic is silent if its next message comes so late, and so many times later than usual."""
+
+LEAST_PERIODS = 20
+"""Messages of a topic from which it is known how often they come."""
+
+LEAP_M, LEAP_M_S = 0.5, 5.0
+"""A reference that moves so far at once, and so fast, leaps: the robot was carried."""
+
+MOST_OF_A_KIND = 50
+_OWN_WORDS = "the estimate is "
+_HEARD_BY_FEW = ("truth/", "snapshot/", "log", "diagnostics", "recorder/")
+
+
+class Verdict(NamedTuple):
+    """What a node said of its estimate from ``begin`` until ``end``, s, why, and what changed then.
+
+    ``error_m`` is the median distance between estimate and truth in that time; None where nothing is known of it.
+    """
+
+    node: str
+    begin: float
+    end: float
+    status: str
+    reason: str
+    changed: str
+    error_m: float | None
+
+
+class Explanation(NamedTuple):
+    """The story of a run. ``shares`` are those of its time in each status, by node; times are s since its start."""
+
+    title: str
+    seed: int
+    complete: bool
+    ended: str
+    seconds: float
+    shares: dict[str, dict[str, float]]
+    verdicts: list[Verdict]
+    events: list[Event]
+    events_in_all: int
+
+
+def explanation(recording: Recording) -> Explanation:
+    """Return the story of a recorded run."""
+    source = RunSource(recording, Budget())
+    begin_ns, end_ns = source.span_ns
+    seconds = (end_ns - begin_ns) * 1e-9
+    estimates = estimates_of(source)
+    tracks = [*tracks_of(source), *(each.track for each in estimates)]
+    found, shares = [], {}
+    for each in estimates:
+        spans = verdicts(each, seconds)
+        if spans:
+            shares[each.track.name] = _shares(spans)
+        found += [Verdict(each.track.name, *span, _error(each.track, tracks, span)) for span in spans]
+    recorded, in_all = events_of(source)
+    own = [event for event in recorded if not event.text.startswith(_OWN_WORDS)]
+    others = [*_silences(source), *_leaps(source)]
+    end = recording.end
+    return Explanation(
+        title=printable(title_of(recording)),
+        seed=recording.header.seed,
+        complete=end is not None and end.complete and not recording.truncated,
+        ended=printable(ended(end.reason, end.outcome)) if end is not None else "its end was never written",
+        seconds=seconds,
+        shares=shares,
+        verdicts=sorted(found, key=lambda verdict: verdict.begin),
+        events=sorted([*own, *others], key=lambda event: event.seconds),
+        events_in_all=in_all - (len(recorded) - len(own)) + len(others),
+    )
+
+
+def in_words(story: Explanation) -> list[str]:
+    """Return the story as lines for a person: verdicts and events in the order of time."""
+    state = "complete" if story.complete else "INCOMPLETE"
+    lines = [f"{story.title} (seed {story.seed}): {state}, {story.ended}, {story.seconds:.1f} s"]
+    for node, shares in story.shares.items():
+        told = ", ".join(f"{100.0 * share:.0f} % {_spoken(status)}" for status, share in shares.items())
+        lines.append(f"{printable(node)}: {told} of the time")
+    if not story.shares:
+        lines.append("no node of this run says how far its estimate is to be relied on")
+    rows = [(verdict.begin, 1, _verdict_in_words(verdict)) for verdict in story.verdicts]
+    rows += [(event.seconds, 0, [f"{event.node}: {event.text}"]) for event in story.events]
+    for at, _, texts in sorted(rows, key=lambda row: row[:2]):
+        lines.append(f"{at:9.1f} s  {texts[0]}")
+        lines += [f"{'':13}{text}" for text in texts[1:]]
+    left = story.events_in_all - len(story.events)
+    return lines + ([f"and {left} events more"] if left > 0 else [])
+
+
+def _verdict_in_words(verdict: Verdict) -> list[str]:
+    lasted = f"for {verdict.end - verdict.begin:.1f} s"
+    why = f": {printable(verdict.reason)}" if verdict.reason else ""
+    texts = [f"{printable(verdict.node)} is {_spoken(verdict.status)}, {lasted}{why}"]
+    if verdict.changed:
+        texts.append(verdict.changed)
+    if verdict.error_m is not None:
+        texts.append(f"off by {verdict.error_m:.3g} m in the median")
+    return texts
+
+
+def _spoken(status: str) -> str:
+    return status.replace("_", " ")
+
+
+def _shares(spans: Sequence[Span]) -> dict[str, float]:
+    """Return the share of the time in each status, the largest first."""
+    length = sum(span.end - span.begin for span in spans)
+    shares: dict[str, float] = {}
+    for span in spans:
+        share = (span.end - span.begin) / length if length > 0.0 else 1.0 / len(spans)
+        shares[span.status] = shares.get(span.status, 0.0) + share
+    return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+
+def _error(track: Track, tracks: Sequence[Track], span: Span) -> float | None:
+    """Return the median error of a track within a span, m; None without a truth."""
+    truth = next((each for each in tracks if each.role == "truth" and each.robot == track.robot), None)
+    if truth is None:
+        return None
+    seconds, distance = position_errors(track, truth)
+    within = distance[(seconds >= span.begin) & (seconds <= span.end)]
+    return float(np.median(within)) if within.size else None
+
+
+def _silences(source: RunSource) -> Iterator[Event]:
+    """Yield when topics that come at a steady rate did not come, each at its last message before."""
+    for topic in sorted(source.recording.schemas):
+        if topic.startswith(_HEARD_BY_FEW):
+            continue
+        seconds = source.seconds(source.records(topic))
+        periods = np.diff(seconds)
+        if periods.size < LEAST_PERIODS:
+            continue
+        usual = float(np.median(periods))
+        for index in np.flatnonzero(periods > max(SILENT_S, SILENT_PERIODS * usual))[:MOST_OF_A_KIND]:
+            text = f"silent for {periods[index]:.1f} s; it usually comes every {usual:.2g} s"
+            yield Event(float(seconds[index]), "silence", "warning", printable(topic), text)
+
+
+def _leaps(source: RunSource) -> Iterator[Event]:
+    """Yield when a robot, or its reference, was elsewhere at once."""
+    for topic in source.carrying(RobotState):
+        known = [(at, m.x, m.y) for at, m in source.messages(topic) if isinstance(m, RobotState)]
+        if len(known) < 2:
+            continue
+        seconds, x, y = np.array(known).T
+        moved, took = np.hypot(np.diff(x), np.diff(y)), np.maximum(np.diff(seconds), 1e-9)
+        for index in np.flatnonzero((moved > LEAP_M) & (moved > LEAP_M_S * took))[:MOST_OF_A_KIND]:
+            here, there = f"({x[index]:.2f}, {y[index]:.2f})", f"({x[index + 1]:.2f}, {y[index + 1]:.2f})"
+            text = f"{moved[index]:.2f} m elsewhere within {took[index]:.2g} s, from {here} to {there} m"
+            yield Event(float(seconds[index + 1]), "leap", "warning", printable(topic), text)
+
+
+def as_data(story: Explanation) -> dict[str, Any]:
+    """Return the story as ``dynpf explain --json`` prints it: without what is not known."""
+    told = [verdict._asdict() for verdict in story.verdicts]
+    known = [{name: value for name, value in each.items() if value is not None} for each in told]
+    return {**story._asdict(), "verdicts": known, "events": [event._asdict() for event in story.events]}
