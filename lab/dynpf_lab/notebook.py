@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 
 from dynpf.types import FloatArray
 from dynpf_lab.page import make_page
+from dynpf_lab.plots import Plots
 
 __all__ = ["Run", "TopicMessages", "read", "run"]
 
@@ -225,6 +226,11 @@ class Run:
         """Write the page of ``dynpf view`` and return its path; raises UsageError for a file that is no such page."""
         make_page([self.recording], Path(path), self.metrics)
         return Path(path)
+
+    @cached_property
+    def plot(self) -> Plots:
+        """The figures of ``dynpf plot``: ``run.plot.trajectory()``."""
+        return Plots(lambda: self.recording)
 
     def __str__(self) -> str:
         return summary(self.recording, self.metrics)

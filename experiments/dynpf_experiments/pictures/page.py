@@ -9,7 +9,6 @@ import numpy as np
 from dynpf_formats.recording.diff import diff
 from dynpf_formats.recording.info import ended, title_of
 from dynpf_formats.recording.reader import Recording
-from dynpf_formats.shipped import listed, load
 from dynpf_protocol.printable import printable
 
 from dynpf.types import FloatArray
@@ -17,14 +16,13 @@ from dynpf_experiments.measures import differing, lines_of
 from dynpf_experiments.pictures import packing
 from dynpf_experiments.pictures.cameras import Camera, cameras_of
 from dynpf_experiments.pictures.columns import column, evenly
-from dynpf_experiments.pictures.commands import command_plots
-from dynpf_experiments.pictures.drawing import Drawing, Pictures, Track, merged
-from dynpf_experiments.pictures.estimates import Span, error_plots, estimates_of, filter_plots, verdicts
+from dynpf_experiments.pictures.drawing import Track
+from dynpf_experiments.pictures.estimates import Span
 from dynpf_experiments.pictures.events import Event, events_of, faults_of
 from dynpf_experiments.pictures.figures import Figure, figures
-from dynpf_experiments.pictures.scenes import scenes_of
 from dynpf_experiments.pictures.source import Budget, RunSource
-from dynpf_experiments.pictures.tracks import Clouds, Readings, clouds_of, readings_of, tracks_of
+from dynpf_experiments.pictures.tracks import Clouds, Readings, readings_of
+from dynpf_experiments.pictures.whole import whole
 
 __all__ = ["Apart", "Head", "RunPicture", "apart", "measures_in_words", "run_picture"]
 
@@ -81,23 +79,15 @@ def run_picture(recording: Recording, measures: Mapping[str, Any], budget: Budge
 
     Raises a RecordingError where the file is found to be damaged only now.
     """
-    source = RunSource(recording, budget)
-    estimates = estimates_of(source)
-    drawing = _drawing(source)
-    tracks = [*tracks_of(source), *(estimated.track for estimated in estimates), *drawing.tracks]
-    tracks = [each._replace(radius=each.radius or drawing.radii.get(each.robot, 0.0)) for each in tracks]
-    shapes, layers = scenes_of(source, drawing.replaced, drawing.unit.per_metre)
-    drawing = drawing._replace(shapes=[*drawing.shapes, *shapes], layers=[*drawing.layers, *layers])
-    clouds, readings = clouds_of(source, drawing.unit.per_metre), readings_of(source)
+    run = whole(recording, budget)
+    source, drawing = run.source, run.drawing
+    clouds, readings = run.clouds, readings_of(source)
     cameras = cameras_of(source, drawing.circles)
-    plots = [*error_plots(tracks, drawing.unit.name), *drawing.plots, *filter_plots(estimates), *command_plots(source)]
-    begin, end = source.span_ns
-    health = {each.track.name: verdicts(each, (end - begin) * 1e-9) for each in estimates}
     events, in_all = events_of(source)
-    at, ticks = _moments(source, tracks)
+    at, ticks = _moments(source, run.tracks)
     head = _head(source, measures, ticks)
     chosen = evenly(at.size, budget.moments)
-    tracks = [each for each in tracks if each.seconds.size]
+    tracks = [each for each in run.tracks if each.seconds.size]
     thinned = [packing.thinned(each, at[chosen]) for each in tracks]
     fixed = [*drawing.shapes, *(each for one in drawing.layers for shapes in one.shapes for each in shapes)]
     data = {
@@ -111,10 +101,10 @@ def run_picture(recording: Recording, measures: Mapping[str, Any], budget: Budge
         "tracks": [packing.track(each) for each in thinned],
         "clouds": [packing.cloud(each) for each in clouds],
         "readings": [packing.reading(each) for each in readings],
-        "plots": [packing.plot(each, budget.values) for each in plots],
+        "plots": [packing.plot(each, budget.values) for each in run.plots],
         "health": [
             {"node": printable(node, 80), "spans": [list(span) for span in spans]}
-            for node, spans in health.items()
+            for node, spans in run.health.items()
             if spans
         ],
         "events": [list(event) for event in events],
@@ -122,7 +112,7 @@ def run_picture(recording: Recording, measures: Mapping[str, Any], budget: Budge
     }
     poses = {a.name: (a.seconds.size, b.seconds.size) for a, b in zip(thinned, tracks, strict=True)}
     notes = _notes(source, poses, (clouds, readings, cameras))
-    return RunPicture(head, _figures(measures), health, events, in_all, faults_of(source), notes, data)
+    return RunPicture(head, _figures(measures), run.health, events, in_all, faults_of(source), notes, data)
 
 
 def apart(a: Recording, b: Recording) -> Apart:
@@ -137,13 +127,6 @@ def apart(a: Recording, b: Recording) -> Apart:
     measures = [(name, _told(left), _told(right)) for name, (left, right) in differing(a, b).items()]
     tick_number = None if first is None else first.tick
     return Apart(difference.same, printable(words), tick_number, topics[:MOST_ROWS], measures[:MOST_ROWS])
-
-
-def _drawing(source: RunSource) -> Drawing:
-    """Return what the systems draw of a run."""
-    pictures: list[Pictures] = [load(text) for text in listed("PICTURES")]
-    drawn = (each.draw(source) for each in pictures)
-    return merged([drawing for drawing in drawn if drawing is not None])
 
 
 def _moments(source: RunSource, tracks: Sequence[Track]) -> tuple[FloatArray, FloatArray]:

@@ -29,6 +29,7 @@ _COMMANDS = {
     "stop": ("stop", "ask a run to end with its next tick, as its operator"),
     "keys": ("keys", "keys and certificates for the processes of a run"),
     "view": ("view", "the page of a run, or of two side by side, in a browser"),
+    "plot": ("plot", "a figure of a run, or a film of it"),
     "replay": ("replay", "re-execute nodes from a recording and compare"),
     "play": ("play", "publish a recording onto the bus"),
     "diff": ("diff", "first difference of two recordings"),
