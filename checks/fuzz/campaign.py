@@ -159,7 +159,8 @@ class Campaign:
 
     def _set_aside(self, folder: Path, number: int) -> None:
         """Keep what a trial at fault has read: with a corpus that grows, the number alone does not bring it back."""
-        shutil.copytree(folder, self._corpus / "faults" / f"{self.plan.seed}-{number}", dirs_exist_ok=True)
+        target = self._corpus / "faults" / f"{self.plan.seed}-{number}"
+        shutil.copytree(folder, target, dirs_exist_ok=True, ignore=_irregular)
 
     def table(self) -> str:
         """Return the counts of each subject, and the faults with their cases."""
@@ -178,6 +179,12 @@ class Campaign:
                 lines.append(f"{len(cases)} x {name}, {subject}: {text} ({', '.join(cases[:3])})")
         lines.append(f"{self._inputs['file']} files and {self._inputs['payload']} payloads, seed {self.plan.seed}")
         return "\n".join(lines)
+
+
+def _irregular(folder: str, names: list[str]) -> list[str]:
+    """Return the names in a folder of what is neither a file nor a folder, such as a FIFO."""
+    paths = {name: Path(folder) / name for name in names}
+    return [name for name, path in paths.items() if not path.is_file() and not path.is_dir()]
 
 
 def _kind_of(text: str) -> str:
