@@ -20,8 +20,8 @@ LONGEST = 2**16  # characters of a file, which takes a tenth of a second to read
 def decode(yaml_text: str, images: Callable[[str], bytes], name: str) -> OccupancyGrid:
     """Return the map that a map_server YAML file describes.
 
-    ``images`` returns the bytes of an image named as the file names it, commonly relative to the file, and raises
-    OSError or KeyError where there is none. ``name`` is what errors call the file.
+    ``images`` returns the bytes of an image named as the file names it, commonly relative to the file, but with slashes
+    for backslashes, and raises OSError or KeyError where there is none. ``name`` is what errors call the file.
 
     Keys: image, resolution (metres a pixel), origin ([x, y, yaw] of the lower left corner), negate (white is
     occupied), occupied_thresh, free_thresh and mode; any others are ignored. A pixel darker than occupied_thresh is
@@ -106,17 +106,17 @@ class _Keys:
         return free, occupied
 
     def mode(self) -> str:
-        value = self._values.get("mode", "trinary")
+        value = str(self._values.get("mode", "trinary")).lower()
         if value not in MODES:
             raise self.wrong("mode", f"one of {', '.join(MODES)}")
-        return str(value)
+        return value
 
     def shades(self, images: Callable[[str], bytes]) -> Shades:
         path = self._take("image")
         if not isinstance(path, str) or not path:
             raise self.wrong("image", "the path of an image")
         try:
-            return decode_image(images(path))
+            return decode_image(images(path.replace("\\", "/")))  # of a map that was saved under Windows
         except (OSError, KeyError) as error:
             reason = getattr(error, "strerror", None) or "not found"
             raise ValueError(f"{self._name}: image = {path!r} cannot be read: {reason.lower()}") from None

@@ -20,7 +20,7 @@ def mapping(text: str, name: str, *, longest: int, kind: str, such_as: str) -> d
     if len(text) > longest:
         raise ValueError(f"{name}: {len(text)} characters; a {kind} has at most {longest}")
     try:
-        document = yaml.safe_load(text)
+        document = yaml.safe_load(text.replace("\t", " "))  # other readers take tabs between a key and its value
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f", line {mark.line + 1}" if mark else ""

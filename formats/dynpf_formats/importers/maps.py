@@ -1,5 +1,6 @@
 """Foreign maps as attachments of a recording: the YAML file of map_server and the image that it names."""
 
+import os
 from collections.abc import Iterator
 from pathlib import Path, PurePath
 from typing import Any
@@ -64,7 +65,7 @@ def _read(path: Path) -> tuple[tuple[Attachment, ...], OccupancyGrid]:
     images: dict[str, bytes] = {}
 
     def read(name: str) -> bytes:
-        images[PurePath(name).name] = data = read_regular(path.parent / name)
+        images[PurePath(name).name] = data = read_regular(path.parent / os.path.expanduser(name))  # noqa: PTH111 - never raises
         return data
 
     try:

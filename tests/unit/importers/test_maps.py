@@ -42,6 +42,29 @@ def test_a_map_is_attached_byte_by_byte_and_its_cells_are_counted(
 
 
 @pytest.mark.parametrize(
+    ("key", "found"),
+    [
+        ("image: house.pgm", "image: ~/house.pgm"),
+        ("image: house.pgm", "image: .\\house.pgm"),
+        ("resolution: 0.1", "resolution:\t0.1"),
+        ("negate: 0", "negate: 0\nmode: Trinary"),
+    ],
+)
+def test_maps_as_other_programs_leave_them_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], key: str, found: str
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "house.yaml").write_text(YAML.replace(key, found))
+    (tmp_path / "house.pgm").write_bytes(IMAGE)
+    assert main(["import", "map", str(tmp_path / "house.yaml"), "-o", str(tmp_path / "a.mcap"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["settings"]["resolution_m"] == 0.1
+    files = {one.name: one.data for one in read_recording(tmp_path / "a.mcap").attachments}
+    text = files["files/house.yaml"].decode()
+    grid = decode(text, lambda name: files[f"files/{name.rpartition('/')[2]}"], "house.yaml")
+    assert grid.cells.tolist() == [[1, 0, 2]]
+
+
+@pytest.mark.parametrize(
     ("text", "image", "told"),
     [
         (YAML.replace("-1.0", ".nan"), IMAGE, "origin = [nan, 2.0, 0.5]; expected [x, y, yaw]"),
