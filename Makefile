@@ -11,7 +11,7 @@ SCENARIO ?= parts-3-easy
 
 .DELETE_ON_ERROR:
 .PHONY: run test fuzz test-browser test-container test-wheels test-machines test-arm64 test-old-x86 check format docs peers
-.PHONY: lock hooks clean
+.PHONY: check-types check-rules lock hooks clean
 
 run: .venv/.project
 	$(BIN)/dynpf run $(SCENARIO)
@@ -43,10 +43,16 @@ test-machines: .venv/.dev
 test-arm64 test-old-x86: .venv/.dev
 	$(MACHINES) --cpu "$(CPU)" $(@:test-%=%)
 
+# Types take as long as all else, and both are done at once.
 check: .venv/.dev
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync=target check-types check-rules
+
+check-types: .venv/.dev
+	$(BIN)/mypy
+
+check-rules: .venv/.dev
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m checks.pure_code
 	$(BIN)/python -m checks.portable_code
