@@ -35,7 +35,7 @@ CAPTURE, END = "dynpf_capture", "dynpf_capture_end"
 DROPPED = "dynpf/dropped"
 """The topic on which a capture tells what its recorder had no room for: Dropped as JSON."""
 
-_Count = Annotated[int, msgspec.Meta(ge=0, lt=2**63)]
+_Count = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
 _CONTENT, _CHECKSUM = "content", "sha256"
 _WRAP = 2**32
 _LONGEST = 2000  # characters of a key or a type

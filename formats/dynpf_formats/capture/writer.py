@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 from dynpf_protocol.printable import printable
-from mcap.writer import Writer
+from mcap.writer import CompressionType, Writer
 
 from dynpf_formats.capture.form import CAPTURE, DROPPED, END, PROFILE, Began, Dropped, Ended, Origin, as_text, numbered
 from dynpf_formats.capture.tally import Tally
 from dynpf_formats.recording.files import PlainFile, already_there, unwritable
+from dynpf_formats.recording.mcap_records import MAX_RATIO, MAX_UNPACKED
 from dynpf_formats.recording.writer import MAX_PAYLOAD
 from dynpf_formats.ros2.attachment import Attachment, BadAttachmentError
 from dynpf_formats.ros2.keys import Published, Qos
@@ -25,6 +26,9 @@ CHUNK_BYTES = 2**20
 
 MOST_CHANNELS = 10_000
 _MOST_NOTICES = 100
+_UNPACKED, _RATIO = MAX_UNPACKED // 2, MAX_RATIO // 2
+"""Chunks hold so many bytes, and besides so many times the file's size: half of what a reader takes."""
+
 _MESSAGE_OVERHEAD = 31  # opcode, length and fields of a message record before its payload
 _CDR = b"\x00\x01"  # how a ROS message begins: little endian
 _WHOLLY_CHECKED = 64 * 1024
@@ -80,7 +84,7 @@ class CaptureWriter:
         self._schemas: dict[tuple[str, str], int] = {}
         self._dropped = 0  # the channel of Dropped, once it is there
         self._told: set[tuple[str, str]] = set()
-        self._pending = 0  # bytes in the open chunk
+        self._pending = self._unpacked = 0  # bytes in the open chunk, and in all before it
         try:
             self._file = PlainFile(path, overwrite=False)
         except FileExistsError:
@@ -134,7 +138,11 @@ class CaptureWriter:
             self._mcap.flush()  # type: ignore[no-untyped-call]
         except OSError as error:
             raise unwritable(self.path, error) from error
+        self._unpacked += self._pending
         self._pending = 0
+        # A file that unpacks to much more than its size is refused by who reads it, such as a minute of black images.
+        packs = self._unpacked <= _UNPACKED + _RATIO * self._file.tell()
+        self._mcap._Writer__compression = CompressionType.ZSTD if packs else CompressionType.NONE  # type: ignore[attr-defined]
 
     def close(self, reason: str, ended_ns: int) -> Ended:
         """End the file, and return the end that was written."""

@@ -82,7 +82,8 @@ def _of_a_capture(path: Path) -> "tuple[Diagnosis, list[str]]":
     try:
         capture = read_capture(path)
     except RecordingError as bad:
-        return Diagnosis([Finding(severity=Severity.UNREADABLE, what=str(bad), where=str(path))]), []
+        what = str(bad).removeprefix(f"{path}: ")
+        return Diagnosis([Finding(severity=Severity.UNREADABLE, what=what, where=str(path))]), []
     topics = unnumbered(capture.tally)
     listed = f"no numbers on {', '.join(topics)}: what was lost of these is not known"
     return Diagnosis(examine(capture)), [printable(listed, 2000)] if topics else []
