@@ -11,6 +11,7 @@ from dynpf_formats.ros2.keys import Published
 from dynpf_formats.ros2.types import RosTypes
 from dynpf_runtime.bus.processes import free_port
 from mcap.reader import make_reader
+from rosbags.interfaces import ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_types_from_msg, get_typestore
 from rosbags.typesys.stores import Stores
@@ -44,7 +45,7 @@ def talk(session: zenoh.Session, types: RosTypes, topic: str, *numbers: int, pub
 
 def test_a_recording_is_read_by_others_and_tells_its_losses(tmp_path, dynpf, here, types):
     path = tmp_path / "F.mcap"
-    with live_robot(types) as (endpoint, _), client(endpoint) as session:
+    with live_robot(types) as (endpoint, robot), client(endpoint) as session:
         run = dynpf("record", "--connect", endpoint, "-o", path, "--json")
         run.says("/scan: sensor_msgs/msg/LaserScan")  # so all is heard from now on
         talk(session, types, "/talk", 1, 2, 4, 3, 3, 8)
@@ -55,9 +56,15 @@ def test_a_recording_is_read_by_others_and_tells_its_losses(tmp_path, dynpf, her
         session.put(noise, types.encode(STRING, types.make(STRING, "sense")))
         run.says("/noise: std_msgs/msg/String")
         run.says("/scan: message ")
+        ears = {
+            one.published.topic
+            for one in robot.entities()
+            if one.published is not None and (one.kind, one.node) == ("MS", "dynpf_record")
+        }
         run.interrupt()
         assert run.wait() == 0, run.stderr
     assert "\x1b" not in run.stderr
+    assert {"/map", "/odom", "/scan"} <= ears  # some publish only if somebody hears them
 
     told = json.loads(run.stdout)
     assert told["complete"]
@@ -96,6 +103,14 @@ def test_a_recording_is_read_by_others_and_tells_its_losses(tmp_path, dynpf, her
         name: told[name] for name in ("topics", "publishers", "missing")
     }
 
+    with Reader(path) as bag:
+        offered = {
+            one.topic: one.ext.offered_qos_profiles
+            for one in bag.connections
+            if isinstance(one.ext, ConnectionExtRosbag2)
+        }
+    assert offered["/map"][0].durability.name == "TRANSIENT_LOCAL"
+    assert offered["/scan"][0].reliability.name == "BEST_EFFORT"
     assert [word.data for word in words_by_rosbags(path)] == [f"word {number}" for number in words]
     imported = here("import", "rosbag", path, "-o", tmp_path / "log.mcap")
     assert imported.code == 0, imported.err

@@ -1,5 +1,6 @@
 """What a capture holds and lacks, for people and for scripts: its summary, and what is wrong with it."""
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -9,7 +10,8 @@ from dynpf_protocol.printable import printable
 
 from dynpf_formats.capture.form import Began, Ended
 from dynpf_formats.capture.reader import Capture
-from dynpf_formats.capture.tally import Sender, Tally
+from dynpf_formats.capture.series import Series
+from dynpf_formats.capture.tally import Sender, Tally, Topic
 from dynpf_formats.recording.findings import Finding, error, warning
 from dynpf_formats.ros2.attachment import Lost
 
@@ -108,15 +110,20 @@ def summary(path: Path, began: Began, ended: Ended | None, tally: Tally) -> dict
         "outages": [
             {"since": _time(since), "until": _time(until) if until else None} for since, until in tally.outages
         ],
-        "topics": {name: _topic(name, tally) for name in sorted(tally.topics)},
+        "topics": _topics(tally),
         "publishers": [_sender(sender) for sender in tally.senders],
         "dynpf_version": began.dynpf_version,
     }
 
 
-def _topic(name: str, tally: Tally) -> dict[str, Any]:
-    topic = tally.topics[name]
-    series = [sender.series for sender in tally.senders if sender.topic == name]
+def _topics(tally: Tally) -> dict[str, Any]:
+    series: defaultdict[str, list[Series]] = defaultdict(list)
+    for sender in tally.senders:
+        series[sender.topic].append(sender.series)
+    return {name: _topic(topic, series[name]) for name, topic in sorted(tally.topics.items())}
+
+
+def _topic(topic: Topic, series: Sequence[Series]) -> dict[str, Any]:
     return {
         "type": topic.type,
         "messages": topic.messages,

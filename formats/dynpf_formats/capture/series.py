@@ -3,6 +3,8 @@
 Numbers count modulo 2**32, as an MCAP file holds them, so that who records and who reads the file find the same.
 """
 
+from bisect import bisect_left, bisect_right
+
 from dynpf_formats.ros2.attachment import Lost
 
 __all__ = ["MOST_RANGES", "Series"]
@@ -82,14 +84,15 @@ class Series:
             new = min(last, self._first - 1)
             self.late += new - first + 1
             self._first, first = first, new + 1
+        begin = bisect_left(self._open, first, key=lambda lost: lost.last)
+        end = bisect_right(self._open, last, key=lambda lost: lost.first)
         found = 0
         still: list[Lost] = []
-        for lost in self._open:
-            below, above = Lost(lost.first, min(lost.last, first - 1)), Lost(max(lost.first, last + 1), lost.last)
-            parts = [part for part in (below, above) if part.first <= part.last]
-            found += lost.last - lost.first + 1 - sum(part.last - part.first + 1 for part in parts)
-            still += parts
-        self._open = still
+        for lost in self._open[begin:end]:
+            below, above = Lost(lost.first, first - 1), Lost(last + 1, lost.last)
+            found += min(lost.last, last) - max(lost.first, first) + 1
+            still += [part for part in (below, above) if part.first <= part.last]
+        self._open[begin:end] = still
         self.late += found
         self.duplicates += last - first + 1 - found
 

@@ -21,6 +21,10 @@ MOST_LINES = 20
 """How many findings are printed: a lost chunk leaves a gap in every topic."""
 
 
+MOST_CHARACTERS = 2000
+"""Of a finding that is printed."""
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``dynpf doctor``."""
     add_recording(parser)
@@ -86,16 +90,17 @@ def _of_a_capture(path: Path) -> "tuple[Diagnosis, list[str]]":
         return Diagnosis([Finding(severity=Severity.UNREADABLE, what=what, where=str(path))]), []
     topics = unnumbered(capture.tally)
     listed = f"no numbers on {', '.join(topics)}: what was lost of these is not known"
-    return Diagnosis(examine(capture)), [printable(listed, 2000)] if topics else []
+    return Diagnosis(examine(capture)), [printable(listed, MOST_CHARACTERS)] if topics else []
 
 
 def _print(recording: Path, findings: Sequence["Finding"], restarts: Sequence["Restart"], *, resumable: bool) -> None:
     from dynpf_formats.recording.info import in_words
+    from dynpf_protocol.printable import printable
 
     if not findings:
         print(f"{recording}: whole and complete")
     for finding in findings[:MOST_LINES]:
-        print(f"{finding.severity}: {finding.where}: {finding.what}")
+        print(printable(f"{finding.severity}: {finding.where}: {finding.what}", MOST_CHARACTERS))
     if len(findings) > MOST_LINES:
         print(f"and {len(findings) - MOST_LINES} more, which follow from these as a rule; --json lists all")
     if any(finding.where.startswith(("byte ", "end of file")) for finding in findings):

@@ -87,7 +87,8 @@ def run(options: argparse.Namespace) -> int:
         raise
     told = summary(options.output, began, ended, tally)
     print(json.dumps(told) if options.json else "\n".join(summary_lines(told)))
-    return 0
+    never = any(since_ns == began.began_ns for since_ns, _ in ended.outages)
+    return 1 if never else 0
 
 
 def _releases() -> "Releases":

@@ -78,7 +78,8 @@ class Ears:
         self._session, self._keys, self._domain, self._wake = session, keys, domain, wake
         self._arrivals: Arrivals[Heard] = Arrivals(MOST_WAITING, MAX_PAYLOAD + _EACH)
         self._tokens: deque[str] = deque(maxlen=_MOST_TOKENS)
-        self._announced: dict[Published, Qos] = {}
+        self._announced: set[Published] = set()
+        self._offered: dict[str, Qos] = {}  # by topic
         self._zid = str(session.info.zid())
         own = Entity(domain, self._zid, 0, 0, "NN", "/", NODE)
         liveliness = session.liveliness()
@@ -107,7 +108,7 @@ class Ears:
 
     def qos_of(self, topic: str) -> Qos | None:
         """Return what the publishers of a ROS topic offer, None if that is not known."""
-        return next((qos for published, qos in self._announced.items() if published.topic == topic), None)
+        return self._offered.get(topic)
 
     def announce(self) -> None:
         """Let the publishers that have appeared on the topics to be heard know that they are heard."""
@@ -120,7 +121,8 @@ class Ears:
                 continue
             key = published.key(self._domain)
             if any(expression.intersects(key) for expression in self._keys):
-                self._announced[published] = entity.qos
+                self._announced.add(published)
+                self._offered.setdefault(published.topic, entity.qos)
                 number = len(self._announced)
                 own = Entity(self._domain, self._zid, 0, number, "MS", "/", NODE, published, entity.qos)
                 self._declared.append(self._session.liveliness().declare_token(own.token()))

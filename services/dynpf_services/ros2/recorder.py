@@ -53,7 +53,8 @@ def record(
         with ExitStack() as stack:
             session = _joined(began.connect, stop, wake, stack)
             if session is None:
-                return writer.tally, writer.close(stop.reason, time.time_ns())
+                writer.tally.outages.append(Outage(began.began_ns, 0))
+                return writer.tally, writer.close(f"{stop.reason}; no router was there", time.time_ns())
             ears = Ears(session, keys, began.domain, ros=releases is not None, wake=wake.set)
             heard.append(ears)
             say("record", f"records {', '.join(began.keys)} of {began.connect} into {path}; Ctrl-C ends it")
