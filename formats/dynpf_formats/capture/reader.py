@@ -88,7 +88,7 @@ def read_capture(path: Path) -> Capture:
 
 def _count(tally: Tally, origins: dict[int, Origin | None], found: Found) -> None:
     channel = found.channel
-    if channel.topic == DROPPED:
+    if channel.topic == DROPPED and not channel.metadata:  # else a key of that name
         try:
             tally.drop(read_json(found.payload, Dropped))
         except msgspec.DecodeError:

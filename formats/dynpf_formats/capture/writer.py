@@ -1,6 +1,8 @@
 """Writes a capture: a channel for what is heard for the first time, chunks that are closed in time, and the tally."""
 
-from collections.abc import Callable
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -25,7 +27,7 @@ CHUNK_BYTES = 2**20
 """Largest chunk, uncompressed; only a single larger message makes a larger chunk."""
 
 MOST_CHANNELS = 10_000
-_MOST_NOTICES = 100
+_MOST_NOTICES = 50
 _UNPACKED, _RATIO = MAX_UNPACKED // 2, MAX_RATIO // 2
 """Chunks hold so many bytes, and besides so many times the file's size: half of what a reader takes."""
 
@@ -83,7 +85,7 @@ class CaptureWriter:
         self._channels: dict[Origin, int] = {}
         self._schemas: dict[tuple[str, str], int] = {}
         self._dropped = 0  # the channel of Dropped, once it is there
-        self._told: set[tuple[str, str]] = set()
+        self._told: defaultdict[str, set[str]] = defaultdict(set)  # subjects by what is told of them
         self._pending = self._unpacked = 0  # bytes in the open chunk, and in all before it
         try:
             self._file = PlainFile(path, overwrite=False)
@@ -92,11 +94,9 @@ class CaptureWriter:
         except OSError as error:
             raise unwritable(path, error) from error
         self._mcap = Writer(self._file, chunk_size=2 * CHUNK_BYTES, enable_data_crcs=True)  # type: ignore[arg-type]
-        try:
+        with self._writing():
             self._mcap.start(PROFILE, f"dynpf {began.dynpf_version}")
             self._mcap.add_metadata(CAPTURE, as_text(began))
-        except OSError as error:
-            raise unwritable(path, error) from error
 
     def write(self, sample: Sample) -> None:
         """Write a message; what a ROS topic brings that is no ROS message is kept as it came, under its key."""
@@ -111,7 +111,10 @@ class CaptureWriter:
             origin = Origin(sample.key, sample.encoding, sample.key, publisher, what)
         else:
             origin = Origin(known.published.topic, known.published.type, sample.key, publisher)
-        channel = self._channels.get(origin) or self._open(origin, known)
+        channel = self._channels.get(origin)
+        if channel is None:
+            with self._writing():
+                channel = self._open(origin, known)
         if channel is None:
             self._tell("channels", "all", f"more than {MOST_CHANNELS} keys and publishers; further ones are left out")
             self.drop(Dropped.of(sample.key, attachment, sample.arrival_ns))
@@ -128,16 +131,15 @@ class CaptureWriter:
     def drop(self, dropped: Dropped) -> None:
         """Write that messages have come that there was no room for."""
         if not self._dropped:
-            self._dropped = self._mcap.register_channel(DROPPED, "json", 0)
+            with self._writing():
+                self._dropped = self._mcap.register_channel(DROPPED, "json", 0)
         self.tally.drop(dropped)
         self._put(self._dropped, dropped.at_ns, msgspec.json.encode(dropped), dropped.at_ns, 0)
 
     def flush(self) -> None:
         """Close the chunk: what is in it survives the end of this process."""
-        try:
+        with self._writing():
             self._mcap.flush()  # type: ignore[no-untyped-call]
-        except OSError as error:
-            raise unwritable(self.path, error) from error
         self._unpacked += self._pending
         self._pending = 0
         # A file that unpacks to much more than its size is refused by who reads it, such as a minute of black images.
@@ -156,19 +158,23 @@ class CaptureWriter:
             dropped=tally.dropped,
             outages=tuple(tally.outages),
         )
-        try:
-            self.flush()
+        self.flush()
+        with self._writing():
             self._mcap.add_metadata(END, as_text(end))
             self._mcap.finish()  # type: ignore[no-untyped-call]
-        except OSError as error:
-            raise unwritable(self.path, error) from error
-        finally:
-            self._file.close()
+        self._file.close()
         return end
 
     def release(self) -> None:
         """Close the file as it is, unless ``close`` has; what is in its chunks can be recovered."""
         self._file.close()
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise unwritable(self.path, error) from error
 
     def _attachment(self, sample: Sample) -> Attachment | None:
         """Return number, time and publisher, if the message has them; tell what else is attached."""
@@ -244,7 +250,8 @@ class CaptureWriter:
             raise unwritable(self.path, error) from error
 
     def _tell(self, kind: str, subject: str, text: str) -> None:
-        """Tell something once of each topic or key, and no more than a hundred things."""
-        if (kind, subject) not in self._told and len(self._told) < _MOST_NOTICES:
-            self._told.add((kind, subject))
+        """Tell something once of each topic or key, and of no more than fifty of them."""
+        told = self._told[kind]
+        if subject not in told and len(told) < _MOST_NOTICES:
+            told.add(subject)
             self.notices.append(printable(f"{subject}: {text}"))

@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
     unreadable = any(finding.severity is Severity.UNREADABLE for finding in findings)
     if options.json:
         told = {"healthy": not findings, "findings": findings, "code": code, "signed": signed}
-        told |= {"restarts": restarts, "resumable": resumable, "notes": notes}
+        told |= {"restarts": restarts, "resumable": resumable} | ({"notes": notes} if notes else {})
         print(json.dumps(msgspec.to_builtins(told)))
     else:
         _print(options.recording, findings, restarts, resumable=resumable)
