@@ -22,6 +22,8 @@ _MOST_DAMAGE = 1000
 _MOST_CHANNELS = 2**16
 _HEAD = 2**16  # bytes in which header and first metadata lie
 
+_UNKNOWN = Began(dynpf_version="unknown", connect="unknown", keys=(), domain=0, format="unknown", began_ns=0)
+
 
 class Capture(NamedTuple):
     """What is in a capture. ``truncated``: its footer was never written."""
@@ -61,8 +63,8 @@ def is_capture(path: Path) -> bool:
 
 
 def read_capture(path: Path) -> Capture:
-    """Return what is in a capture as far as it can be read; raises RecordingError if its beginning is damaged."""
-    began, ended, tally, truncated = None, None, Tally(), True
+    """Return what is in a capture as far as it can be read; raises RecordingError if nothing can."""
+    began, ended, tally, truncated = _UNKNOWN, None, Tally(), True
     damage: list[Damage] = []
     origins: dict[int, Origin | None] = {}
     for item in found_in(path):
@@ -79,8 +81,6 @@ def read_capture(path: Path) -> Capture:
                 truncated = False
             case Found():
                 _count(tally, origins, item)
-    if began is None:
-        raise RecordingError(f"{path}: the beginning of the capture is damaged")
     if ended is not None:
         tally.outages += ended.outages
     return Capture(path, began, ended, tally, tuple(damage), truncated)
@@ -128,7 +128,11 @@ def _items(
         match record:
             case Metadata(name=name, metadata=entries) if name in (CAPTURE, END):
                 said = read(entries, Began) if name == CAPTURE else read(entries, Ended)
-                yield Damage(DamageKind.CHECKSUM, 0, f"the metadata {name}") if said is None else said
+                yield (
+                    Damage(DamageKind.CHECKSUM, 0, f"the metadata {name!r} do not match their checksum")
+                    if said is None
+                    else said
+                )
             case Region():
                 yield from _messages(record, schemas, channels)
             case Stray():

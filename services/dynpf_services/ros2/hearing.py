@@ -27,6 +27,7 @@ DELETION = "zenoh/deletion"
 NODE = "dynpf_record"
 _EACH = 1000  # bytes that a message takes beside its payload
 _MOST_TOKENS = 10_000
+_TOKENS_S = 2.0
 _MOST_DROPS = 10_000
 _FURTHER = "further keys and publishers"
 _LATCHED = 10  # messages of each publisher from before
@@ -87,7 +88,11 @@ class Ears:
         if ros:
             tokens = f"@ros2_lv/{domain}/**"
             self._declared.append(liveliness.declare_token(own.token()))
-            self._declared.append(liveliness.declare_subscriber(tokens, self._token, history=True))
+            self._declared.append(liveliness.declare_subscriber(tokens, self._token))
+            for reply in liveliness.get(tokens, timeout=_TOKENS_S):  # before what is latched comes, which needs them
+                if reply.ok is not None:
+                    self._token(reply.ok)
+            self.announce()
         history = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=_LATCHED)
         for place, key in enumerate(keys):
             hear = self._hearing(keys[:place])

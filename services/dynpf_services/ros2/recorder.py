@@ -118,8 +118,8 @@ class _Recorder:
         flushed = time.monotonic()
         while not stop.requested and (until is None or time.monotonic() < until):
             wake.clear()
+            self._ears.announce()  # a publisher's token comes before its messages
             written = self._write(_AT_ONCE)
-            self._ears.announce()
             self._watch()
             self._tell()
             if time.monotonic() - flushed >= _FLUSH_S:
