@@ -11,7 +11,7 @@ import msgspec
 from dynpf_protocol.json_text import read_json
 
 from dynpf_formats.recording.header import checksum
-from dynpf_formats.ros2.attachment import Attachment
+from dynpf_formats.ros2.attachment import Attachment, Lost
 
 __all__ = [
     "CAPTURE",
@@ -114,6 +114,18 @@ class Outage(NamedTuple):
     until_ns: _Count
 
 
+class Loss(NamedTuple):
+    """What went wrong with the messages of a publisher; ``ranges`` are the first numbers that never came."""
+
+    topic: str
+    publisher: str
+    missing: int
+    dropped: int
+    duplicates: int
+    late: int
+    ranges: tuple[Lost, ...]
+
+
 class Began(msgspec.Struct, frozen=True, kw_only=True):
     """What was to be heard."""
 
@@ -135,6 +147,7 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True):
     missing: _Count
     dropped: _Count
     outages: tuple[Outage, ...] = ()
+    losses: tuple[Loss, ...] = ()
 
 
 _T = TypeVar("_T", Began, Ended)

@@ -49,15 +49,7 @@ def _end_of(capture: Capture) -> Ended:
         return ended
     reason = f"recovered: {capture.damage[0].text}" if capture.damage else "recovered: the end was never written"
     last_ns = max((topic.last_ns for topic in tally.topics.values()), default=capture.began.began_ns)
-    return Ended(
-        reason=reason,
-        complete=False,
-        ended_ns=last_ns,
-        messages=tally.messages,
-        missing=tally.missing,
-        dropped=tally.dropped,
-        outages=tuple(tally.outages),
-    )
+    return tally.ended(reason, last_ns, complete=False)
 
 
 def _copy(source: Path, began: Began, end: Ended, writer: Writer) -> None:

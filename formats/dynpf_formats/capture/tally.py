@@ -7,12 +7,14 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from dynpf_formats.capture.form import Dropped, Origin, Outage
+from dynpf_formats.capture.form import Dropped, Ended, Loss, Origin, Outage
 from dynpf_formats.capture.series import Series
 from dynpf_formats.ros2.attachment import Lost
 from dynpf_formats.ros2.keys import Published
 
 __all__ = ["Sender", "Tally", "Topic"]
+
+_LISTED_SENDERS, _LISTED_RANGES = 1000, 100
 
 
 @dataclass
@@ -98,6 +100,24 @@ class Tally:
     def dropped(self) -> int:
         """Messages that came and that the recorder had no room for."""
         return sum(series.dropped for series in self._series.values()) + self.dropped_unnumbered.total()
+
+    def ended(self, reason: str, ended_ns: int, *, complete: bool) -> Ended:
+        """Return the end of a capture with these messages, which tells of the first thousand publishers with losses."""
+        losses = [
+            Loss(topic, name, one.missing, one.dropped, one.duplicates, one.late, one.lost[:_LISTED_RANGES])
+            for topic, _, name, one in self.senders
+            if one.missing or one.dropped or one.duplicates or one.late
+        ]
+        return Ended(
+            reason=reason,
+            complete=complete,
+            ended_ns=ended_ns,
+            messages=self.messages,
+            missing=self.missing,
+            dropped=self.dropped,
+            outages=tuple(self.outages),
+            losses=tuple(losses[:_LISTED_SENDERS]),
+        )
 
     def topic_of(self, key: str) -> str:
         """Return the topic of a key: that of its messages, or of the ROS topic that it is."""

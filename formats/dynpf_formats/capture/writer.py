@@ -148,16 +148,7 @@ class CaptureWriter:
 
     def close(self, reason: str, ended_ns: int) -> Ended:
         """End the file, and return the end that was written."""
-        tally = self.tally
-        end = Ended(
-            reason=reason,
-            complete=True,
-            ended_ns=ended_ns,
-            messages=tally.messages,
-            missing=tally.missing,
-            dropped=tally.dropped,
-            outages=tuple(tally.outages),
-        )
+        end = self.tally.ended(reason, ended_ns, complete=True)
         self.flush()
         with self._writing():
             self._mcap.add_metadata(END, as_text(end))

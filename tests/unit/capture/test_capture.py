@@ -4,7 +4,7 @@ import json
 import random
 
 import pytest
-from dynpf_formats.capture.form import Began, Dropped
+from dynpf_formats.capture.form import END, Began, Dropped
 from dynpf_formats.capture.reader import is_capture, read_capture
 from dynpf_formats.capture.recover import recover_capture
 from dynpf_formats.capture.report import describe, examine, summary_lines
@@ -59,6 +59,9 @@ def test_what_the_recorder_counted_is_counted_again_from_the_file(tmp_path, type
     assert ours[:3] == theirs[:3] == ("/talk", drop.key, US.hex())
     assert ours.series.lost == theirs.series.lost == ((3, 3), (5, 5))
     assert ours.series.dropped == theirs.series.dropped == 2  # 6 and 7 came, and are not lost on the way
+    with path.open("rb") as file:
+        (content,) = [record.metadata for record in make_reader(file).iter_metadata() if record.name == END]
+    assert json.loads(content["content"])["losses"] == [["/talk", US.hex(), 2, 2, 0, 0, [[3, 3], [5, 5]]]]
     assert [(one.where, one.what) for one in examine(capture)] == [
         ("/talk", "2 messages of publisher 70707070 never came: numbers 3, 5"),
         ("/talk", "2 messages of publisher 70707070 came, and the recorder had no room for them"),
