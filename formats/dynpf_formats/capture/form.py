@@ -35,7 +35,8 @@ CAPTURE, END = "dynpf_capture", "dynpf_capture_end"
 DROPPED = "dynpf/dropped"
 """The topic on which a capture tells what its recorder had no room for: Dropped as JSON."""
 
-_Count = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
+LATEST_NS = 2**63 - 1
+_Count = Annotated[int, msgspec.Meta(ge=0, le=LATEST_NS)]
 _CONTENT, _CHECKSUM = "content", "sha256"
 _WRAP = 2**32
 _LONGEST = 2000  # characters of a key or a type

@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from dynpf_formats.capture.form import Dropped, Ended, Loss, Origin, Outage
+from dynpf_formats.capture.form import LATEST_NS, Dropped, Ended, Loss, Origin, Outage
 from dynpf_formats.capture.series import Series
 from dynpf_formats.ros2.attachment import Lost
 from dynpf_formats.ros2.keys import Published
@@ -111,7 +111,7 @@ class Tally:
         return Ended(
             reason=reason,
             complete=complete,
-            ended_ns=ended_ns,
+            ended_ns=min(ended_ns, LATEST_NS),
             messages=self.messages,
             missing=self.missing,
             dropped=self.dropped,
