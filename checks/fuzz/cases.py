@@ -22,6 +22,7 @@ from mcap.records import Message
 
 from checks.edits.content import read_content, resealed, write_content
 from checks.fuzz.anatomy import Anatomy
+from checks.fuzz.captures import mended
 from checks.fuzz.credentials import keys_trials, signature_action
 from checks.fuzz.edits import edited
 from checks.fuzz.sources import Sources
@@ -223,6 +224,17 @@ def _bag(random: Random, workshop: Workshop) -> Iterator[Trial]:
     path.unlink()
 
 
+def _capture(random: Random, workshop: Workshop) -> Iterator[Trial]:
+    data = workshop.sources.capture.read_bytes()
+    path = workshop.folder / "hostile.mcap"
+    path.write_bytes(torn(data, random) if random.random() < 0.2 else edited(Anatomy.of(data), random))
+    words = random.choice(([], ["--json"]))
+    yield Trial("doctor of a capture", lambda: command("doctor", path, *words))
+    yield Trial("info of a capture", lambda: command("info", path, *words))
+    yield Trial("recover a capture", lambda: mended(path, workshop.folder / "mended.mcap"))
+    path.unlink()
+
+
 def _changed_bag(data: bytes, random: Random) -> bytes:
     """Change the payloads of a ROS 2 bag in MCAP, or its structure as that of a recording."""
     anatomy = Anatomy.of(data)
@@ -366,6 +378,7 @@ FILES: Mapping[str, tuple[int, Maker]] = {
     "mrclam": (7, _mrclam),
     "map": (8, _map),
     "bag": (6, _bag),
+    "capture": (4, _capture),
     "scenario": (10, _scenario),
 }
 """The kinds of files, each with its share of the cases."""

@@ -14,6 +14,7 @@ from dynpf_services.scenario.load import load_scenario, scenario_files
 from dynpf_services.scenario.record import record_inline
 
 from checks.fuzz.bags import write_bags
+from checks.fuzz.captures import write_capture
 from checks.fuzz.credentials import write_keys
 
 __all__ = ["Sources", "sources"]
@@ -83,6 +84,7 @@ class Sources(NamedTuple):
     map: Mapping[str, bytes]
     bags: Mapping[str, Path]
     keys: Path
+    capture: Path
 
 
 def sources(folder: Path) -> Sources:
@@ -102,7 +104,8 @@ def sources(folder: Path) -> Sources:
     write_recording(import_tum(folder / "poses.tum"), recordings["log"])
     scenarios = {file.stem: file.read_text() for file in scenario_files()} | {"bitmap": ROOM_ON_A_BITMAP}
     bags, keys = write_bags(folder / "bags"), write_keys(folder / "keys")
-    return Sources(recordings, scenarios, _carmen(), tum, _mrclam(), maps, bags, keys)
+    capture = write_capture(folder / "capture.mcap")
+    return Sources(recordings, scenarios, _carmen(), tum, _mrclam(), maps, bags, keys, capture)
 
 
 def _image(suffix: str) -> bytes:

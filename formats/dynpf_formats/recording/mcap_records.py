@@ -24,7 +24,9 @@ from mcap.writer import MCAP0_MAGIC as MAGIC
 __all__ = [
     "MAGIC",
     "MAX_ATTACHMENT",
+    "MAX_RATIO",
     "MAX_RECORD",
+    "MAX_UNPACKED",
     "Damage",
     "DamageKind",
     "End",

@@ -302,6 +302,7 @@ class _Pass:
         return ForeignRecordingError(
             f"{self._path}: not a dynpf recording: no run metadata; profile {self._profile or ''!r}, "
             + (f"topics {listed}" if names else "no topics")
+            + ("; dynpf import rosbag makes a log of it" if self._profile == "ros2" else "")
         )
 
     def _headless(self) -> RecordingError:

@@ -1,12 +1,11 @@
 """Writes a recording: registers channels on demand, closes chunks in time, and accounts for missing messages."""
 
-import errno
 import functools
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Self
 
 import msgspec
 from dynpf_protocol.codec import encode
@@ -19,13 +18,13 @@ from dynpf_protocol.topics import Topic, topic
 from mcap.writer import Writer
 
 from dynpf_formats.recording.account import Account
-from dynpf_formats.recording.errors import RecordingError, RecordingExistsError
+from dynpf_formats.recording.errors import RecordingError
+from dynpf_formats.recording.files import File, PlainFile, already_there, unwritable
 from dynpf_formats.recording.header import PROFILE, RUN, RUN_END, Attachment, RunEnd, RunHeader, as_entries
 from dynpf_formats.recording.stream import RecordedSchema, Source
-from dynpf_formats.regular_files import claim
 from dynpf_formats.shipped import known_topics
 
-__all__ = ["CHUNK_BYTES", "FLUSH_NS", "MAX_PAYLOAD", "File", "RecordingWriter"]
+__all__ = ["CHUNK_BYTES", "FLUSH_NS", "MAX_PAYLOAD", "RecordingWriter"]
 
 CHUNK_BYTES = 256 * 1024
 """Largest chunk, uncompressed, in bytes; only a single larger message makes a larger chunk."""
@@ -41,58 +40,6 @@ _MAX_CHANNELS = 2**16 - 1
 
 _RECORDER = "recorder"
 _GAP_TOPIC = "recorder/gap"
-
-
-class File(Protocol):
-    """What a recording is written into. What is written survives its process; what is synced, a loss of power too."""
-
-    def write(self, data: bytes) -> int:
-        """Write all of ``data``; raises OSError."""
-
-    def tell(self) -> int:
-        """Return the number of bytes written."""
-
-    def flush(self) -> None:
-        """Do nothing: there is no buffer."""
-
-    def sync(self) -> None:
-        """Return when all that is written is on the disk; raises OSError."""
-
-    def close(self) -> None:
-        """Close the file."""
-
-
-class _File:
-    """An unbuffered file: written data survive a full disk and a killed process."""
-
-    def __init__(self, path: Path, overwrite: bool) -> None:
-        self._raw = path.open("wb" if overwrite else "xb", buffering=0)
-        claim(self._raw.fileno())
-        self._position = 0
-
-    def write(self, data: bytes) -> int:
-        """Write all of ``data``."""
-        view = memoryview(data)
-        while view:
-            written = self._raw.write(view)
-            view = view[written:]
-            self._position += written
-        return len(data)
-
-    def tell(self) -> int:
-        """Return the number of bytes written."""
-        return self._position
-
-    def flush(self) -> None:
-        """Do nothing: there is no buffer."""
-
-    def sync(self) -> None:
-        """Return when all that is written is on the disk."""
-        os.fsync(self._raw.fileno())
-
-    def close(self) -> None:
-        """Close the file."""
-        self._raw.close()
 
 
 class RecordingWriter:
@@ -116,7 +63,7 @@ class RecordingWriter:
         topics: Mapping[str, Topic] | None = None,
         schemas: Mapping[str, RecordedSchema] = {},
         durable: bool = False,
-        open_file: Callable[[Path, bool], File] = _File,
+        open_file: Callable[[Path, bool], File] = PlainFile,
     ) -> None:
         """Open the file and write the header and the attachments.
 
@@ -145,9 +92,9 @@ class RecordingWriter:
             self._draft = draft
             self._file = open_file(draft or self.path, overwrite or draft is not None)
         except FileExistsError:
-            raise _exists(self.path) from None
+            raise already_there(self.path) from None
         except OSError as error:
-            raise _unwritable(self.path, error) from error
+            raise unwritable(self.path, error) from error
         self._mcap = Writer(self._file, chunk_size=2 * CHUNK_BYTES, enable_data_crcs=True)  # type: ignore[arg-type]
         try:
             self._mcap.start(PROFILE)
@@ -156,7 +103,7 @@ class RecordingWriter:
                 self._mcap.add_attachment(0, 0, item.name, item.media_type, item.data)
         except OSError as error:
             self._file.close()
-            raise _unwritable(self.path, error) from error
+            raise unwritable(self.path, error) from error
 
     def __enter__(self) -> Self:
         return self
@@ -227,7 +174,7 @@ class RecordingWriter:
             if self._durable:
                 _sync_folder(self.path.parent)
         except FileExistsError:
-            raise _exists(self.path) from None
+            raise already_there(self.path) from None
         except OSError as error:
             raise self._fail(error) from error
         self._draft = None
@@ -322,7 +269,7 @@ class RecordingWriter:
             self._file.sync()
 
     def _fail(self, error: OSError) -> RecordingError:
-        self._failure = _unwritable(self.path, error)
+        self._failure = unwritable(self.path, error)
         return self._failure
 
 
@@ -336,18 +283,6 @@ def _entry(name: str, payload: bytes) -> JournalEntry:
         return decode_entry(payload)
     except msgspec.DecodeError as error:
         raise BadMessageError(f"{name}: {error}") from error
-
-
-def _unwritable(path: Path, error: OSError) -> RecordingError:
-    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-        return RecordingError(
-            f"{path}: no room left to write ({os.strerror(error.errno)}); what was written can be recovered"
-        )
-    return RecordingError(f"{path}: cannot be written: {error.strerror}")
-
-
-def _exists(path: Path) -> RecordingExistsError:
-    return RecordingExistsError(f"{path}: the file exists; choose another name or overwrite it")
 
 
 def _move_new(source: Path, target: Path) -> None:

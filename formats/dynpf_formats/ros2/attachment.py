@@ -45,6 +45,14 @@ class Attachment(NamedTuple):
             raise BadAttachmentError(f"the message number {sequence}; expected 1 or more")
         return cls(sequence, stamp_ns, publisher)
 
+    @classmethod
+    def found(cls, data: bytes) -> "Attachment | None":
+        """Return what the bytes say, None if they are none of ROS 2."""
+        try:
+            return cls.decode(data)
+        except BadAttachmentError:
+            return None
+
 
 class Lost(NamedTuple):
     """The numbers of messages that never came."""

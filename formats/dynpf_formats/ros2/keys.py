@@ -46,6 +46,17 @@ class Qos(NamedTuple):
         reliability, durability, _, depth = found.groups()
         return cls(reliability != "2", durability == "1", int(depth) if depth else DEFAULT_DEPTH)
 
+    def profile(self) -> str:
+        """Return what rosbag2 writes of a publisher as ``offered_qos_profiles``, from Jazzy on."""
+        reliability = "reliable" if self.reliable else "best_effort"
+        durability = "transient_local" if self.latched else "volatile"
+        ever = "{sec: 9223372036, nsec: 854775807}"
+        return (
+            f"- {{history: keep_last, depth: {self.depth}, reliability: {reliability}, durability: {durability}, "
+            f"deadline: {ever}, lifespan: {ever}, liveliness: automatic, liveliness_lease_duration: {ever}, "
+            "avoid_ros_namespace_conventions: false}"
+        )
+
 
 RELIABLE = Qos(depth=10)
 SENSOR_DATA = Qos(reliable=False, depth=10)

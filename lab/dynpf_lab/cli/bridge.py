@@ -9,28 +9,25 @@ from pathlib import Path
 
 from dynpf_protocol.errors import DynpfError, RunError, UsageError
 
-from dynpf_lab.cli.arguments import add_json, add_set, finite_number
+from dynpf_lab.cli.arguments import add_json, add_set
 from dynpf_lab.cli.loading import loading
 from dynpf_lab.cli.options import add_code
 from dynpf_lab.cli.page import add_no_page
 from dynpf_lab.cli.processes import run_processes
+from dynpf_lab.cli.robots import add_robot, seconds
 from dynpf_lab.cli.run import check_output, default_output, print_summary
 
 __all__ = ["add_arguments"]
 
 WORDS = ("pose", "cloud", "tf", "diagnostics")
 _NAMESPACE = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
-_LONGEST_S = 3600.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``dynpf bridge``."""
     parser.add_argument("system", choices=["ros2"], help="what the robot runs: ROS 2 with rmw_zenoh")
     parser.add_argument("scenario", metavar="SCENARIO", help="name (dynpf list) or TOML file, of one that plays a log")
-    parser.add_argument(
-        "--connect", type=_endpoint, required=True, metavar="tcp/ROBOT:7447", help="the robot's Zenoh router"
-    )
-    parser.add_argument("--domain", type=_domain, default=0, metavar="N", help="ROS_DOMAIN_ID (default 0)")
+    add_robot(parser)
     parser.add_argument(
         "--namespace", type=_namespace, default="", metavar="/r", help="of one robot among several (default: none)"
     )
@@ -46,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--base", metavar="FRAME", help="the robot's frame (default: of the odometry)")
     parser.add_argument(
         "--wait",
-        type=_seconds,
+        type=seconds,
         default=20.0,
         metavar="S",
         help="how long to wait for the first scan, odometry and map (default: %(default)g)",
@@ -58,18 +55,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_no_page(parser)
     add_json(parser, "print the metrics of the run as JSON")
     parser.set_defaults(run=run)
-
-
-def _domain(text: str) -> int:
-    if not text.isdecimal() or not 0 <= int(text) <= 232:
-        raise argparse.ArgumentTypeError(f"{text}: expected 0 to 232")
-    return int(text)
-
-
-def _endpoint(text: str) -> str:
-    if re.fullmatch(r"[a-z]+/[^/\s]+:\d{1,5}", text) is None:
-        raise argparse.ArgumentTypeError(f"{text}: expected tcp/ROBOT:7447")
-    return text
 
 
 def _namespace(text: str) -> str:
@@ -84,13 +69,6 @@ def _publish(text: str) -> tuple[str, ...]:
     if unknown := [word for word in words if word not in WORDS]:
         raise argparse.ArgumentTypeError(f"{unknown[0]!r}: expected some of {','.join(WORDS)}, or none")
     return words
-
-
-def _seconds(text: str) -> float:
-    seconds = finite_number(text)
-    if not 0 < seconds <= _LONGEST_S:
-        raise argparse.ArgumentTypeError(f"{text} s; expected up to {_LONGEST_S:g}")
-    return seconds
 
 
 def run(options: argparse.Namespace) -> int:

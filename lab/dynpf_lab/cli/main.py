@@ -22,6 +22,7 @@ _COMMANDS = {
     "list": ("list_", "scenarios, one line each"),
     "run": ("run", "run a scenario, all processes, into one recording"),
     "bridge": ("bridge", "localize a live ROS 2 robot by a scenario, into one recording"),
+    "record": ("record", "what is said on keys of Zenoh and topics of ROS 2, and what is lost"),
     "service": ("service", "one process of a run on its own"),
     "schema": ("schema", "the JSON schema of scenario files, for editors"),
     "compose": ("compose", "a Compose file of a scenario, one container a process"),

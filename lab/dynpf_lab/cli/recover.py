@@ -20,10 +20,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Execute ``dynpf recover`` and return its exit code."""
     import msgspec
+    from dynpf_formats.capture.reader import is_capture
+    from dynpf_formats.capture.recover import recover_capture
     from dynpf_formats.recording.recover import recover
 
     output = options.output or options.recording.with_suffix(".recovered.mcap")
-    recovery = recover(options.recording, output)
+    mend = recover_capture if is_capture(options.recording) else recover
+    recovery = mend(options.recording, output)
     if options.json:
         print(json.dumps({"file": str(output), **msgspec.to_builtins(recovery)}))
         return 0

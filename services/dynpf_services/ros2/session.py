@@ -4,10 +4,7 @@ It is a client, as the router of rmw_zenoh passes nothing on between peers. When
 Zenoh tells it all subscriptions, publishers and tokens again.
 """
 
-import json
-import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
@@ -17,15 +14,15 @@ from dynpf_formats.ros2.attachment import Attachment, publisher_id
 from dynpf_formats.ros2.keys import Entity, Published, Qos, dds_type
 from dynpf_formats.ros2.robot import Heard
 from dynpf_formats.ros2.types import MOST_BYTES
-from dynpf_protocol.errors import UsageError
+
+from dynpf_services.ros2.arrivals import Arrivals
+from dynpf_services.ros2.client import MOST_WAITING, router_session
 
 __all__ = ["RobotSession", "Writer"]
 
 NODE = "dynpf"
-MOST_WAITING = 64 * 2**20  # bytes
 _EACH = 1000  # bytes that a message takes beside its payload
 _MOST_TOKENS = 10_000
-_CLOSE_S = 1.0
 
 
 class Writer:
@@ -61,9 +58,7 @@ class RobotSession:
         self._domain, self._namespace = domain, namespace
         self._zid = str(session.info.zid())
         self._entities = 1
-        self._queue: deque[Heard] = deque()
-        self._lock = threading.Lock()
-        self._bytes = 0
+        self._arrivals: Arrivals[Heard] = Arrivals(MOST_WAITING, MOST_BYTES + _EACH)
         self._wake: Callable[[], None] = lambda: None
         self._declared: list[object] = [session.liveliness().declare_token(self._entity(0, "NN").token())]
         self.dropped = 0
@@ -71,31 +66,9 @@ class RobotSession:
     @classmethod
     @contextmanager
     def connect(cls, endpoint: str, domain: int, namespace: str) -> Iterator["RobotSession"]:
-        """Open a session; raises UsageError if nothing answers at ``endpoint``."""
-        config = zenoh.Config()
-        settings = {
-            "mode": "client",
-            "connect/endpoints": [endpoint],
-            "scouting/multicast/enabled": False,
-            "timestamping/enabled": True,
-            "transport/link/rx/max_message_size": 2 * MOST_BYTES,
-            "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
-        }
-        try:
-            for key, value in settings.items():
-                config.insert_json5(key, json.dumps(value))
-            session = zenoh.open(config)
-        except zenoh.ZError as error:
-            raise UsageError(
-                f"--connect {endpoint}: no Zenoh router of a robot: {str(error).partition(' at /')[0]}; on the robot, "
-                "this starts it: ros2 run rmw_zenoh_cpp rmw_zenohd"
-            ) from error
-        try:
+        """Open a session; raises NoRouterError if nothing answers at ``endpoint``."""
+        with router_session(endpoint) as session:
             yield cls(session, domain, namespace)
-        finally:
-            closing = threading.Thread(target=session.close, daemon=True)
-            closing.start()
-            closing.join(_CLOSE_S)
 
     def wakes(self, wake: Callable[[], None]) -> None:
         """Call ``wake``, in a thread of Zenoh's, whenever something arrives."""
@@ -142,29 +115,20 @@ class RobotSession:
     @property
     def waiting(self) -> bool:
         """Whether a message waits."""
-        return bool(self._queue)
+        return self._arrivals.waiting
 
     def take(self) -> Heard | None:
         """Return the next message, None if none waits."""
-        with self._lock:
-            if not self._queue:
-                return None
-            heard = self._queue.popleft()
-            self._bytes -= len(heard.payload) + _EACH
-            return heard
+        return self._arrivals.take()
 
     def _enqueue(self, sample: zenoh.Sample) -> None:
         attachment = sample.attachment
         attached = b"" if attachment is None else attachment.to_bytes()
         heard = Heard(str(sample.key_expr), sample.payload.to_bytes(), attached[:1000], time.monotonic_ns())
-        size = len(heard.payload) + _EACH
-        with self._lock:
-            if size > MOST_BYTES + _EACH or self._bytes + size > MOST_WAITING:
-                self.dropped += 1
-                return
-            self._queue.append(heard)
-            self._bytes += size
-        self._wake()
+        if self._arrivals.put(heard, len(heard.payload) + _EACH):
+            self._wake()
+        else:
+            self.dropped += 1
 
     def _entity(self, number: int, kind: str, published: Published | None = None, qos: Qos | None = None) -> Entity:
         return Entity(self._domain, self._zid, 0, number, kind, self._namespace or "/", NODE, published, qos or Qos())

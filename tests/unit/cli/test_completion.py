@@ -26,7 +26,7 @@ def completed(line: str, folder: Path) -> list[str]:
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("dynpf re", ["replay", "resume", "recover", "references"]),
+        ("dynpf re", ["record", "replay", "resume", "recover", "references"]),
         ("dynpf run --runner ", ["bus", "inline"]),
         ("dynpf study colon-", [name for name in study_names() if name.startswith("colon-")]),
     ],

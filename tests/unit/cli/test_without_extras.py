@@ -16,7 +16,12 @@ def said(package: str, *words: str | Path) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize(
-    "words", [("bridge", "ros2", "laser-log", "--connect", "tcp/127.0.0.1:1"), ("localize", "log.bag")]
+    "words",
+    [
+        ("bridge", "ros2", "laser-log", "--connect", "tcp/127.0.0.1:1"),
+        ("record", "--connect", "tcp/127.0.0.1:1", "-o", "F.mcap"),
+        ("localize", "log.bag"),
+    ],
 )
 def test_what_reads_ros_says_what_to_install(words: tuple[str, ...], tmp_path: Path) -> None:
     (tmp_path / "log.bag").touch()
@@ -29,3 +34,9 @@ def test_other_logs_are_localized_without_it(tmp_path: Path) -> None:
     (tmp_path / "robot.log").write_text("FLASER 3 1 2 3\n")
     code, text = said("rosbags", "localize", tmp_path / "robot.log", "-o", tmp_path / "out")
     assert (code, "rosbags" in text, "robot.log" in text) == (2, False, True), text
+
+
+def test_keys_of_zenoh_are_recorded_without_it(tmp_path: Path) -> None:
+    words = ("record", "a//b", "--format", "raw", "--connect", "tcp/127.0.0.1:1", "-o", tmp_path / "F.mcap")
+    code, text = said("rosbags", *words)
+    assert (code, "'a//b': no key expression" in text) == (2, True), text
