@@ -165,7 +165,7 @@ def _run_on_bus(
         code_folders(options.code, options.scenario),
         secure=not options.insecure,
         guests=options.keys,
-        restarts=options.restarts if scenario.clock == "lockstep" else 0,
+        restarts=options.restarts,
         durable=options.durable,
     )
 

@@ -1,5 +1,7 @@
 """Restarts: which processes were gone in mid-run and have been started again, as the recorder notes it."""
 
+from collections.abc import Iterator, Mapping
+
 from dynpf_protocol.keys import ROUTER
 from dynpf_protocol.messages import Restart
 
@@ -19,6 +21,10 @@ class Restarts:
         self._member = member
         self._gone: dict[str, tuple[str, int, int]] = {}  # a process -> its start, ticks recorded, and when
 
+    def gone_ns(self, name: str) -> int:
+        """Return since when the start of a process is gone from which another takes over; 0 if nobody has seen it."""
+        return self._gone[name][2] if name in self._gone else 0
+
     def take(self, token: Token, now_ns: int) -> Restart | None:
         """Note a token that ``member`` has taken; return what to record when a process has caught up with another."""
         name, start, ready = holder(token)
@@ -28,6 +34,8 @@ class Restarts:
             return None
         if not token.present:
             self._gone.setdefault(name, (start, self._member.ticks, now_ns))
+        elif name in self._gone and start == self._gone[name][0]:
+            del self._gone[name]  # it was cut off
         elif ready and name in self._gone and follows(start, self._gone[name][0]):
             return self._back(name, start, now_ns)
         return None
@@ -36,6 +44,19 @@ class Restarts:
         """Note that all nodes are gone: the run is resumed."""
         for name, start in self._member.starts.items():
             self._gone[name] = start, self._member.ticks, now_ns
+
+    def missed(self, told: Mapping[str, str], since_ns: int, now_ns: int) -> Iterator[Restart]:
+        """Yield who has come back while no recorder was there, which another has ``told`` to be known by these starts.
+
+        This recorder is there since ``since_ns``; who is gone may still come back.
+        """
+        member = self._member
+        for name, start in told.items():
+            if name in member.present and member.starts[name] == start:
+                continue
+            self._gone[name] = start, member.ticks, since_ns
+            if name in member.ready and follows(member.starts[name], start):
+                yield self._back(name, member.starts[name], now_ns)
 
     def _router(self, start: str, now_ns: int, *, present: bool) -> Restart | None:
         """The router takes nothing over: each of its starts has a name of its own."""

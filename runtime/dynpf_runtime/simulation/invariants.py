@@ -242,7 +242,7 @@ def _resumed(run: Run, reference: Reference, trial: Trial) -> Iterator[str]:
 def _confirmed(trial: Trial) -> int:
     """Return how many ticks the recorder has said to have in its file."""
     beats = [
-        decode_control(what.payload, Beat).kept
+        min(decode_control(what.payload, Beat).kept.values(), default=0)
         for _, name, what in trial.simulation.story
         if type(what) is Put and name == RECORDER and what.key == BEAT + RECORDER
     ]
