@@ -1,18 +1,17 @@
 """The host of one node: receives messages, decides when the node steps, numbers, encodes, journals and publishes."""
 
 from collections import Counter
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from dynpf_protocol.control import Outcome, TickDone, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
 from dynpf_protocol.errors import DynpfError, OrderError, ProtocolError, RepeatError, RunError
 from dynpf_protocol.journal import JournalEntry, encode_entry
-from dynpf_protocol.keys import JOURNAL, RECALLED, RECORDER, RUN, TICK, data_key, data_keys
+from dynpf_protocol.keys import JOURNAL, RECALLED, RECORDER, RUN, TICK, data_keys
 from dynpf_protocol.messages import Diagnostics, Log, LogLevel, timestamp
 from dynpf_protocol.recall import Piece
 from dynpf_protocol.topics import is_record
 
-from dynpf_runtime.executor import Sent
 from dynpf_runtime.inbox import RealtimeInbox
 from dynpf_runtime.machines.deafness import AHEAD, Deafness
 from dynpf_runtime.machines.effects import NEVER_NS, Effect, Ended, Put, Subscribe, Tell
@@ -24,7 +23,7 @@ from dynpf_runtime.machines.membership import Membership
 from dynpf_runtime.machines.recollection import Recollection
 from dynpf_runtime.machines.repeating import Repeating
 from dynpf_runtime.machines.roster import boot_of
-from dynpf_runtime.machines.saying import Saying
+from dynpf_runtime.machines.saying import Saying, StepSaid, put_of
 from dynpf_runtime.machines.turns import Beginning, FollowLockstep, LeadLockstep, Turn, Turns, turns_of
 from dynpf_runtime.node import Node
 from dynpf_runtime.plan import Plan
@@ -309,46 +308,30 @@ class NodeHost:
         last = turn.last or executed.finished
         hosted = (*turn.fed, *events)
         sent = (*hosted, *executed.sent)
-        if self._realtime:  # nobody reads of a step that is lost with this process: its entry goes first
-            for message in hosted:
-                yield from self._saying.say(_put(message))
-            entry = yield from self._enter(turn, executed.sent, hosted, now, last=last)
-        # Messages that other nodes wait for go first; those for the recorder and observers, and the journal, follow.
-        unsaid = executed.sent if self._realtime else sent
-        for message in unsaid:
-            if message.topic in self._awaited:
-                yield from self._saying.say(_put(message))
-        counts = dict(Counter(message.topic for message in sent))
+        report = None
         if not self._saying.silent and (last or now.monotonic_ns >= self._report_at_ns):
-            yield from self._saying.say(self._report(now))  # the last report precedes the end of the last tick
+            report = self._report(now)
         outcome = self._outcome(finished=executed.finished) if last and self._leads else None
-        done = TickDone(name, executor.boot, executor.steps, tick, stamp_ns, counts, last, outcome)
-        yield from self._saying.say(Put(TICK + name, encode_control(done)))
-        for message in unsaid:
-            if message.topic not in self._awaited:
-                yield from self._saying.say(_put(message))
-        if not self._realtime:
-            entry = yield from self._enter(turn, executed.sent, hosted, now, last=last)
+        counts = dict(Counter(message.topic for message in sent))
+        done = TickDone(name, executor.boot, tick, tick, stamp_ns, counts, last, outcome)
+
+        def enter() -> tuple[JournalEntry, Put]:
+            self._gauges.stepping(tick)  # the digest of a large state
+            entry = executor.journal(tick, stamp_ns, inputs, executed.sent, hosted=hosted, last=last)
+            if self._saying.silent:
+                self._recollection.check(entry)
+            envelope = Envelope(name, executor.boot, entry.step, tick, stamp_ns, now.wall_ns)
+            return entry, Put(JOURNAL + name, encode_entry(entry), encode_envelope(envelope))
+
+        said = StepSaid(hosted, executed.sent, report, Put(TICK + name, encode_control(done)))
+        entry = yield from self._saying.step(said, self._awaited, enter)
         if (snapshot := self._housed.snapshots.after(entry, sent, now.wall_ns, now.monotonic_ns)) is not None:
-            yield from self._saying.say(_put(snapshot))
+            yield from self._saying.say(put_of(snapshot))
         self._member.ticks = tick + 1
         if last:
             self._running = False
             self._member.leaving = True
             self._recorded_by_ns = now.monotonic_ns + RECORDED_NS
-
-    def _enter(
-        self, turn: Turn, sent: Sequence[Sent], hosted: Sequence[Sent], now: Now, *, last: bool
-    ) -> Generator[Effect, None, JournalEntry]:
-        """Publish the journal entry of the step just run, and return it."""
-        (tick, _, inputs, _), stamp_ns, executor = turn.ready, turn.stamp_ns, self._housed.executor
-        self._gauges.stepping(tick)  # the digest of a large state
-        entry = executor.journal(tick, stamp_ns, inputs, sent, hosted=hosted, last=last)
-        envelope = Envelope(self._spec.name, executor.boot, entry.step, tick, stamp_ns, now.wall_ns)
-        if self._saying.silent:
-            self._recollection.check(entry)
-        yield from self._saying.say(Put(JOURNAL + self._spec.name, encode_entry(entry), encode_envelope(envelope)))
-        return entry
 
     def _outcome(self, *, finished: bool) -> Outcome:
         if finished:
@@ -390,7 +373,7 @@ class NodeHost:
         return self._stamped("diagnostics", message, now)
 
     def _stamped(self, topic: str, message: Diagnostics | Log, now: Now) -> Put:
-        return _put(self._housed.executor.stamp(topic, message, self._member.ticks, self._stamp_ns, now.wall_ns))
+        return put_of(self._housed.executor.stamp(topic, message, self._member.ticks, self._stamp_ns, now.wall_ns))
 
     def _await_recorded(self, now: Now) -> Iterator[Effect]:
         """End when the recorder has confirmed the run; raises RunError if it does not in time."""
@@ -400,7 +383,3 @@ class NodeHost:
             self._recorded_by_ns = now.monotonic_ns + RECORDED_NS
         elif now.monotonic_ns >= self._recorded_by_ns:
             raise RunError(f"the recorder has not confirmed the run within {RECORDED_NS // 10**9} s")
-
-
-def _put(sent: Sent) -> Put:
-    return Put(data_key(sent.topic, sent.envelope.node), sent.payload, encode_envelope(sent.envelope))

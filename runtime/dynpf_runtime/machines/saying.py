@@ -1,15 +1,29 @@
 """Saying: what a node's host publishes, keeps until the recorder has it, and says again."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Container, Generator, Iterator, Sequence
+from typing import NamedTuple
 
-from dynpf_protocol.keys import AGAIN, RECORDER, TICK
+from dynpf_protocol.envelope import encode_envelope
+from dynpf_protocol.journal import JournalEntry
+from dynpf_protocol.keys import AGAIN, RECORDER, TICK, data_key
 from dynpf_protocol.recall import Piece, encode_recall
 
+from dynpf_runtime.executor import Sent
 from dynpf_runtime.machines.effects import NEVER_NS, Put
 from dynpf_runtime.machines.membership import Membership
 from dynpf_runtime.machines.unconfirmed import MOST_UNCONFIRMED, Unconfirmed
 
-__all__ = ["Saying"]
+__all__ = ["Saying", "StepSaid", "put_of"]
+
+
+class StepSaid(NamedTuple):
+    """What a host says of a step beside its journal entry: what it has fed to the node itself or found, the node's
+    messages, a report of the process if one is due, and that the step has ended."""
+
+    hosted: Sequence[Sent]
+    sent: Sequence[Sent]
+    report: Put | None
+    end: Put
 
 
 class Saying:
@@ -46,6 +60,40 @@ class Saying:
             self._unconfirmed.add(self._member.ticks, put)
         return () if self.silent else (put,)
 
+    def step(
+        self, said: StepSaid, awaited: Container[str], enter: Callable[[], tuple[JournalEntry, Put]]
+    ) -> Generator[Put, None, JournalEntry]:
+        """Yield what is to be published of a step, and return its journal entry, which ``enter`` makes.
+
+        In lockstep what other nodes wait for goes first, of the topics ``awaited``, and then the end of the tick. In
+        realtime the entry goes before the node's messages: so nobody reads of a step that no journal has.
+        """
+        hosted, sent, report, end = said
+        if self._realtime:
+            for message in hosted:
+                yield from self.say(put_of(message))
+            entry, put = enter()
+            yield from self.say(put)
+            hosted = ()
+        everything = (*hosted, *sent)
+        for message in everything:
+            if message.topic in awaited:
+                yield from self.say(put_of(message))
+        ending = [*((report,) if report is not None else ()), end]  # the last report precedes the end of the last tick
+        if not self._realtime:
+            for put in ending:
+                yield from self.say(put)
+        for message in everything:
+            if message.topic not in awaited:
+                yield from self.say(put_of(message))
+        if self._realtime:
+            for put in ending:
+                yield from self.say(put)
+        else:
+            entry, put = enter()
+            yield from self.say(put)
+        return entry
+
     def forget(self) -> None:
         """Forget what has been said: this process takes over, or goes on from a snapshot."""
         self._unconfirmed = Unconfirmed()
@@ -74,3 +122,8 @@ class Saying:
                 yield Put(AGAIN + self._member.name, encode_recall(Piece(*put)))
             if not self._realtime or (over and put.key.startswith(TICK)):
                 yield put
+
+
+def put_of(sent: Sent) -> Put:
+    """Return what publishes a message."""
+    return Put(data_key(sent.topic, sent.envelope.node), sent.payload, encode_envelope(sent.envelope))

@@ -127,7 +127,7 @@ def test_a_node_that_does_not_do_the_same_again_is_not_believed(tmp_path: Path) 
 def test_a_run_of_which_too_much_is_recorded_ends_with_a_node_that_is_lost(
     tmp_path: Path, lengths: dict[str, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(window, "_MOST_BYTES", 1000)
+    monkeypatch.setattr(window, "MOST_BYTES", 1000)
     path = tmp_path / "run.mcap"
     simulation = recovered(PLAN, path, 1, [Kill("estimator", lengths["estimator"] * 3 // 4)])
     assert "estimator cannot come back: too much has been recorded" in str(simulation.ended["estimator"])
