@@ -210,8 +210,8 @@ class Membership:
                 self._await_end_of(others[0], now_ns)
             elif self.recovers:
                 self._stage = Stage.LISTENING
+                yield Count(f"{READY}**")  # before it watches them, or tokens on their way may be left out
                 yield from _LISTEN
-                yield Count(f"{READY}**")
             else:
                 yield from self._join()
             return

@@ -151,8 +151,7 @@ class NodeHost:
             (self._repeating.keep_end if self._realtime else past.put_off)(event)
         elif member.alive and (past.wake_ns == NEVER_NS or now.monotonic_ns >= past.wake_ns):
             if self._housed.executor.boot != boot_of(member.start):
-                self._housed.executor.boot = boot_of(member.start)
-                self._saying.forget()
+                self._take_over(self._housed.executor.node)
             if self._turns is None:
                 self._turns, self._running = self._turns_of(now), True
             yield past.ask(now.monotonic_ns)
@@ -223,14 +222,19 @@ class NodeHost:
 
     def _go_on_from(self, snapshot: bytes, now: Now) -> None:
         """Take the place of the predecessor after a snapshot's step; raises RunError if it is none of this node."""
-        name, member = self._spec.name, self._member
-        self._housed = Housed(name, self._spec.build(), self._plan, boot_of(member.start), member.boots)
+        member = self._member
+        self._take_over(self._spec.build())
         member.ticks = self._housed.go_on_from(snapshot)
-        self._saying.forget()
         self._turns = self._turns_of(now, member.ticks)
         if isinstance(self._housed.inbox, RealtimeInbox):
             late = self._housed.inbox.forget_late()
             self._repeating.held = {(one.node, one.topic, one.sequence): one for one in late}
+
+    def _take_over(self, node: Node) -> None:
+        """Begin with a node in its first state under the name of the predecessor, and with nothing said."""
+        member = self._member
+        self._housed = Housed(self._spec.name, node, self._plan, boot_of(member.start), member.boots)
+        self._saying.forget()
 
     def _take_waiting(self, now: Now) -> Iterator[Effect]:
         """Take what others have said while this process was behind them."""
