@@ -110,8 +110,8 @@ class Ledger:
         if here is not None and here.ends:
             said, last = said + 1, node.written if here.ends[0].last else None
         written = node.written
-        if node.ended and self._roles.source == name and self.rebuilt and not self.outcome:
-            written -= 1  # it is to say once more why
+        if node.ended and self._roles.source == name and self.rebuilt and not (self.outcome or self._realtime):
+            written -= 1  # it is to say once more why; in realtime it says its last step again in any case
         numbers = {topic: seen.following for topic, seen in node.seen.items()}
         return Place(written, said, last, numbers)
 
@@ -203,11 +203,9 @@ class Ledger:
         return {name: node.written if self._realtime else self.ticks for name, node in self._nodes.items()}
 
     def entered(self, name: str) -> tuple[dict[int, Done], dict[str, int]]:
-        """Return the steps of a node that is gone, and follow the written ones, by their entries, and the next numbers
-        of its topics.
+        """Return the steps of a node that is gone which follow the written ones, and the next numbers of its topics.
 
-        In realtime an entry is all that it takes to do a step again. What else has come of those steps is said again;
-        what has come of later ones is lost.
+        In realtime an entry is all that it takes to do a step again, and to say again what has not come of it.
         """
         node = self._nodes[name]
         following = {}

@@ -10,13 +10,7 @@ is alive when those are gone, and ready when it has caught up with them; the pee
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 from dynpf_protocol.control import Beat, Recorded, Stop, decode_control, encode_control
-from dynpf_protocol.errors import (
-    BrokenOffError,
-    OrderError,
-    ProtocolError,
-    UnknownSenderError,
-    UsageError,
-)
+from dynpf_protocol.errors import BrokenOffError, OrderError, ProtocolError, UnknownSenderError, UsageError
 from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, OPERATOR, READY, RECORDED, RECORDER, ROUTER, STOP
 from dynpf_protocol.printable import printable
 

@@ -108,7 +108,6 @@ class RecorderMachine:
         if resumes is not None:
             self._member.inherit(resumes)
         self._noted = 0  # restarts
-        self._began_ns = 0
         self._warnings = 0
         self._doubted = False
         self._standstill = Standstill()
@@ -187,7 +186,7 @@ class RecorderMachine:
                 if type(event) is Woke:
                     yield from self._close_broken()
             case _ if self._stage is not _Stage.SEEING_OFF or type(event) is not StopAsked:
-                self._began_ns = now.monotonic_ns if type(event) is Started else self._began_ns
+                self._restarts.began_ns = now.monotonic_ns if type(event) is Started else self._restarts.began_ns
                 yield from member.handle(event, now.monotonic_ns)
                 if type(event) is Token:
                     yield from self._greet(event, now)
@@ -228,12 +227,12 @@ class RecorderMachine:
         self._again_until_ns = now.monotonic_ns + AGAIN_NS
         if member.inherited:
             self._restarts.lose_all(now.monotonic_ns)
-        took_s = (now.monotonic_ns - self._began_ns) / 10**9
+        took_s = (now.monotonic_ns - self._restarts.began_ns) / 10**9
         yield from self._note(
             Restart(node=RECORDER, before=member.before, start=member.start, tick=ledger.ticks, absent_s=took_s), now
         )
         if not member.inherited:
-            for restart in list(self._restarts.missed(starts, self._began_ns, now.monotonic_ns)):
+            for restart in list(self._restarts.missed(starts, now.monotonic_ns)):
                 yield from self._note(restart, now)
 
     def _note(self, restart: Restart, now: Now) -> Iterator[Effect]:
@@ -322,13 +321,9 @@ class RecorderMachine:
         if self._stage is not _Stage.RECORDING or not self._member.recovers:
             return
         try:
-            yield from self._recalling.hear(arrived, self._gone_ns, now.monotonic_ns)
+            yield from self._recalling.hear(arrived, self._restarts.gone_ns, now.monotonic_ns)
         except ProtocolError as error:
             yield from self._refuse(arrived.key, error, now)
-
-    def _gone_ns(self, name: str) -> int:
-        """Return since when a node's last start is gone, as far as this process has been there."""
-        return self._restarts.gone_ns(name) or self._began_ns
 
     def _take(self, arrived: Arrived, now: Now) -> Iterable[Effect]:
         key, roles, ledger = arrived.key, self._roles, self._ledger

@@ -18,12 +18,13 @@ class Restarts:
     """What the recorder, a ``member`` of the run, sees of processes that go and come back."""
 
     def __init__(self, member: Membership) -> None:
+        self.began_ns = 0  # since when the recorder is there
         self._member = member
         self._gone: dict[str, tuple[str, int, int]] = {}  # a process -> its start, ticks recorded, and when
 
     def gone_ns(self, name: str) -> int:
-        """Return since when the start of a process is gone from which another takes over; 0 if nobody has seen it."""
-        return self._gone[name][2] if name in self._gone else 0
+        """Return since when the start of a process is gone from which another takes over, as far as has been seen."""
+        return self._gone[name][2] if name in self._gone else self.began_ns
 
     def take(self, token: Token, now_ns: int) -> Restart | None:
         """Note a token that ``member`` has taken; return what to record when a process has caught up with another."""
@@ -45,16 +46,16 @@ class Restarts:
         for name, start in self._member.starts.items():
             self._gone[name] = start, self._member.ticks, now_ns
 
-    def missed(self, told: Mapping[str, str], since_ns: int, now_ns: int) -> Iterator[Restart]:
-        """Yield who has come back while no recorder was there, which another has ``told`` to be known by these starts.
+    def missed(self, told: Mapping[str, str], now_ns: int) -> Iterator[Restart]:
+        """Yield who has come back while no recorder was there: another had ``told`` of these starts.
 
-        This recorder is there since ``since_ns``; who is gone may still come back.
+        Who is gone may still come back.
         """
         member = self._member
         for name, start in told.items():
             if name in member.present and member.starts[name] == start:
                 continue
-            self._gone[name] = start, member.ticks, since_ns
+            self._gone[name] = start, member.ticks, self.began_ns
             if name in member.ready and follows(member.starts[name], start):
                 yield self._back(name, member.starts[name], now_ns)
 
