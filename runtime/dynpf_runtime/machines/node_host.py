@@ -152,7 +152,6 @@ class NodeHost:
         elif member.alive and (past.wake_ns == NEVER_NS or now.monotonic_ns >= past.wake_ns):
             if self._housed.executor.boot != boot_of(member.start):
                 self._take_over(self._housed.executor.node)
-            if self._turns is None:
                 self._turns, self._running = self._turns_of(now), True
             yield past.ask(now.monotonic_ns)
 
