@@ -80,11 +80,8 @@ class Snapshots:
         if self._steps >= _RARE:
             return True
         size = len(self._executor.frozen)  # known in steps with a digest, and then compressing it is all that is left
-        if (
-            size > 0
-            and not self._tried
-            and SNAPSHOT_PREFIX + self._executor.spec.name not in self._executor.sequences()
-        ):
+        topic = SNAPSHOT_PREFIX + self._executor.spec.name
+        if size > 0 and not self._tried and topic not in self._executor.sequences():
             return True  # until there is one, a recorder has to keep all that has been said
         return size > 0 and self._steps >= _OFTEN and self._bytes >= _SENT_PER_BYTE * (size + _OVERHEAD)
 
