@@ -29,6 +29,9 @@ _SENT_PER_BYTE = 128
 """How many bytes the host sends for each byte of a snapshot. Messages become about ten times smaller in a recording,
 states hardly smaller: so snapshots have about eight percent of it."""
 
+_FIRST_SENT_PER_BYTE = 16
+"""The same for the first snapshot: until there is one, a recorder has to keep all that has been said."""
+
 _OVERHEAD = 500
 """Bytes of a snapshot besides the node's state, about."""
 
@@ -80,10 +83,11 @@ class Snapshots:
         if self._steps >= _RARE:
             return True
         size = len(self._executor.frozen)  # known in steps with a digest, and then compressing it is all that is left
-        topic = SNAPSHOT_PREFIX + self._executor.spec.name
-        if size > 0 and not self._tried and topic not in self._executor.sequences():
-            return True  # until there is one, a recorder has to keep all that has been said
-        return size > 0 and self._steps >= _OFTEN and self._bytes >= _SENT_PER_BYTE * (size + _OVERHEAD)
+        if size == 0:
+            return False
+        first = not self._tried and SNAPSHOT_PREFIX + self._executor.spec.name not in self._executor.sequences()
+        enough = (_FIRST_SENT_PER_BYTE if first else _SENT_PER_BYTE) * (size + _OVERHEAD)
+        return (first or self._steps >= _OFTEN) and self._bytes >= enough
 
 
 def freeze_host(

@@ -149,6 +149,7 @@ def test_a_run_of_which_too_much_is_recorded_ends_with_a_node_that_is_lost(
 def snapshots_at_every_step(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(snapshot, "_OFTEN", 1)
     monkeypatch.setattr(snapshot, "_SENT_PER_BYTE", 0)
+    monkeypatch.setattr(snapshot, "_FIRST_SENT_PER_BYTE", 0)
 
 
 LONG = load_scenario("landmark-room", overrides=["max_ticks=30", "estimator.n=10", "state_digest_ticks=2"])

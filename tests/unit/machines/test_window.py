@@ -29,6 +29,7 @@ def run_with_snapshots_at_every_step(tmp_path_factory: pytest.TempPathFactory) -
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(snapshot, "_OFTEN", 1)
         patch.setattr(snapshot, "_SENT_PER_BYTE", 0)
+        patch.setattr(snapshot, "_FIRST_SENT_PER_BYTE", 0)
         record_inline(SCENARIO, path)
     yield read_recording(path)
 
