@@ -202,14 +202,15 @@ class NodeHost:
 
     def _repeat_piece(self, piece: Piece, now: Now) -> Iterator[Effect]:
         """In realtime, make a step again whose entry is here."""
-        found = self._repeating.take(piece, self._housed.gaps)
-        if found is None or self._member.ticks > found[0].ready.tick:
+        again = self._repeating.take(piece, self._housed.gaps)
+        if again is None or self._member.ticks > again.turn.ready.tick:
             return
-        turn, payload = found
         assert isinstance(self._housed.inbox, RealtimeInbox)
-        self._housed.inbox.took(turn.ready)
-        self._recollection.expect(turn.ready.tick, payload)
-        yield from self._step(turn, now)
+        self._housed.inbox.took(again.turn.ready)
+        self._recollection.expect(again.turn.ready.tick, again.entry)
+        for topic, sequence in again.numbers.items():
+            self._housed.executor.number_from(topic, sequence)
+        yield from self._step(again.turn, now)
         self._saying.confirm(but_last=True)
 
     def _take_piece(self, piece: Piece, now: Now) -> Iterator[Effect]:

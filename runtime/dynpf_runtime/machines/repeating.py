@@ -5,13 +5,14 @@ since the last of these steps was missed.
 """
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import msgspec
 from dynpf_protocol.codec import decode
 from dynpf_protocol.envelope import Envelope, decode_envelope
 from dynpf_protocol.errors import ProtocolError, RunError
 from dynpf_protocol.journal import Consumed, JournalEntry, decode_entry
-from dynpf_protocol.keys import JOURNAL, TICK, topic_of
+from dynpf_protocol.keys import JOURNAL, SHARED, TICK, topic_of
 from dynpf_protocol.messages import HostEvent
 from dynpf_protocol.recall import Piece
 from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, Topic
@@ -23,10 +24,19 @@ from dynpf_runtime.machines.events import Arrived
 from dynpf_runtime.machines.turns import Turn
 from dynpf_runtime.node import Received
 
-__all__ = ["Repeating"]
+__all__ = ["Again", "Repeating"]
 
 _Place = tuple[str, str, int]
 """Node, topic and sequence of a message."""
+
+
+class Again(NamedTuple):
+    """A step to be done again: its turn, its journal entry, and the numbers of its first messages on topics on which
+    the node's host speaks, too, at any time."""
+
+    turn: Turn
+    entry: bytes
+    numbers: dict[str, int]
 
 
 class Repeating:
@@ -47,8 +57,8 @@ class Repeating:
         """Return what was kept."""
         return list(self._ends.values())
 
-    def take(self, piece: Piece, gaps: GapWatch) -> tuple[Turn, bytes] | None:
-        """Take a piece; return the turn of a step, and its journal entry, if that is it.
+    def take(self, piece: Piece, gaps: GapWatch) -> Again | None:
+        """Take a piece; return the step to be done again if it is a journal entry.
 
         ``gaps`` is what the node's host knows of gaps before the step. Raises RunError if something is not as the
         recorder has to give it.
@@ -59,7 +69,9 @@ class Repeating:
                 place = envelope.node, topic_of(piece.key)[0], envelope.sequence
                 self._here[place] = envelope, piece.payload
                 return None
-            return self._turn(decode_entry(piece.payload), gaps), piece.payload
+            entry = decode_entry(piece.payload)
+            numbers = {made.topic: made.sequence for made in reversed(entry.produced) if made.topic in SHARED}
+            return Again(self._turn(entry, gaps), piece.payload, numbers)
         except (ProtocolError, msgspec.DecodeError, KeyError) as error:
             raise RunError(f"{self._name} cannot come back: the recorder's answer is wrong: {error!r}") from error
 
