@@ -25,6 +25,7 @@ PURE = (
     "runtime/dynpf_runtime/inbox.py",
     "runtime/dynpf_runtime/machines",
     "runtime/dynpf_runtime/node.py",
+    "runtime/dynpf_runtime/sequence_numbers.py",
     "runtime/dynpf_runtime/snapshot.py",
     "runtime/dynpf_runtime/source.py",
     "services/dynpf_services/estimates.py",

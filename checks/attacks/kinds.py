@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from dynpf_protocol.journal import Consumed, Produced
 from dynpf_protocol.keys import (
+    AGAIN,
     ALIVE,
     BEAT,
     CONTROL,
@@ -24,6 +25,7 @@ from dynpf_protocol.keys import (
     TICK,
     data_key,
 )
+from dynpf_protocol.recall import Piece, encode_recall
 from dynpf_runtime.machines.effects import Answer, Declare, Put
 
 from checks.attacks.spy import SOURCE, Spy
@@ -92,6 +94,11 @@ def _again(prefix: str, times: int = 1) -> Callable[[Spy], Iterator[Act]]:
     return lambda spy: (Put(*one) for one in list(spy.heard) * times if one.key.startswith(prefix))
 
 
+def _said_again(node: str, put: Put) -> Put:
+    """Return what a node says again, to the recorder."""
+    return Put(AGAIN + node, encode_recall(Piece(*put)))
+
+
 def _crossed(prefix: str) -> Callable[[Spy], Iterator[Act]]:
     """Return an act that sends old messages under the newest attachments."""
 
@@ -124,6 +131,8 @@ _ROLE = (
     Kind("unknown sender", _each(lambda spy, topic: spy.data(topic, node="stranger"))),
     Kind("data of another boot", _each(lambda spy, topic: spy.data(topic, boot="another"))),
     Kind("flood of data of another boot", lambda spy: [spy.data(STATE, boot=f"b{n}") for n in range(3000)]),
+    Kind("another's data, said again", lambda spy: [_said_again("sensors", spy.data(STATE))]),
+    Kind("nothing, said again", lambda _: [Put(f"{AGAIN}sensors", b""), _said_again("sensors", Put("x", b"", b""))]),
     Kind("end of tick of another boot", _ends(lambda spy, node: spy.end(node, boot="another", last=True))),
     Kind("entry of another boot", _ends(lambda spy, node: spy.entry(node, of={"boot": "another"}))),
     Kind("stop of another boot", lambda spy: [spy.stop(name, "another") for name in (*spy.boots, "nobody")]),

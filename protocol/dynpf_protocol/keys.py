@@ -1,6 +1,7 @@
 """Keys of messages, tokens and queries on the bus."""
 
 __all__ = [
+    "AGAIN",
     "ALIVE",
     "BEAT",
     "CONTROL",
@@ -30,6 +31,7 @@ DATA = "dynpf/run/data/"  # + topic, and of those that several processes write +
 SAID_BY = "/-/"  # which stands in no topic
 JOURNAL = "dynpf/run/journal/"  # + node
 TICK = "dynpf/run/tick/"  # + node
+AGAIN = "dynpf/run/again/"  # + node that says again, to the recorder alone, what was lost with another process
 RECALL = "dynpf/run/recall/"  # + node that asks the recorder for what it has read
 RECALLED = "dynpf/recalled/"  # + node that has asked, by the recorder alone
 BEAT = "dynpf/beat/"  # + process

@@ -8,7 +8,7 @@ from dynpf_protocol.control import Name, Text
 from dynpf_protocol.errors import BadMessageError, TooLargeError
 from dynpf_protocol.numbers import Count63
 
-__all__ = ["Piece", "Recall", "Recalled", "decode_recall", "decode_recalled", "encode_recall"]
+__all__ = ["Piece", "Recall", "Recalled", "decode_piece", "decode_recall", "decode_recalled", "encode_recall"]
 
 _MOST_ASKED = 1024
 _MOST_BYTES = 28 * 2**20  # the largest message of a topic, and a piece of others; less than the bus takes
@@ -37,6 +37,8 @@ class Recalled(msgspec.Struct, frozen=True, array_like=True):
     was its last one. ``entries`` has digests of the journal entries of its steps ``tick`` and following, by which it
     knows whether it does the same again. ``snapshot`` is a message of its predecessor's host, or empty; the node goes
     on from that, and asks from ``next_tick`` on.
+
+    In realtime ``pieces`` has for each step what it has read, and then its journal entry; ``entries`` is empty.
     """
 
     start: Name  # of the recorder
@@ -44,7 +46,7 @@ class Recalled(msgspec.Struct, frozen=True, array_like=True):
     tick: Count63
     next_tick: Count63
     more: bool  # whether the recorder has more
-    whole: bool  # whether it still has all that the node needs; else nothing of it
+    lacking: Text  # why the node cannot come back, or empty
     written: Count63
     said: Count63
     last: Count63 | None
@@ -55,14 +57,15 @@ class Recalled(msgspec.Struct, frozen=True, array_like=True):
     snapshot: bytes = b""
 
 
-_Kind = TypeVar("_Kind", Recall, Recalled)
+_Kind = TypeVar("_Kind", Recall, Recalled, Piece)
 
 _ENCODER = msgspec.msgpack.Encoder()
 _RECALL = msgspec.msgpack.Decoder(Recall)
 _RECALLED = msgspec.msgpack.Decoder(Recalled)
+_PIECE = msgspec.msgpack.Decoder(Piece)
 
 
-def encode_recall(message: Recall | Recalled) -> bytes:
+def encode_recall(message: Recall | Recalled | Piece) -> bytes:
     """Return the message as bytes."""
     return _ENCODER.encode(message)
 
@@ -75,6 +78,11 @@ def decode_recall(data: bytes) -> Recall:
 def decode_recalled(data: bytes) -> Recalled:
     """Return the recorder's answer; raises BadMessageError, and TooLargeError before it is read."""
     return _decoded(data, _RECALLED, _MOST_BYTES)
+
+
+def decode_piece(data: bytes) -> Piece:
+    """Return what a node says again; raises BadMessageError, and TooLargeError before it is read."""
+    return _decoded(data, _PIECE, _MOST_BYTES)
 
 
 def _decoded(data: bytes, decoder: msgspec.msgpack.Decoder[_Kind], most: int) -> _Kind:

@@ -6,7 +6,7 @@ and the journal keeps what it took.
 
 import heapq
 from collections import defaultdict, deque
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Container, Mapping
 from typing import NamedTuple
 
 from dynpf_protocol.codec import decode, encode
@@ -19,8 +19,9 @@ from dynpf_protocol.topics import LOG_NODE, Delivery, Topic
 from dynpf_runtime.faults import FaultyLink
 from dynpf_runtime.graph import Graph
 from dynpf_runtime.node import Received
+from dynpf_runtime.sequence_numbers import SeenNumbers
 
-__all__ = ["LockstepInbox", "Ready", "RealtimeInbox", "SeenNumbers"]
+__all__ = ["LockstepInbox", "Ready", "RealtimeInbox"]
 
 
 _Place = tuple[str, int]
@@ -31,9 +32,6 @@ _ENDS = 64
 
 _AHEAD = 2**17
 """How far a sequence may be ahead of the tick that is to be taken: two ticks of as many messages as are allowed."""
-
-_LEAD = 1000
-"""How far a message may be ahead of the last one in realtime, where some in between may have been lost."""
 
 
 class Ready(NamedTuple):
@@ -192,54 +190,14 @@ class LockstepInbox:
         return on_time
 
 
-class SeenNumbers:
-    """The numbers of a sequence that have come, of which some may be lost.
-
-    A number that is ahead does not close those before it: if it was a stranger's, the true ones still count.
-    """
-
-    def __init__(self) -> None:
-        self._next = 0
-        self._open: set[int] = set()  # before _next, and yet to come
-
-    @property
-    def following(self) -> int:
-        """The number after the greatest that has come."""
-        return self._next
-
-    def came(self, number: int) -> bool:
-        """Return whether a number has come before."""
-        return number < self._next and number not in self._open
-
-    def take(self, number: int) -> None:
-        """Note a number; raises OrderError for one that has come before, or is far ahead of the last."""
-        if number >= self._next + _LEAD:
-            raise OrderError(f"number {number}; expected {self._next}, or a little later")
-        if number >= self._next:
-            self._open.update(range(self._next, number))
-            self._next = number + 1
-            if len(self._open) > 2 * _LEAD:
-                self._open = {lost for lost in self._open if lost >= number - _LEAD}
-        elif number in self._open:
-            self._open.discard(number)
-        else:
-            raise RepeatError(f"number {number} again; expected {self._next} or later")
-
-    def freeze(self) -> tuple[int, tuple[int, ...]]:
-        """Return the next number, and those before it that are yet to come."""
-        return self._next, tuple(sorted(self._open))
-
-    def thaw(self, following: int, lost: Iterable[int]) -> None:
-        """Restore what ``freeze`` returned."""
-        self._next, self._open = following, set(lost)
-
-
 class RealtimeInbox:
     """Gives the node all messages that have arrived as soon as one of them triggers it, by the wall clock."""
 
     def __init__(self, graph: Graph, node: str, link: FaultyLink) -> None:
-        self._topics = graph.topics
+        self._source, self._topics = graph.source, graph.topics
         self._reads = graph.specs[node].reads
+        self._upstream = frozenset(graph.lags[node])
+        self._leaps: set[str] = set()  # nodes of which the end of any tick may come next
         self._running = {upstream for upstream, lag in graph.lags[node].items() if lag == 0}
         self._link = link
         self._seen: defaultdict[tuple[str, str], SeenNumbers] = defaultdict(SeenNumbers)
@@ -257,9 +215,11 @@ class RealtimeInbox:
 
     def admit_end(self, done: TickDone) -> None:
         """Raise OrderError for an end of another tick than the node's next."""
-        if done.tick != self._ends[done.node]:
-            raise OrderError(f"the end of tick {done.tick}; expected that of {self._ends[done.node]}")
-        self._ends[done.node] += 1
+        ahead = done.tick - self._ends[done.node]
+        if ahead < 0 or (ahead > 0 and done.node not in self._leaps):
+            raise _order(ahead)(f"the end of tick {done.tick}; expected that of {self._ends[done.node]}")
+        self._ends[done.node] = done.tick + 1
+        self._leaps.discard(done.node)
 
     def deliver(self, received: Received, _tick: int, now_ns: int) -> None:
         """Add a message, unless the link loses it."""
@@ -296,6 +256,25 @@ class RealtimeInbox:
         """Return all messages that have arrived, for a source at its tick and for the last step."""
         self._arrive(now_ns)
         return self._take(last=self.upstream_ended)
+
+    def missed(self) -> None:
+        """Note that somebody was away: of what comes next, any number before may have been missed."""
+        for seen in self._seen.values():
+            seen.leap()
+        self._seen.default_factory = SeenNumbers.leaping
+        self._leaps = {*self._upstream}
+
+    def took(self, ready: Ready) -> None:
+        """Note a step that an earlier start of the node has made."""
+        self.tick, self._stamp_ns = ready.tick + 1, ready.stamp_ns
+        for received in ready.inputs:
+            sender = self._source if received.node == LOG_NODE else received.node
+            self._seen[sender, received.topic].close(received.sequence)
+
+    def forget_late(self) -> list[Received]:
+        """Forget the messages that the link delays: with the node they are lost. Return them."""
+        late, self._late = [received for _, _, received in self._late], []
+        return late
 
     def freeze(self, now_ns: int) -> FrozenInbox:
         """Return the state right after a step; delayed messages are due after a duration from ``now_ns``."""

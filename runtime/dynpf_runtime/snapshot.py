@@ -29,6 +29,9 @@ _SENT_PER_BYTE = 128
 """How many bytes the host sends for each byte of a snapshot. Messages become about ten times smaller in a recording,
 states hardly smaller: so snapshots have about eight percent of it."""
 
+_FIRST_SENT_PER_BYTE = 16
+"""The same for the first snapshot: until there is one, a recorder has to keep all that has been said."""
+
 _OVERHEAD = 500
 """Bytes of a snapshot besides the node's state, about."""
 
@@ -52,6 +55,7 @@ class Snapshots:
     def __init__(self, executor: Executor, gaps: GapWatch, inbox: _Inbox) -> None:
         self._executor, self._gaps, self._inbox = executor, gaps, inbox
         self._steps = self._bytes = 0  # made and sent since the last snapshot
+        self._tried = False  # whether one was made, or would have been too large
 
     def after(self, entry: JournalEntry, sent: Sequence[Sent], publish_ns: int, now_ns: int = 0) -> Sent | None:
         """Return the snapshot after the step just journalled as ``entry``, in which ``sent`` was sent, if one is due.
@@ -65,6 +69,7 @@ class Snapshots:
         if entry.last or not self._due():
             return None
         self._steps = self._bytes = 0
+        self._tried = True
         snapshot = freeze_host(self._executor, self._gaps, self._inbox, entry, now_ns)
         topic = SNAPSHOT_PREFIX + self._executor.spec.name
         if snapshot is None:
@@ -78,7 +83,11 @@ class Snapshots:
         if self._steps >= _RARE:
             return True
         size = len(self._executor.frozen)  # known in steps with a digest, and then compressing it is all that is left
-        return size > 0 and self._steps >= _OFTEN and self._bytes >= _SENT_PER_BYTE * (size + _OVERHEAD)
+        if size == 0:
+            return False
+        first = not self._tried and SNAPSHOT_PREFIX + self._executor.spec.name not in self._executor.sequences()
+        enough = (_FIRST_SENT_PER_BYTE if first else _SENT_PER_BYTE) * (size + _OVERHEAD)
+        return (first or self._steps >= _OFTEN) and self._bytes >= enough
 
 
 def freeze_host(

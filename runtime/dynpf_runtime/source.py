@@ -1,7 +1,7 @@
 """Feeds of a run's source: a clock gives ticks of equal length, an imported log one tick per sensor record."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple, Protocol
 
 from dynpf_protocol.codec import decode
@@ -65,6 +65,10 @@ class _Records:
         self._reads, self._topics, self._boot = graph.specs[graph.source].reads, graph.topics, boot
         self._sequences: defaultdict[str, int] = defaultdict(int)
 
+    def go_on(self, numbers: Mapping[str, int]) -> None:
+        """Give the next record of each topic this number."""
+        self._sequences.update(numbers)
+
     def feed(self, records: Iterable[LogRecord], stamp_ns: int, *, tick: int, publish_ns: int, last: bool) -> Feed:
         sent = []
         for record in records:
@@ -96,6 +100,11 @@ class LiveFeeds:
     def __init__(self, source: LiveSource, graph: Graph, *, boot: str, max_ticks: int) -> None:
         self._source, self._records, self._max_ticks = source, _Records(graph, boot), max_ticks
         self._tick = self._stamp_ns = 0
+
+    def go_on(self, ticks: int, stamp_ns: int, numbers: Mapping[str, int]) -> None:
+        """Go on after so many ticks, the last of this time, with these next numbers of the records."""
+        self._tick, self._stamp_ns = ticks, stamp_ns
+        self._records.go_on(numbers)
 
     @property
     def waiting(self) -> bool:

@@ -66,6 +66,29 @@ def test_a_process_that_is_killed_or_hangs_is_started_again_and_the_run_has_the_
     assert here("replay", path).code == 0
 
 
+def test_a_realtime_run_goes_on_while_one_process_after_the_other_is_killed(tmp_path, dynpf, here):
+    path = tmp_path / "run.mcap"
+    run = dynpf("run", "landmark-room", "--clock", "realtime", "--set", "rate=2.0", "-o", path)
+    await_mid_run(tmp_path, run, 12)
+    killed = ["estimator", "recorder", "router"]
+    for name in killed:  # anywhere: tests/unit/machines/test_realtime_recovery.py
+        kill(tmp_path, name)
+        run.says(f"dynpf recorder: {name} is back: started again after tick")
+    await_mid_run(tmp_path, run, 12)
+    run.interrupt()
+    assert run.wait() == 0, run.stderr
+    assert "refused" not in run.stderr
+    assert "Traceback" not in run.stderr
+    told = json.loads(here("info", path, "--json").out)["restarts"]
+    assert sorted(one["node"] for one in told) == sorted(killed)  # the killed recorder may not have written of it
+    assert here("doctor", path).code == 0
+    recording = read_recording(path)
+    assert any(True for _ in recording.messages("event/estimator")), "the estimator has missed nothing"
+    replayed = here("replay", path, "--json")
+    assert replayed.code == 0, replayed.out
+    assert json.loads(replayed.out)["counts"]["estimator"]["steps"] > 30
+
+
 @pytest.mark.parametrize("name", ["estimator", "router"])  # all others: tests/unit/machines/test_breaking_off.py
 def test_a_killed_process_ends_the_run_and_is_named_if_it_is_not_started_again(name, tmp_path, dynpf, here):
     path = tmp_path / "run.mcap"

@@ -141,14 +141,14 @@ class RecordingWriter:
         if entry is None and name.startswith(JOURNAL_PREFIX):
             entry = _entry(name, payload)
         source = Source(name, envelope.node, envelope.boot)
-        channel = self._channels.get(source)
-        if channel is None:
-            channel = self._open(source)
         gap = self._account.gap(source, envelope.sequence)
         if gap is not None:
             number, self._gaps = self._gaps, self._gaps + 1
             noticed = Envelope(_RECORDER, self._boot, number, envelope.tick, envelope.stamp_ns, envelope.publish_ns)
             self.message(_GAP_TOPIC, noticed, encode(_GAP_TOPIC, gap))
+        channel = self._channels.get(source)
+        if channel is None:  # after the gap, which comes first in the file
+            channel = self._open(source)
         size = len(payload) + _MESSAGE_OVERHEAD
         try:
             if self._pending + size > CHUNK_BYTES:

@@ -13,7 +13,7 @@ from dynpf_lab.cli.arguments import add_json, add_set
 from dynpf_lab.cli.loading import loading
 from dynpf_lab.cli.options import add_code
 from dynpf_lab.cli.page import add_no_page
-from dynpf_lab.cli.processes import run_processes
+from dynpf_lab.cli.processes import add_restarts, run_processes
 from dynpf_lab.cli.robots import add_robot, seconds
 from dynpf_lab.cli.run import check_output, default_output, print_summary
 
@@ -52,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_set(parser, "override one key of the scenario, such as estimator.n=500")
     add_code(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="RUN.mcap", help="the recording to write (default: runs/)")
+    add_restarts(parser)
     add_no_page(parser)
     add_json(parser, "print the metrics of the run as JSON")
     parser.set_defaults(run=run)
@@ -171,7 +172,7 @@ def _run(options: argparse.Namespace, path: Path, log_path: Path, settings: Path
     code = code_folders(options.code, options.scenario)
     further = {plan.graph.source: ["--robot", str(settings)]}
     try:
-        run_processes(scenario, plan, path, log, code, guests=guests, further=further)
+        run_processes(scenario, plan, path, log, code, guests=guests, further=further, restarts=options.restarts)
     except RunError:
         if path.is_file():
             print(f"dynpf bridge: the messages recorded so far are in {path}", file=sys.stderr)

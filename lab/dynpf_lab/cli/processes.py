@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from dynpf_services.scenario.played_log import PlayedLog
     from dynpf_services.scenario.schema import Scenario
 
-__all__ = ["add_runner", "run_processes"]
+__all__ = ["add_restarts", "add_runner", "run_processes"]
 
 RESTARTS = 3
 
@@ -30,13 +30,24 @@ def add_runner(parser: argparse.ArgumentParser) -> None:
         "--insecure", action="store_true", help="plain tcp: any program on this machine may speak and listen"
     )
     add_durable(parser)
+    add_restarts(parser)
+
+
+def add_restarts(parser: argparse.ArgumentParser) -> None:
+    """Add --restarts."""
     parser.add_argument(
         "--restarts",
-        type=int,
+        type=_number,
         default=RESTARTS,
         metavar="N",
-        help="in lockstep, how often each process is started again that was killed or hangs (default: %(default)s)",
+        help="how often each process is started again that was killed or hangs (default: %(default)s)",
     )
+
+
+def _number(text: str) -> int:
+    if not (text.isascii() and text.isdecimal()):
+        raise argparse.ArgumentTypeError(f"{text}: expected 0 or more")
+    return int(text)
 
 
 def run_processes(

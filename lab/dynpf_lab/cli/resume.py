@@ -5,7 +5,7 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
-from dynpf_protocol.errors import DiedAgainError, DynpfError, UsageError
+from dynpf_protocol.errors import DiedAgainError, DynpfError
 
 from dynpf_lab.cli.arguments import add_json, add_log, add_recording
 from dynpf_lab.cli.loading import loading
@@ -46,8 +46,6 @@ def run(options: argparse.Namespace) -> int:
     from dynpf_services.scenario.resume import resumable
     from dynpf_services.scenario.user_code import add_folders, code_folders
 
-    if options.restarts < 0:
-        raise UsageError(f"--restarts {options.restarts}: expected 0 or more")
     with loading():
         add_folders(code_folders(options.code))
         log = load_log(options)

@@ -67,8 +67,6 @@ def run(options: argparse.Namespace) -> int:
         log = load_log(options)
         scenario = scenario_from(options, log)
     check_log(scenario, options.log)
-    if options.restarts < 0:
-        raise UsageError(f"--restarts {options.restarts}: expected 0 or more")
     if options.runner == "inline" and scenario.clock == "realtime":
         raise UsageError("--runner inline goes in lockstep only; a realtime run needs --runner bus")
     path = options.output or default_output(Path(options.scenario).stem, scenario.seed)
@@ -165,7 +163,7 @@ def _run_on_bus(
         code_folders(options.code, options.scenario),
         secure=not options.insecure,
         guests=options.keys,
-        restarts=options.restarts if scenario.clock == "lockstep" else 0,
+        restarts=options.restarts,
         durable=options.durable,
     )
 

@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_seconds,
         default=PATIENCE_S,
         metavar="S",
-        help="in lockstep, how long to wait for a process that is gone to be started again (default: %(default)g)",
+        help="how long to wait for a process that is gone to be started again (default: %(default)g)",
     )
     parser.add_argument("--quiet", action="store_true", help="print only errors of this process itself")
     parser.add_argument("--parent", type=int, help=argparse.SUPPRESS)  # end when this process is gone

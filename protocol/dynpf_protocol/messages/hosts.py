@@ -44,7 +44,7 @@ class Restart(Message, frozen=True, kw_only=True):
     before: str  # the start that was gone
     start: str  # the one that has taken over
     tick: Count  # how many ticks were recorded when it was gone
-    absent_s: NonNegative  # s, by the recorder's clock; of the recorder itself, since it was started again
+    absent_s: NonNegative  # s, by the recorder's clock; since the recorder was started again, if it was away, too
 
 
 class Snapshot(Message, frozen=True, kw_only=True):

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 from dynpf_protocol.keys import (
+    AGAIN,
     ALIVE,
     BEAT,
     CONTROL,
@@ -81,7 +82,7 @@ def _node(name: str, graph: Graph) -> Grant:
     if name == graph.source:
         writes += _RECORDS
     return Grant(
-        puts=(*writes, JOURNAL + name, TICK + name, RECALL + name, BEAT + name, STOP + name),
+        puts=(*writes, JOURNAL + name, TICK + name, AGAIN + name, RECALL + name, BEAT + name, STOP + name),
         subscribes=(
             *map(data_keys, graph.subscribed(name)),
             *(TICK + other for other in graph.lags[name]),

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from dynpf_protocol.control import Beat, Doing
 from dynpf_protocol.errors import BrokenOffError
 
-__all__ = ["BEAT_NS", "SILENT_NS", "STEP_NS", "WEDGED_NS", "Heartbeats"]
+__all__ = ["BEAT_NS", "SILENT_NS", "STEP_NS", "WEDGED_NS", "Heard", "Heartbeats"]
 
 BEAT_NS = 500_000_000
 
@@ -28,7 +28,9 @@ HELD_UP_NS = 1_000_000_000
 SECOND_NS = 1_000_000_000
 
 
-class _Heard(NamedTuple):
+class Heard(NamedTuple):
+    """A heartbeat, and when it was heard."""
+
     beat: Beat
     at_ns: int
 
@@ -37,23 +39,27 @@ class Heartbeats:
     """The last heartbeat of each peer."""
 
     def __init__(self) -> None:
-        self._heard: dict[str, _Heard] = {}
+        self._heard: dict[str, Heard] = {}
         self._told_ns: dict[str, int] = {}  # how long a peer had been silent or in a step when it was last told
         self._looked_ns: int | None = None
 
     def take(self, beat: Beat, now_ns: int) -> None:
         """Note a heartbeat of a peer, whose boot has been checked."""
-        self._heard[beat.node] = _Heard(beat, now_ns)
+        self._heard[beat.node] = Heard(beat, now_ns)
+
+    def heard(self, peer: str) -> Heard | None:
+        """Return the last heartbeat of ``peer``."""
+        return self._heard.get(peer)
 
     def ticks(self, peer: str) -> int:
         """Return how many ticks ``peer`` had ended at its last heartbeat."""
         heard = self._heard.get(peer)
         return 0 if heard is None else heard.beat.ticks
 
-    def kept(self, peer: str) -> int:
-        """Return how many ticks ``peer`` had in its file at its last heartbeat."""
-        heard = self._heard.get(peer)
-        return 0 if heard is None else heard.beat.kept
+    def kept(self, recorder: str, node: str) -> int:
+        """Return how many ticks of ``node`` the recorder had in its file at its last heartbeat."""
+        heard = self._heard.get(recorder)
+        return 0 if heard is None else heard.beat.kept.get(node, 0)
 
     def look(self, starts: Mapping[str, str], now_ns: int, patience_ns: int = 0) -> Iterator[str]:
         """Yield notices on present peers, by their ``starts``; raises BrokenOffError that names one that hangs.

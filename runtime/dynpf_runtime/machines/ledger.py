@@ -5,9 +5,8 @@ which messages belong to it; what else has come for it is dropped. Where two dif
 run, the first is kept, and the run is *doubtful*: somebody speaks in a node's name, and nothing here tells who is who.
 """
 
-import hashlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import NamedTuple, NoReturn
 
 from dynpf_protocol.codec import decode
@@ -15,14 +14,14 @@ from dynpf_protocol.control import TickDone
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import OrderError, ProtocolError, RepeatError, TooLargeError
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry
-from dynpf_protocol.recall import Recall, Recalled
 from dynpf_protocol.snapshots import SNAPSHOT_PREFIX
 from msgspec.structs import replace
 
 from dynpf_runtime.machines.consumption import Consumption
 from dynpf_runtime.machines.effects import Record
+from dynpf_runtime.machines.realtime_window import Done, RealtimeWindow, done_of
 from dynpf_runtime.machines.roles import MOST_BYTES_OF_A_TICK, MOST_OF_A_TICK, Roles
-from dynpf_runtime.machines.steps import NodeSteps, OpenStep, PastStep, PlaceInTopic
+from dynpf_runtime.machines.steps import NodeSteps, OpenStep, PastStep, PlaceInTopic, counts_of, digest_of, first_of
 from dynpf_runtime.machines.window import Window
 from dynpf_runtime.plan import Plan
 
@@ -65,7 +64,7 @@ class Ledger:
         self._nodes = {name: NodeSteps() for name in plan.graph.nodes}
         self._consumption = Consumption(plan)
         self._realtime = plan.clock == "realtime"
-        self.window = Window(plan.graph)
+        self.window = RealtimeWindow(plan.graph) if self._realtime else Window(plan.graph)
         self.patient = False  # whether what has not come will be said again
         self.rebuilt = False  # from a recording, which does not have why the run's last step was the last
         self.ticks = 0  # written of every node
@@ -77,6 +76,11 @@ class Ledger:
         self.split = False  # whether it is doubtful which tick is the last: then the run cannot end by itself
         self.dropped: list[Dropped] = []
         self.over: dict[str, int] = {}  # the nodes of whose last step the end of the tick is here, and that tick
+
+    @property
+    def names(self) -> Collection[str]:
+        """The nodes of the run."""
+        return self._nodes.keys()
 
     @property
     def source(self) -> str:
@@ -106,8 +110,8 @@ class Ledger:
         if here is not None and here.ends:
             said, last = said + 1, node.written if here.ends[0].last else None
         written = node.written
-        if node.ended and self._roles.source == name and self.rebuilt and not self.outcome:
-            written -= 1  # it is to say once more why
+        if node.ended and self._roles.source == name and self.rebuilt and not (self.outcome or self._realtime):
+            written -= 1  # it is to say once more why; in realtime it says its last step again in any case
         numbers = {topic: seen.following for topic, seen in node.seen.items()}
         return Place(written, said, last, numbers)
 
@@ -194,31 +198,40 @@ class Ledger:
         for node in self._nodes.values():
             node.open.clear()
 
-    def recalled(self, asked: Recall, start: str, stop_reason: str) -> Recalled:
-        """Return the answer of the recorder's ``start`` to a node that asks for what it has read."""
-        part, place = self.window.part(asked.node, asked.tick), self.place(asked.node)
-        return Recalled(
-            start=start,
-            to=asked.start,
-            tick=asked.tick,
-            next_tick=part.next_tick,
-            more=part.more,
-            whole=part.whole,
-            written=place.written,
-            said=place.said,
-            last=place.last,
-            stop_reason=stop_reason,
-            sequences=place.numbers,
-            entries=part.entries,
-            pieces=part.pieces,
-            snapshot=part.snapshot,
-        )
+    def kept(self) -> dict[str, int]:
+        """Return of how many ticks of each node all is written that anybody may lack."""
+        return {name: node.written if self._realtime else self.ticks for name, node in self._nodes.items()}
+
+    def entered(self, name: str) -> tuple[dict[int, Done], dict[str, int]]:
+        """Return the steps of a node that is gone which follow the written ones, and the next numbers of its topics.
+
+        In realtime an entry is all that it takes to do a step again, and to say again what has not come of it.
+        """
+        node = self._nodes[name]
+        following = {}
+        numbers = {topic: seen.following for topic, seen in node.seen.items()} | node.next
+        for number in range(node.written, node.written + len(node.open)):
+            step = node.open.get(number)
+            if step is None or not step.entries:
+                break
+            following[number] = done = done_of(step.entries[0], step.messages.values())
+            made = [(one.topic, one.sequence) for one in done.journal.hosted]
+            made += [(one.topic, one.sequence) for one in done.journal.produced]
+            numbers |= {topic: sequence + 1 for topic, sequence in made}
+        return following, numbers
+
+    def forget_lost(self, name: str) -> None:
+        """Forget what has come of steps of a node that nobody can do again: its entry went first, and is not here."""
+        node = self._nodes[name]
+        following, _ = self.entered(name)
+        for number in [number for number in node.open if number not in following]:
+            del node.open[number]
 
     def rest(self) -> Iterator[Record]:
         """Yield what has come of steps that are not whole; nothing may follow."""
         for name, node in self._nodes.items():
             for step in sorted(node.open):
-                yield from self._write(name, node, step, *_first(node.open[step]))
+                yield from self._write(name, node, step, *first_of(node.open[step]))
 
     def lacking(self) -> dict[str, int]:
         """Return the nodes of whose run something is missing, and their last ticks."""
@@ -242,7 +255,7 @@ class Ledger:
         """Remember a message that is refused here, and that a node may have taken: in realtime it knows of no ticks."""
         place = record.topic, record.envelope.sequence
         if self._realtime and len(node.early) < _EARLY and place[1] >= node.next[place[0]]:
-            node.early.setdefault(place, _digest(record.payload))
+            node.early.setdefault(place, digest_of(record.payload))
 
     def _check_claim(self, name: str, sender: str, held: Record, record: Record) -> None:
         """Raise OrderError unless a second message for a place replaces the first: what cannot be read is not true.
@@ -276,7 +289,7 @@ class Ledger:
         envelope = record.envelope
         past = node.past_of(envelope.tick)
         held = None if past is None else past.messages.get((record.topic, envelope.sequence))
-        if past is not None and held is not None and held != _digest(record.payload):
+        if past is not None and held is not None and held != digest_of(record.payload):
             past.differs = True
         raise RepeatError(f"sequence {envelope.sequence} of tick {envelope.tick}, which has ended")
 
@@ -305,7 +318,7 @@ class Ledger:
             elif not self.patient and following is not None and following.ends and following.entries:
                 if step.ends and step.entries:
                     self.doubt = self.doubt or f"end and entry of step {node.written} of {name} do not agree"
-                yield from self._write(name, node, node.written, *_first(step))
+                yield from self._write(name, node, node.written, *first_of(step))
             else:
                 return
 
@@ -343,7 +356,7 @@ class Ledger:
     ) -> Iterator[Record]:
         """Write a step, note what of it is missing, and go on to the next one."""
         step = node.open.pop(number)
-        counts = _counts_of(step) if end is None else self._counts(end)
+        counts = counts_of(step) if end is None else self._counts(end)
         for topic, count in counts.items():
             first = node.next[topic]
             promised = ((topic, sequence) for sequence in range(first, first + count))
@@ -353,7 +366,7 @@ class Ledger:
         belonging: list[Record] = []
         for place, record in step.messages.items():
             if 0 < node.next[place[0]] - place[1] <= counts.get(place[0], 0):
-                written[place] = claim = _digest(record.payload)
+                written[place] = claim = digest_of(record.payload)
                 if node.early.pop(place, claim) != claim:
                     self._doubt(f"message {place[1]} on {place[0]}", name)
                 belonging.append(record)
@@ -385,16 +398,3 @@ class Ledger:
     def _counted(self, record: Record) -> Record:
         self.messages += 1
         return record
-
-
-def _digest(payload: bytes) -> bytes:
-    return hashlib.blake2b(payload, digest_size=16).digest()
-
-
-def _first(step: OpenStep) -> tuple[TickDone | None, Record | None]:
-    return next(iter(step.ends), None), next(iter(step.entries), None)
-
-
-def _counts_of(step: OpenStep) -> dict[str, int]:
-    """Return counts that leave no message out, for a step of which no end has come."""
-    return Counter(topic for topic, _ in step.messages)

@@ -3,20 +3,14 @@
 A process joins in two steps: *alive* when its subscriptions are in place, *ready* when it has seen every peer alive.
 The source begins when all are ready, so no message can precede its subscribers, and every sender is known by its boot.
 
-In lockstep a process may be started again in mid-run. It learns from its peers' heartbeats that it has predecessors,
+A process may be started again in mid-run. It learns from its peers' heartbeats that it has predecessors,
 is alive when those are gone, and ready when it has caught up with them; the peers wait for it.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 from dynpf_protocol.control import Beat, Recorded, Stop, decode_control, encode_control
-from dynpf_protocol.errors import (
-    BrokenOffError,
-    OrderError,
-    ProtocolError,
-    UnknownSenderError,
-    UsageError,
-)
+from dynpf_protocol.errors import BrokenOffError, OrderError, ProtocolError, UnknownSenderError, UsageError
 from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, OPERATOR, READY, RECORDED, RECORDER, ROUTER, STOP
 from dynpf_protocol.printable import printable
 
@@ -67,7 +61,7 @@ class Membership:
     ) -> None:
         self.name = name
         self.start = start
-        self.recovers = patience_ns > 0 and plan.clock == "lockstep"
+        self.recovers = patience_ns > 0
         self.before = ""  # the start from which this one has taken over
         self.successor = False  # whether it takes over from another start
         self.caught_up = True  # whether it has done again what that had done
@@ -75,15 +69,14 @@ class Membership:
         self.began = False  # whether the run had begun before this start
         self.peers = frozenset({*plan.graph.nodes, RECORDER} - {name})
         self.ticks = 0  # how many this process has ended
-        self.kept = 0  # of the recorder: how many are in its file
+        self.kept: Mapping[str, int] = {}  # of the recorder: how many of each node are in its file
         self.recorded: Recorded | None = None
         self.over: Collection[str] = ()  # peers of whose last step this process knows: they may go
         self.stop_reason = ""
         self.leaving = False  # the run is over: peers may go
         self.wake_ns = NEVER_NS
         self.refusals = Refusals(known_names(plan))
-        self.absence = Absence(patience_ns if self.recovers else 0, self._tells)
-        self._lockstep = plan.clock == "lockstep"
+        self.absence = Absence(patience_ns, self._tells)
         self._own = start
         self._starts = {start}  # all by which it has been known
         self._named: dict[str, str] = {}  # a peer -> the start by which it knows this process
@@ -129,6 +122,11 @@ class Membership:
     def present(self) -> set[str]:
         """The peers that are alive."""
         return self._roster.present
+
+    @property
+    def ready(self) -> set[str]:
+        """The peers that have been ready."""
+        return self._roster.ready
 
     def behind(self, peer: str) -> int:
         """Return how many ticks ``peer`` had ended at its last heartbeat."""
@@ -206,8 +204,8 @@ class Membership:
                 self._await_end_of(others[0], now_ns)
             elif self.recovers:
                 self._stage = Stage.LISTENING
+                yield Count(f"{READY}**")  # before it watches them, or tokens on their way may be left out
                 yield from _LISTEN
-                yield Count(f"{READY}**")
             else:
                 yield from self._join()
             return
@@ -284,8 +282,7 @@ class Membership:
             yield Declare(f"{READY}{self.name}/{self.start}")
             self._stage = Stage.READY
             self._missing.after(now_ns)
-            if self._lockstep:
-                yield from self._beat(now_ns)  # so that the source knows at once that it is known
+            yield from self._beat(now_ns)  # so that the source knows at once that it is known
         missing = self.peers - self._roster.ready
         if self._leads and missing and not self.began:
             yield from self._missing.tell("waiting until ready:", missing, now_ns)
@@ -299,9 +296,8 @@ class Membership:
 
     def _beat(self, now_ns: int) -> Iterator[Effect]:
         self._next_beat_ns = now_ns + BEAT_NS
-        known = self._lockstep and self._stage >= Stage.READY
-        starts = {**self.starts, self.name: self.start} if known else {}
-        beat = Beat(self.name, self.start, self.ticks, kept=self.kept, starts=starts)
+        starts = {**self.starts, self.name: self.start} if self._stage >= Stage.READY else {}
+        beat = Beat(self.name, self.start, self.ticks, kept=dict(self.kept), starts=starts)
         yield Put(f"{BEAT}{self.name}", encode_control(beat))
         if not self.leaving:
             patience_ns = self.absence.patience_ns

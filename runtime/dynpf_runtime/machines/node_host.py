@@ -1,35 +1,32 @@
 """The host of one node: receives messages, decides when the node steps, numbers, encodes, journals and publishes."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from dynpf_protocol.control import Outcome, TickDone, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
-from dynpf_protocol.errors import BadMessageError, DynpfError, OrderError, ProtocolError, RepeatError, RunError
-from dynpf_protocol.journal import encode_entry, genesis
-from dynpf_protocol.keys import JOURNAL, RECALLED, RECORDER, RUN, TICK, data_key, data_keys
+from dynpf_protocol.errors import DynpfError, OrderError, ProtocolError, RepeatError, RunError
+from dynpf_protocol.journal import JournalEntry, encode_entry
+from dynpf_protocol.keys import JOURNAL, RECALLED, RECORDER, RUN, TICK, data_keys
 from dynpf_protocol.messages import Diagnostics, Log, LogLevel, timestamp
-from dynpf_protocol.restoring import decode_snapshot
-from dynpf_protocol.topics import EVENT_PREFIX
+from dynpf_protocol.recall import Piece
+from dynpf_protocol.topics import is_record
 
-from dynpf_runtime.executor import Executor, Sent
-from dynpf_runtime.faults import FaultyLink
-from dynpf_runtime.gaps import GapWatch, notice_gaps
-from dynpf_runtime.inbox import LockstepInbox, RealtimeInbox
+from dynpf_runtime.inbox import RealtimeInbox
 from dynpf_runtime.machines.deafness import AHEAD, Deafness
 from dynpf_runtime.machines.effects import NEVER_NS, Effect, Ended, Put, Subscribe, Tell
 from dynpf_runtime.machines.events import Arrived, Dropped, Event, Now, Woke
 from dynpf_runtime.machines.gauges import Gauges
-from dynpf_runtime.machines.intake import Intake, Refusal
+from dynpf_runtime.machines.housed import Housed
+from dynpf_runtime.machines.intake import Refusal
 from dynpf_runtime.machines.membership import Membership
 from dynpf_runtime.machines.recollection import Recollection
-from dynpf_runtime.machines.roles import Roles
+from dynpf_runtime.machines.repeating import Repeating
 from dynpf_runtime.machines.roster import boot_of
-from dynpf_runtime.machines.turns import FollowLockstep, LeadLockstep, Turn, Turns, turns_of
-from dynpf_runtime.machines.unconfirmed import MOST_UNCONFIRMED, Unconfirmed
+from dynpf_runtime.machines.saying import Saying, StepSaid, put_of
+from dynpf_runtime.machines.turns import Beginning, FollowLockstep, LeadLockstep, Turn, Turns, turns_of
 from dynpf_runtime.node import Node
 from dynpf_runtime.plan import Plan
-from dynpf_runtime.snapshot import Snapshots, thaw_host
 from dynpf_runtime.source import LiveSource, LogRecord
 
 __all__ = ["NodeHost"]
@@ -43,8 +40,8 @@ class NodeHost:
     """The process of ``node`` as ``start``, from joining to the recorder's confirmation of the run.
 
     ``log`` has the records that the source plays, if it plays one, or ``live`` gives them as they arrive; ``endpoint``
-    only appears in texts. In lockstep it waits ``patience_ns`` for processes that are gone, and takes over from another
-    start of its own.
+    only appears in texts. It waits ``patience_ns`` for processes that are gone, and takes over from another start of
+    its own: in lockstep the run stands still meanwhile, in realtime it goes on.
     """
 
     def __init__(
@@ -73,13 +70,13 @@ class NodeHost:
         self._member = Membership(
             name, plan, start, endpoint, self._prepare, leads=self._leads, patience_ns=patience_ns
         )
-        self._begin_with(node, start)
+        self._housed = Housed(name, node, plan, start, self._member.boots)
         self._turns: Turns | None = None  # None until the run begins
         self._running = False
-        self._unconfirmed = Unconfirmed()
+        self._realtime = plan.clock == "realtime"
+        self._saying = Saying(self._member, realtime=self._realtime)
         self._recollection = Recollection(self._member)
-        self._silent = False  # while it makes steps that its predecessor has made
-        self._returns = 0  # how often a peer had come back when this process last looked
+        self._repeating = Repeating(name, graph.topics)
         self._recorded_by_ns = NEVER_NS
         self._step_time_s = 0.0
         self._report_at_ns = 0
@@ -87,23 +84,12 @@ class NodeHost:
         self._deafness = Deafness(name, plan, self._member)
         self._stamp_ns = 0
 
-    def _begin_with(self, node: Node, boot: str) -> None:
-        """Put a node in its first state behind an empty inbox."""
-        plan, name = self._plan, self._spec.name
-        graph, chain = plan.graph, genesis(name, plan.text)
-        self._executor = Executor(node, self._spec, graph.topics, boot, plan.state_digest_ticks, chain=chain)
-        self._gaps = GapWatch()
-        link = FaultyLink(plan.faults, name, plan.seed)
-        self._inbox = (LockstepInbox if plan.clock == "lockstep" else RealtimeInbox)(graph, name, link)
-        self._snapshots = Snapshots(self._executor, self._gaps, self._inbox)
-        self._intake = Intake(Roles(plan, self._member.boots), self._inbox)
-
     @property
     def wake_ns(self) -> int:
         """The time on the monotonic clock at which Woke is due."""
         wake_ns = self._member.wake_ns
         other_ns = self._turns.wake_ns if self._turns is not None and self._running else self._recorded_by_ns
-        return min(wake_ns, other_ns, self._unconfirmed.wake_ns, self._recollection.wake_ns)
+        return min(wake_ns, other_ns, self._saying.wake_ns, self._recollection.wake_ns)
 
     def handle(self, event: Event, now: Now) -> Iterable[Effect]:
         """Return the effects of an event; messages that other nodes wait for come first, the journal last."""
@@ -114,7 +100,7 @@ class NodeHost:
             and event.key.startswith(RUN)
             and now.monotonic_ns < self._member.wake_ns
         ):  # the most frequent case takes the shortest path
-            refusal = self._intake.take(event, now.monotonic_ns)
+            refusal = self._housed.intake.take(event, now.monotonic_ns)
             if refusal is None:
                 turn = self._turn(now, idle=False)
                 return () if turn is None else self._caught(self._advance(now, turn))
@@ -143,7 +129,7 @@ class NodeHost:
         elif type(event) is Arrived and event.key.startswith(RUN):
             if self._turns is None:  # it comes from a stranger: others send nothing before this process is ready
                 yield from self._refuse(Refusal(event.key, OrderError("the run has not begun")), now)
-            elif self._running and (refusal := self._intake.take(event, now.monotonic_ns)) is not None:
+            elif self._running and (refusal := self._housed.intake.take(event, now.monotonic_ns)) is not None:
                 yield from self._refuse_or_put_off(refusal, event, now)
         if self._turns is None and member.running:
             self._turns, self._running, self._stepped_ns = self._turns_of(now), True, now.monotonic_ns
@@ -162,16 +148,15 @@ class NodeHost:
         elif type(event) is Arrived and event.key.startswith(RECALLED):
             yield from self._recalled(event, now)
         elif type(event) is Arrived and event.key.startswith(RUN):
-            past.put_off(event)
+            (self._repeating.keep_end if self._realtime else past.put_off)(event)
         elif member.alive and (past.wake_ns == NEVER_NS or now.monotonic_ns >= past.wake_ns):
-            if self._executor.boot != boot_of(member.start):
-                self._executor.boot, self._unconfirmed = boot_of(member.start), Unconfirmed()
-            if self._turns is None:
+            if self._housed.executor.boot != boot_of(member.start):
+                self._take_over(self._housed.executor.node)
                 self._turns, self._running = self._turns_of(now), True
             yield past.ask(now.monotonic_ns)
 
     def _recalled(self, arrived: Arrived, now: Now) -> Iterator[Effect]:
-        past, member, executor = self._recollection, self._member, self._executor
+        past, member = self._recollection, self._member
         try:
             answer = past.answered(arrived)
         except ProtocolError as error:
@@ -182,44 +167,79 @@ class NodeHost:
         member.stop_reason = member.stop_reason or answer.stop_reason
         if answer.snapshot:
             self._go_on_from(answer.snapshot, now)
-        self._silent = True
+        self._saying.silent = True
         for piece in answer.pieces:
-            refusal = self._intake.take(Arrived(piece.key, piece.payload, piece.attachment), now.monotonic_ns)
-            if refusal is not None and not isinstance(refusal.error, RepeatError):
-                yield from self._refuse(refusal, now)
+            yield from self._repeat_piece(piece, now) if self._realtime else self._take_piece(piece, now)
+        if not self._realtime:
             yield from self._repeat(now)
-        yield from self._repeat(now)
-        self._silent = False
+        self._saying.silent = False
         if answer.more:
             yield past.ask(now.monotonic_ns)
             return
         for topic, sequence in answer.sequences.items():
-            executor.number_from(topic, sequence)
+            if not is_record(topic):
+                self._housed.executor.number_from(topic, sequence)
         past.wake_ns = NEVER_NS
-        member.caught_up, member.began = True, past.said > 0
+        member.caught_up, member.began = True, past.said > 0 or member.ticks > 0
         self._stepped_ns = now.monotonic_ns
+        if self._realtime:
+            yield from self._go_on(answer.sequences, now)
         yield from self._take_waiting(now)
         yield from self._handle(Woke(), now)
 
-    def _go_on_from(self, payload: bytes, now: Now) -> None:
-        """Take the place of the predecessor after the step of a snapshot; raises RunError if it is none of this node.
+    def _go_on(self, numbers: Mapping[str, int], now: Now) -> Iterator[Effect]:
+        """In realtime, go on with what comes now. What was said last goes to the recorder alone, which may lack it."""
+        inbox = self._housed.inbox
+        assert isinstance(inbox, RealtimeInbox)
+        inbox.forget_late()
+        inbox.missed()
+        self._saying.rouse(now.monotonic_ns)
+        if self._running:
+            self._turns = self._turns_of(now, self._member.ticks, numbers)
+        for arrived in self._repeating.ends():
+            if (refusal := self._housed.intake.take(arrived, now.monotonic_ns)) is not None:
+                yield from self._refuse(refusal, now)
 
-        The recorder has found it to be of the state that the predecessor's journal has.
-        """
-        name, boot = self._spec.name, boot_of(self._member.start)
-        try:
-            snapshot = decode_snapshot(payload)
-            self._begin_with(self._spec.build(), boot)
-            thaw_host(snapshot, self._executor, self._gaps, self._inbox)
-        except BadMessageError as error:
-            raise RunError(f"{name} cannot come back: {error}") from error
-        self._unconfirmed, self._member.ticks = Unconfirmed(), snapshot.tick + 1
-        self._turns = self._turns_of(now, self._member.ticks)
+    def _repeat_piece(self, piece: Piece, now: Now) -> Iterator[Effect]:
+        """In realtime, make a step again whose entry is here."""
+        again = self._repeating.take(piece, self._housed.gaps)
+        if again is None or self._member.ticks > again.turn.ready.tick:
+            return
+        assert isinstance(self._housed.inbox, RealtimeInbox)
+        self._housed.inbox.took(again.turn.ready)
+        self._recollection.expect(again.turn.ready.tick, again.entry)
+        for topic, sequence in again.numbers.items():
+            self._housed.executor.number_from(topic, sequence)
+        yield from self._step(again.turn, now)
+        self._saying.confirm(but_last=True)
+
+    def _take_piece(self, piece: Piece, now: Now) -> Iterator[Effect]:
+        """In lockstep, take what the predecessor has read, and make the steps again of which all is here."""
+        refusal = self._housed.intake.take(Arrived(piece.key, piece.payload, piece.attachment), now.monotonic_ns)
+        if refusal is not None and not isinstance(refusal.error, RepeatError):
+            yield from self._refuse(refusal, now)
+        yield from self._repeat(now)
+
+    def _go_on_from(self, snapshot: bytes, now: Now) -> None:
+        """Take the place of the predecessor after a snapshot's step; raises RunError if it is none of this node."""
+        member = self._member
+        self._take_over(self._spec.build())
+        member.ticks = self._housed.go_on_from(snapshot)
+        self._turns = self._turns_of(now, member.ticks)
+        if isinstance(self._housed.inbox, RealtimeInbox):
+            late = self._housed.inbox.forget_late()
+            self._repeating.held = {(one.node, one.topic, one.sequence): one for one in late}
+
+    def _take_over(self, node: Node) -> None:
+        """Begin with a node in its first state under the name of the predecessor, and with nothing said."""
+        member = self._member
+        self._housed = Housed(self._spec.name, node, self._plan, boot_of(member.start), member.boots)
+        self._saying.forget()
 
     def _take_waiting(self, now: Now) -> Iterator[Effect]:
         """Take what others have said while this process was behind them."""
-        for arrived in self._recollection.due(self._inbox.tick):
-            if (refusal := self._intake.take(arrived, now.monotonic_ns)) is not None:
+        for arrived in self._recollection.due(self._housed.inbox.tick):
+            if (refusal := self._housed.intake.take(arrived, now.monotonic_ns)) is not None:
                 yield from self._refuse(refusal, now)
 
     def _repeat(self, now: Now) -> Iterator[Effect]:
@@ -231,46 +251,40 @@ class NodeHost:
             if turn is None:
                 return
             yield from self._step(turn, now)
-            self._unconfirmed.confirm(min(self._member.heartbeats.kept(RECORDER), self._member.ticks - 1))
+            self._saying.confirm(but_last=True)
 
     def _say_again(self, now: Now) -> Iterator[Effect]:
         """Say again what the recorder has not confirmed, if somebody has come back who may have missed it."""
-        member, unconfirmed = self._member, self._unconfirmed
-        if not member.recovers:
+        saying = self._saying
+        if not self._member.recovers:
             return
         over = self._turns is not None and not self._running  # the last step is confirmed by the recorder's last word
-        unconfirmed.confirm(
-            min(member.heartbeats.kept(RECORDER), member.ticks - 1) if over else member.heartbeats.kept(RECORDER)
-        )
-        if member.absence.returns != self._returns:
-            self._returns = member.absence.returns
-            unconfirmed.rouse(now.monotonic_ns, member.ticks)
+        saying.confirm(but_last=over)
+        if saying.returned(now.monotonic_ns):
             self._recorded_by_ns = now.monotonic_ns + RECORDED_NS if over else NEVER_NS
-        yield from unconfirmed.again(now.monotonic_ns)
+            if isinstance(self._housed.inbox, RealtimeInbox):
+                self._housed.inbox.missed()
+        yield from saying.again(now.monotonic_ns, over=over)
 
-    def _said(self, put: Put) -> tuple[Put, ...]:
-        """Return a message to publish, unless the predecessor has; it is kept until it is confirmed."""
-        if self._member.recovers:
-            self._unconfirmed.add(self._member.ticks, put)
-        return () if self._silent else (put,)
-
-    def _turns_of(self, now: Now, begun: int = 0) -> Turns:
-        """Return the turns after the first ``begun`` ticks."""
-        boot = self._executor.boot if self._leads else None
-        return turns_of(self._plan, self._inbox, boot, begun, log=self._log, live=self._live, wall_ns=now.wall_ns)
+    def _turns_of(self, now: Now, begun: int = 0, numbers: Mapping[str, int] = {}) -> Turns:
+        """Return the turns after the first ``begun`` ticks; ``numbers`` are the next ones of a live robot's records."""
+        boot, inbox = self._housed.executor.boot if self._leads else None, self._housed.inbox
+        begins = Beginning(begun, self._stamp_ns, numbers)
+        return turns_of(self._plan, inbox, boot, begins, log=self._log, live=self._live, wall_ns=now.wall_ns)
 
     def _turn(self, now: Now, *, idle: bool) -> Turn | None:
         turns, member = self._turns, self._member
         assert turns is not None
-        held = self._leads and member.ticks - member.behind(RECORDER) > AHEAD
+        held = not self._realtime and self._leads and member.ticks - member.behind(RECORDER) > AHEAD
         stopping = bool(member.stop_reason)
         if member.recovers:
-            past, unconfirmed = self._recollection, self._unconfirmed
-            # The source waits for who is gone; and what is new does not overtake what is to be said again.
-            held = held or member.absence.cut or unconfirmed.urgent or unconfirmed.bytes > MOST_UNCONFIRMED
-            held = held or (self._leads and member.absence.missing)
+            past, saying = self._recollection, self._saying
+            held = held or saying.full
             held = held or (not member.ticks and not member.successor and member.strange)
-            if member.ticks < past.said:
+            if not self._realtime:
+                # The source waits for who is gone; and what is new does not overtake what is to be said again.
+                held = held or member.absence.cut or saying.urgent or (self._leads and member.absence.missing)
+            if not self._realtime and member.ticks < past.said:
                 stopping = member.ticks == past.last
         return turns.take(now.monotonic_ns, idle=idle, stopping=stopping, held=held)
 
@@ -288,10 +302,9 @@ class NodeHost:
     def _step(self, turn: Turn, now: Now) -> Iterator[Effect]:
         """Run one step and publish its results."""
         (tick, _, inputs, _), stamp_ns = turn.ready, turn.stamp_ns
-        name, executor = self._spec.name, self._executor
+        name, executor = self._spec.name, self._housed.executor
         self._stamp_ns, self._stepped_ns = stamp_ns, now.monotonic_ns
-        events = notice_gaps(executor, self._gaps, turn.ready, stamp_ns, now.wall_ns)
-        events += [executor.stamp(EVENT_PREFIX + name, gap, tick, stamp_ns, now.wall_ns) for gap in turn.gaps]
+        events = self._housed.reports(turn, now.wall_ns)
         self._gauges.stepping(tick)
         began_s = self._gauges.stopwatch_s()
         executed = executor.step(tick, stamp_ns, inputs, now.wall_ns)
@@ -299,27 +312,25 @@ class NodeHost:
         last = turn.last or executed.finished
         hosted = (*turn.fed, *events)
         sent = (*hosted, *executed.sent)
-        # Messages that other nodes wait for go first; those for the recorder and observers, and the journal, follow.
-        for message in sent:
-            if message.topic in self._awaited:
-                yield from self._said(_put(message))
-        counts = dict(Counter(message.topic for message in sent))
-        if not self._silent and (last or now.monotonic_ns >= self._report_at_ns):
-            yield from self._said(self._report(now))  # the last report precedes the end of the last tick
+        report = None
+        if not self._saying.silent and (last or now.monotonic_ns >= self._report_at_ns):
+            report = self._report(now)
         outcome = self._outcome(finished=executed.finished) if last and self._leads else None
-        done = TickDone(name, executor.boot, executor.steps, tick, stamp_ns, counts, last, outcome)
-        yield from self._said(Put(TICK + name, encode_control(done)))
-        for message in sent:
-            if message.topic not in self._awaited:
-                yield from self._said(_put(message))
-        self._gauges.stepping(tick)  # the digest of a large state
-        entry = executor.journal(tick, stamp_ns, inputs, executed.sent, hosted=hosted, last=last)
-        envelope = Envelope(name, executor.boot, entry.step, tick, stamp_ns, now.wall_ns)
-        if self._silent:
-            self._recollection.check(entry)
-        yield from self._said(Put(JOURNAL + name, encode_entry(entry), encode_envelope(envelope)))
-        if (snapshot := self._snapshots.after(entry, sent, now.wall_ns, now.monotonic_ns)) is not None:
-            yield from self._said(_put(snapshot))
+        counts = dict(Counter(message.topic for message in sent))
+        done = TickDone(name, executor.boot, tick, tick, stamp_ns, counts, last, outcome)
+
+        def enter() -> tuple[JournalEntry, Put]:
+            self._gauges.stepping(tick)  # the digest of a large state
+            entry = executor.journal(tick, stamp_ns, inputs, executed.sent, hosted=hosted, last=last)
+            if self._saying.silent:
+                self._recollection.check(entry)
+            envelope = Envelope(name, executor.boot, entry.step, tick, stamp_ns, now.wall_ns)
+            return entry, Put(JOURNAL + name, encode_entry(entry), encode_envelope(envelope))
+
+        said = StepSaid(hosted, executed.sent, report, Put(TICK + name, encode_control(done)))
+        entry = yield from self._saying.step(said, self._awaited, enter)
+        if (snapshot := self._housed.snapshots.after(entry, sent, now.wall_ns, now.monotonic_ns)) is not None:
+            yield from self._saying.say(put_of(snapshot))
         self._member.ticks = tick + 1
         if last:
             self._running = False
@@ -337,7 +348,7 @@ class NodeHost:
 
     def _refuse_or_put_off(self, refusal: Refusal, arrived: Arrived, now: Now) -> Iterator[Effect]:
         """Refuse a message, unless this process takes over, and is behind its sender."""
-        if self._member.successor and type(refusal.error) is OrderError:
+        if self._member.successor and not self._realtime and type(refusal.error) is OrderError:
             self._recollection.put_off(arrived)
         else:
             yield from self._refuse(refusal, now)
@@ -352,13 +363,13 @@ class NodeHost:
         if self._running:
             stamp = timestamp(self._stamp_ns)
             message = Log(timestamp=stamp, level=LogLevel.WARNING, message=text, name=self._spec.name)
-            yield from self._said(self._stamped("log", message, now))
+            yield from self._saying.say(self._stamped("log", message, now))
 
     def _report(self, now: Now) -> Put:
         self._report_at_ns = now.monotonic_ns + REPORT_NS
         message = Diagnostics(
             node=self._spec.name,
-            steps=self._executor.steps,
+            steps=self._housed.executor.steps,
             step_time_s=self._step_time_s,
             refused=dict(self._member.refusals.counts),
             queue=self._gauges.waiting(),
@@ -366,7 +377,7 @@ class NodeHost:
         return self._stamped("diagnostics", message, now)
 
     def _stamped(self, topic: str, message: Diagnostics | Log, now: Now) -> Put:
-        return _put(self._executor.stamp(topic, message, self._member.ticks, self._stamp_ns, now.wall_ns))
+        return put_of(self._housed.executor.stamp(topic, message, self._member.ticks, self._stamp_ns, now.wall_ns))
 
     def _await_recorded(self, now: Now) -> Iterator[Effect]:
         """End when the recorder has confirmed the run; raises RunError if it does not in time."""
@@ -376,7 +387,3 @@ class NodeHost:
             self._recorded_by_ns = now.monotonic_ns + RECORDED_NS
         elif now.monotonic_ns >= self._recorded_by_ns:
             raise RunError(f"the recorder has not confirmed the run within {RECORDED_NS // 10**9} s")
-
-
-def _put(sent: Sent) -> Put:
-    return Put(data_key(sent.topic, sent.envelope.node), sent.payload, encode_envelope(sent.envelope))

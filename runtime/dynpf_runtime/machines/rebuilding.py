@@ -7,9 +7,11 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 
 import msgspec
+from dynpf_protocol.codec import decode
 from dynpf_protocol.errors import ProtocolError, RunError
 from dynpf_protocol.journal import JOURNAL_PREFIX, decode_entry
-from dynpf_protocol.keys import RECORDER
+from dynpf_protocol.keys import RECORDER, ROUTER
+from dynpf_protocol.messages import Restart
 from dynpf_protocol.topics import LOG_NODE, Topic
 
 from dynpf_runtime.machines.effects import Effect, Mend, Record
@@ -20,14 +22,20 @@ from dynpf_runtime.machines.window import end_of
 __all__ = ["rebuilt"]
 
 _GAP_TOPIC = "recorder/gap"
+_RESTART_TOPIC = "recorder/restart"
 
 
 def rebuilt(
-    found: Iterable[FoundMessage], ledger: Ledger, topics: Mapping[str, Topic], boots: Mapping[str, str]
+    found: Iterable[FoundMessage],
+    ledger: Ledger,
+    topics: Mapping[str, Topic],
+    boots: Mapping[str, str],
+    starts: dict[str, str],
 ) -> Iterator[Effect]:
     """Give the messages of a recording to an empty ledger, and yield what is to be written again.
 
-    Raises RunError if they are not of the nodes with these ``boots``.
+    ``starts`` takes the last start of each node that the recording tells. Raises RunError if it is not of the nodes
+    with these ``boots``.
     """
     ledger.patient = True  # what the file lacks is said again, and what comes after it, too
     steps: Counter[str] = Counter()  # the recording keeps no ticks but in the journal
@@ -38,7 +46,10 @@ def rebuilt(
         if node == RECORDER:
             if topic != _GAP_TOPIC:  # the writer finds gaps again
                 yield Record(*message)
+            if topic == _RESTART_TOPIC:
+                starts.update(_told(payload))
             continue
+        starts.setdefault(node, envelope.boot)
         if boots.get(node, envelope.boot) != envelope.boot:
             raise RunError(
                 f"the recording has messages of another start of {node} ({envelope.boot}) than this run's "
@@ -57,3 +68,13 @@ def rebuilt(
             continue  # it was taken before as what it is now: a repetition, or nothing of the run
     ledger.forget_open()
     yield Mend()
+
+
+def _told(payload: bytes) -> dict[str, str]:
+    """Return the node that a recorder has told to be started again, and by which start."""
+    try:
+        restart = decode(_RESTART_TOPIC, payload)
+    except ProtocolError:
+        return {}
+    assert isinstance(restart, Restart)
+    return {} if restart.node in (RECORDER, ROUTER) else {restart.node: restart.start}

@@ -62,12 +62,14 @@ class Recollection:
         self._tick = recalled.next_tick
         if recalled.snapshot:
             self._entries.clear()
-        if not recalled.whole:
-            raise RunError(
-                f"{self._member.name} cannot come back: too much has been recorded for it to do it all again"
-            )
+        if recalled.lacking:
+            raise RunError(f"{self._member.name} cannot come back: {recalled.lacking}")
         self.written, self.said, self.last = recalled.written, recalled.said, recalled.last
         return recalled
+
+    def expect(self, step: int, entry: bytes) -> None:
+        """Note the journal entry that the predecessor has made of a step."""
+        self._entries[step] = entry_digest(entry)
 
     def check(self, entry: JournalEntry) -> None:
         """Raise RunError for a step that is not as the predecessor's was."""

@@ -7,11 +7,10 @@ from dynpf_formats.recording.header import RunEnd
 from dynpf_protocol.codec import encode
 from dynpf_protocol.control import Recorded, encode_control
 from dynpf_protocol.envelope import Envelope
-from dynpf_protocol.errors import DynpfError, OrderError, ProtocolError, RepeatError, RunError, UnknownSenderError
-from dynpf_protocol.keys import DATA, JOURNAL, RECALL, RECALLED, RECORDED, RECORDER, RUN
+from dynpf_protocol.errors import DynpfError, OrderError, ProtocolError, RepeatError, RunError
+from dynpf_protocol.keys import AGAIN, DATA, JOURNAL, RECALL, RECORDED, RECORDER, RUN
 from dynpf_protocol.messages import Log, LogLevel, Restart, timestamp
 from dynpf_protocol.printable import printable
-from dynpf_protocol.recall import decode_recall, encode_recall
 
 from dynpf_runtime.machines.effects import (
     NEVER_NS,
@@ -42,9 +41,9 @@ from dynpf_runtime.machines.events import (
 from dynpf_runtime.machines.ledger import Ledger
 from dynpf_runtime.machines.membership import Membership
 from dynpf_runtime.machines.rebuilding import rebuilt
+from dynpf_runtime.machines.recalling import Recalling
 from dynpf_runtime.machines.restarts import Restarts
-from dynpf_runtime.machines.roles import Roles, check_boot
-from dynpf_runtime.machines.roster import follows
+from dynpf_runtime.machines.roles import Roles
 from dynpf_runtime.machines.standstill import Standstill
 from dynpf_runtime.plan import Plan
 
@@ -79,7 +78,7 @@ class RecorderMachine:
     """Records one run of ``plan`` as ``start``. ``path`` and ``endpoint`` only appear in texts.
 
     If the run breaks off, it has everything that has arrived written, marks the recording as incomplete, and says so.
-    In lockstep it waits ``patience_ns`` for processes that are gone. If the recording ``exists``, another start may
+    It waits ``patience_ns`` for processes that are gone. If the recording ``exists``, another start may
     have begun it: then this one goes on with it. It also does if it ``resumes`` a run whose processes are all gone:
     then it knows their last starts, and its own, by the recording.
     """
@@ -98,17 +97,17 @@ class RecorderMachine:
         self._member = Membership(
             RECORDER, plan, start, endpoint, self._prepare, leads=False, patience_ns=patience_ns, listens=exists
         )
-        self._plan = plan
+        self._plan, self._realtime = plan, plan.clock == "realtime"
         self._path = path
         self._stage = _Stage.ASSEMBLING
         self._error: BaseException | None = None
         self._roles = Roles(plan, self._member.boots)
         self._ledger = Ledger(plan, self._roles)
         self._restarts = Restarts(self._member)
+        self._recalling = Recalling(self._member, self._ledger)
         if resumes is not None:
             self._member.inherit(resumes)
         self._noted = 0  # restarts
-        self._began_ns = 0
         self._warnings = 0
         self._doubted = False
         self._standstill = Standstill()
@@ -116,9 +115,9 @@ class RecorderMachine:
         self._settling = False  # whether what is missing now was said to be sent
         self._flush_at_ns = 0
         self._returns = 0
+        self._again_until_ns = 0  # until then nodes may say again what is missing before what they say
         self._say_again_ns = NEVER_NS
         self._last_word: Recorded | None = None
-        self._asked_early: dict[str, Arrived] = {}
 
     def _prepare(self) -> Sequence[Effect]:
         again = self._member.successor
@@ -179,7 +178,7 @@ class RecorderMachine:
             case Closed(end):
                 yield from self._confirm(end, now)
             case Flushed():
-                member.kept = self._ledger.ticks if not self._ledger.missing() else member.kept
+                member.kept = self._ledger.kept() if self._realtime or not self._ledger.missing() else member.kept
                 self._ledger.window.confirm(member.kept)
             case Found():
                 yield from self._rebuild(event, now)
@@ -187,7 +186,7 @@ class RecorderMachine:
                 if type(event) is Woke:
                     yield from self._close_broken()
             case _ if self._stage is not _Stage.SEEING_OFF or type(event) is not StopAsked:
-                self._began_ns = now.monotonic_ns if type(event) is Started else self._began_ns
+                self._restarts.began_ns = now.monotonic_ns if type(event) is Started else self._restarts.began_ns
                 yield from member.handle(event, now.monotonic_ns)
                 if type(event) is Token:
                     yield from self._greet(event, now)
@@ -211,23 +210,30 @@ class RecorderMachine:
 
     def _greet(self, token: Token, now: Now) -> Iterator[Effect]:
         """Note who was started again, and answer who has asked before its token came."""
+        if token.present:
+            self._again_until_ns = now.monotonic_ns + AGAIN_NS
         restart = self._restarts.take(token, now.monotonic_ns)
         if restart is not None:
             yield from self._note(restart, now)
-        for asked in [self._asked_early.pop(name) for name in list(self._asked_early)]:
+        for asked in self._recalling.early():
             yield from self._recall(asked, now)
 
     def _rebuild(self, found: Found, now: Now) -> Iterator[Effect]:
         """Go on with the recording of another start of the recorder."""
         member, ledger = self._member, self._ledger
-        yield from rebuilt(found.messages, ledger, self._plan.graph.topics, member.boots)
+        starts: dict[str, str] = {}
+        yield from rebuilt(found.messages, ledger, self._plan.graph.topics, member.boots, starts)
         member.ticks = ledger.ticks
+        self._again_until_ns = now.monotonic_ns + AGAIN_NS
         if member.inherited:
             self._restarts.lose_all(now.monotonic_ns)
-        took_s = (now.monotonic_ns - self._began_ns) / 10**9
+        took_s = (now.monotonic_ns - self._restarts.began_ns) / 10**9
         yield from self._note(
             Restart(node=RECORDER, before=member.before, start=member.start, tick=ledger.ticks, absent_s=took_s), now
         )
+        if not member.inherited:
+            for restart in list(self._restarts.missed(starts, now.monotonic_ns)):
+                yield from self._note(restart, now)
 
     def _note(self, restart: Restart, now: Now) -> Iterator[Effect]:
         """Have it written that a process was started again."""
@@ -310,30 +316,21 @@ class RecorderMachine:
 
     def _recall(self, arrived: Arrived, now: Now) -> Iterator[Effect]:
         """Tell a node's new start what its predecessor has read and done, or that the run is over."""
-        member, ledger = self._member, self._ledger
         if self._stage is _Stage.SEEING_OFF and self._last_word is not None:
             yield Put(RECORDED, encode_control(self._last_word))
-        if self._stage is not _Stage.RECORDING or not member.recovers:
+        if self._stage is not _Stage.RECORDING or not self._member.recovers:
             return
         try:
-            asked = decode_recall(arrived.payload)
-            if asked.node != arrived.key[len(RECALL) :]:
-                raise UnknownSenderError(f"it comes in the name of {asked.node!r}; its key is another's")
-            if follows(asked.start, member.starts.get(asked.node, "")):
-                self._asked_early[asked.node] = arrived  # its token is still on its way here
-                return
-            check_boot(asked.node, asked.start, member.starts)
-            if asked.node not in self._plan.graph.nodes:
-                raise OrderError(f"{asked.node} is no node of this run")
+            yield from self._recalling.hear(arrived, self._restarts.gone_ns, now.monotonic_ns)
         except ProtocolError as error:
             yield from self._refuse(arrived.key, error, now)
-            return
-        answer = ledger.recalled(asked, member.start, member.stop_reason)
-        yield Put(RECALLED + asked.node, encode_recall(answer))
 
     def _take(self, arrived: Arrived, now: Now) -> Iterable[Effect]:
         key, roles, ledger = arrived.key, self._roles, self._ledger
         try:
+            if key.startswith(AGAIN):
+                arrived = roles.again(arrived)
+                key = arrived.key
             if key.startswith(DATA):
                 name, sender, envelope = roles.message(arrived)
                 records: Sequence[Record] = ledger.message(name, sender, envelope, arrived.payload)
@@ -341,15 +338,18 @@ class RecorderMachine:
                 records = list(ledger.entry(*roles.entry(arrived), arrived.payload))
             else:
                 records = list(ledger.end(roles.tick(arrived)))
-        except RepeatError as error:
-            if not self._member.absence.disturbed:
-                return [*self._refuse(key, error, now), *self._doubt(now)]
-            return list(self._doubt(now))
         except ProtocolError as error:
-            return [*self._refuse(key, error, now), *self._doubt(now)]
+            told = () if self._may_come_again(error, now) else self._refuse(key, error, now)
+            return [*told, *self._doubt(now)]
         if ledger.dropped or ledger.doubt:
             return [*records, *self._drop(now), *self._doubt(now)]
         return records
+
+    def _may_come_again(self, error: ProtocolError, now: Now) -> bool:
+        """Return whether a message is out of order because somebody was away: it was said again, or is going to be."""
+        if isinstance(error, RepeatError):
+            return self._member.absence.disturbed
+        return self._realtime and isinstance(error, OrderError) and now.monotonic_ns < self._again_until_ns
 
     def _drop(self, now: Now) -> Iterator[Effect]:
         for topic, error in self._ledger.dropped:

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 from dynpf_protocol.errors import ProtocolError
-from dynpf_protocol.keys import BEAT, CONTROL, DATA, JOURNAL, RUN, TICK, topic_of
+from dynpf_protocol.keys import AGAIN, BEAT, CONTROL, DATA, JOURNAL, RUN, TICK, topic_of
 from dynpf_protocol.printable import printable
 
 from dynpf_runtime.plan import Plan
@@ -20,7 +20,7 @@ _OTHER = "other keys"
 
 def known_names(plan: Plan) -> frozenset[str]:
     """Return the topics of a run, and what else its nodes say: refusals are counted by these, all others together."""
-    said = {prefix.removeprefix(RUN) + node for prefix in (TICK, JOURNAL) for node in plan.graph.nodes}
+    said = {prefix.removeprefix(RUN) + node for prefix in (TICK, JOURNAL, AGAIN) for node in plan.graph.nodes}
     return frozenset({*plan.graph.topics, *said})
 
 

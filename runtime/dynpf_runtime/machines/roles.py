@@ -18,7 +18,8 @@ from dynpf_protocol.errors import (
     UnknownTopicError,
 )
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
-from dynpf_protocol.keys import JOURNAL, SHARED, TICK, data_key, topic_of
+from dynpf_protocol.keys import AGAIN, DATA, JOURNAL, SHARED, TICK, data_key, topic_of
+from dynpf_protocol.recall import decode_piece
 from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, MOST_BYTES, Topic, is_record
 from dynpf_protocol.topics import topic as row_of
 
@@ -100,6 +101,18 @@ class Roles:
         if self._tick_ns is not None and self.promised(name, sender):
             self._check_stamp(envelope.tick, envelope.stamp_ns)
         return name, sender, envelope
+
+    def again(self, arrival: Arrived) -> Arrived:
+        """Return what a node says again to the recorder; raises ProtocolError if it is not its own to say."""
+        node, piece = arrival.key[len(AGAIN) :], decode_piece(arrival.payload)
+        key, sender = piece.key, ""
+        if key.startswith(DATA):
+            sender = decode_envelope(piece.attachment).node
+        elif key.startswith((JOURNAL, TICK)):
+            sender = key.removeprefix(JOURNAL).removeprefix(TICK)
+        if node not in (sender, self.source if sender == LOG_NODE else sender):
+            raise UnknownSenderError(f"{node} says again what is none of its messages: {key[:100]!r}")
+        return Arrived(key, piece.payload, piece.attachment)
 
     def tick(self, arrival: Arrived) -> TickDone:
         """Return a node's word that it has ended a tick; raises ProtocolError."""

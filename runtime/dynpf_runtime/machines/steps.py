@@ -1,13 +1,14 @@
 """Steps: what a ledger holds of each node, of steps that are open and of those that are written."""
 
-from collections import defaultdict, deque
+import hashlib
+from collections import Counter, defaultdict, deque
 
 from dynpf_protocol.control import TickDone
 
-from dynpf_runtime.inbox import SeenNumbers
 from dynpf_runtime.machines.effects import Record
+from dynpf_runtime.sequence_numbers import SeenNumbers
 
-__all__ = ["NodeSteps", "OpenStep", "PastStep", "PlaceInTopic"]
+__all__ = ["NodeSteps", "OpenStep", "PastStep", "PlaceInTopic", "counts_of", "digest_of", "first_of"]
 
 _WINDOW = 1000
 """How many steps of each node are remembered, to tell a late claim from a repetition."""
@@ -55,3 +56,18 @@ class NodeSteps:
         """Return what is remembered of a written step."""
         index = step - (self.written - len(self.past))
         return self.past[index] if 0 <= index < len(self.past) else None
+
+
+def digest_of(payload: bytes) -> bytes:
+    """Return a digest by which the same payload is known."""
+    return hashlib.blake2b(payload, digest_size=16).digest()
+
+
+def first_of(step: OpenStep) -> tuple[TickDone | None, Record | None]:
+    """Return the first end and the first entry that have come of a step."""
+    return next(iter(step.ends), None), next(iter(step.entries), None)
+
+
+def counts_of(step: OpenStep) -> dict[str, int]:
+    """Return counts that leave no message out, for a step of which no end has come."""
+    return Counter(topic for topic, _ in step.messages)

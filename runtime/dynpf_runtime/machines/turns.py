@@ -1,6 +1,6 @@
 """Turns: when a node's next step is due, in lockstep and realtime, for the source of a run and for the other nodes."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 from typing import NamedTuple, Protocol
 
@@ -13,7 +13,17 @@ from dynpf_runtime.machines.effects import NEVER_NS
 from dynpf_runtime.plan import Plan
 from dynpf_runtime.source import Feed, LiveFeeds, LiveSource, LogRecord, feed_log, feed_ticks
 
-__all__ = ["FollowLockstep", "FollowRealtime", "LeadLive", "LeadLockstep", "LeadRealtime", "Turn", "Turns", "turns_of"]
+__all__ = [
+    "Beginning",
+    "FollowLockstep",
+    "FollowRealtime",
+    "LeadLive",
+    "LeadLockstep",
+    "LeadRealtime",
+    "Turn",
+    "Turns",
+    "turns_of",
+]
 
 
 class Turn(NamedTuple):
@@ -24,6 +34,14 @@ class Turn(NamedTuple):
     last: bool
     fed: tuple[Sent, ...] = ()
     gaps: tuple[HostEvent, ...] = ()  # of a live robot's records
+
+
+class Beginning(NamedTuple):
+    """How many ticks have been before, when the last was, and the next numbers of a live robot's records."""
+
+    ticks: int = 0
+    stamp_ns: int = 0
+    numbers: Mapping[str, int] = {}
 
 
 class Turns(Protocol):
@@ -73,6 +91,8 @@ class FollowRealtime:
 
     def take(self, now_ns: int, *, idle: bool, stopping: bool, held: bool) -> Turn | None:  # noqa: ARG002
         """Return the turn if a message triggers it, or at the end of the run."""
+        if held:
+            return None
         inbox = self._inbox
         ready = inbox.take_all(now_ns) if inbox.upstream_ended else inbox.take(now_ns)
         return None if ready is None else Turn(ready, ready.stamp_ns, ready.last)
@@ -155,8 +175,11 @@ class LeadRealtime:
         self._paced = _Paced(feeds, rate)
         self.wake_ns = 0
 
-    def take(self, now_ns: int, *, idle: bool, stopping: bool, held: bool) -> Turn | None:  # noqa: ARG002
+    def take(self, now_ns: int, *, idle: bool, stopping: bool, held: bool) -> Turn | None:
         """Return the turn of the next tick if its time has come and no arrival waits."""
+        if held:
+            self.wake_ns = NEVER_NS
+            return None
         _, self.wake_ns = self._paced.next(now_ns)
         if now_ns < self.wake_ns or not idle:
             return None
@@ -172,16 +195,20 @@ class LeadLive:
         self._feeds = feeds
         self._ahead_ns: int | None = None  # of the wall clock to the monotonic one
         self._publish_ns = publish_ns
+        self._held = False
 
     @property
     def wake_ns(self) -> int:
         """At once if something has arrived from the robot."""
-        return 0 if self._feeds.waiting else NEVER_NS
+        return 0 if self._feeds.waiting and not self._held else NEVER_NS
 
     def take(self, now_ns: int, *, idle: bool, stopping: bool, held: bool) -> Turn | None:  # noqa: ARG002
         """Return the turn of the next tick if a record begins one, or if it is to be the last."""
         if self._ahead_ns is None:
             self._ahead_ns = self._publish_ns - now_ns
+        self._held = held
+        if held:
+            return None
         feed = self._feeds.next(now_ns + self._ahead_ns, stopping=stopping)
         if feed is None:
             return None
@@ -194,23 +221,27 @@ def turns_of(
     plan: Plan,
     inbox: LockstepInbox | RealtimeInbox,
     boot: str | None,
-    begun: int = 0,
+    begins: Beginning,
     *,
     log: Sequence[LogRecord],
     live: LiveSource | None,
     wall_ns: int,
 ) -> Turns:
-    """Return when a node steps, after its first ``begun`` ticks. ``boot`` is that of the run's source, None for others.
+    """Return when a node steps, from where it ``begins``. ``boot`` is that of the run's source, None for others.
 
     The source takes the records of ``log`` if the run plays one, or those of ``live``.
     """
     if boot is None:
         return FollowLockstep(inbox) if isinstance(inbox, LockstepInbox) else FollowRealtime(inbox)
     if live is not None and isinstance(inbox, RealtimeInbox):
-        return LeadLive(inbox, LiveFeeds(live, plan.graph, boot=boot, max_ticks=plan.max_ticks), wall_ns)
-    feeds = feed_ticks(plan.tick_ns, plan.max_ticks)
+        ticks, stamp_ns, numbers = begins
+        feeds = LiveFeeds(live, plan.graph, boot=boot, max_ticks=plan.max_ticks)
+        feeds.go_on(ticks, stamp_ns, numbers)
+        return LeadLive(inbox, feeds, wall_ns)
+    paced = feed_ticks(plan.tick_ns, plan.max_ticks)
     if plan.plays_log:
-        feeds = feed_log(log, plan.graph, boot=boot, publish_ns=wall_ns, max_ticks=plan.max_ticks)
+        paced = feed_log(log, plan.graph, boot=boot, publish_ns=wall_ns, max_ticks=plan.max_ticks)
+    paced = islice(paced, begins.ticks, None)
     if isinstance(inbox, LockstepInbox):
-        return LeadLockstep(inbox, islice(feeds, begun, None), plan.rate, alone=len(plan.graph.nodes) == 1)
-    return LeadRealtime(inbox, feeds, plan.rate or 1.0)
+        return LeadLockstep(inbox, paced, plan.rate, alone=len(plan.graph.nodes) == 1)
+    return LeadRealtime(inbox, paced, plan.rate or 1.0)

@@ -1,38 +1,33 @@
 """The recorder's window: what it has written, as a node's new start needs it to go on where the last one was.
 
 A node goes on from its last snapshot, so only what has been said since then is kept: the memory does not grow with the
-run. A snapshot is what a peer says: it counts if it has the state and the chain value of the journal of its step, and
-only once all steps up to its own are in the file, because a node does not say again what is before it.
+run.
 """
 
 import hashlib
-from collections import Counter, deque
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from dynpf_protocol.control import TickDone, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
-from dynpf_protocol.errors import BadMessageError
 from dynpf_protocol.journal import JournalEntry
 from dynpf_protocol.keys import TICK, data_key
-from dynpf_protocol.messages import Snapshot
 from dynpf_protocol.recall import Piece
-from dynpf_protocol.restoring import agreed, decode_snapshot
 
 from dynpf_runtime.graph import Graph
 from dynpf_runtime.machines.effects import Record
+from dynpf_runtime.machines.offers import Offers
 
-__all__ = ["Part", "Window", "end_of", "entry_digest"]
+__all__ = ["EACH", "MOST_BYTES", "PART_BYTES", "PART_TICKS", "Part", "Window", "end_of", "entry_digest", "piece_of"]
 
-_PART_BYTES = 2**20
-_PART_TICKS = 200
-_MOST_BYTES = 2**27
+PART_BYTES = 2**20
+PART_TICKS = 200
+MOST_BYTES = 2**27
 """What is kept at most; a node cannot come back into a run of which more has been written since its last snapshot."""
 
-_EACH = 400  # bytes that a message takes beside its payload
-
-_MOST_OFFERED = 4
-"""How many snapshots of a node are kept that do not count yet."""
+EACH = 400
+"""Bytes that a message takes beside its payload."""
 
 
 class _Step(NamedTuple):
@@ -41,14 +36,6 @@ class _Step(NamedTuple):
     entry: bytes  # digest
     size: int
     journal: JournalEntry | None  # if it has the digest of the state
-
-
-class _Offered(NamedTuple):
-    """A snapshot and its message; ``agrees`` once it has been compared with the journal."""
-
-    snapshot: Snapshot
-    payload: bytes
-    agrees: bool = False
 
 
 class Part(NamedTuple):
@@ -84,8 +71,7 @@ class Window:
         self._graph = graph
         self._steps: dict[str, dict[int, _Step]] = {name: {} for name in graph.nodes}
         self._begins = dict.fromkeys(graph.nodes, 0)  # the first tick from which on all steps of a node are here
-        self._offered: dict[str, deque[_Offered]] = {name: deque(maxlen=_MOST_OFFERED) for name in graph.nodes}
-        self._counting: dict[str, _Offered] = {}
+        self._offers = Offers(graph.nodes)
         self._bytes = 0
 
     @property
@@ -99,14 +85,13 @@ class Window:
             return
         end, messages = end or end_of(entry.envelope, entry.entry), list(messages)
         name, tick = end.node, end.tick
-        size = sum(_EACH + len(message.payload) for message in messages)
-        if self._bytes + size > _MOST_BYTES:
+        size = sum(EACH + len(message.payload) for message in messages)
+        if self._bytes + size > MOST_BYTES:
             self._clear()
         journal = entry.entry if entry.entry.state else None
         self._steps[name][tick] = _Step(end, messages, entry_digest(entry.payload), size, journal)
         self._bytes += size
-        for offered in [one for one in self._offered[name] if one.snapshot.tick == tick]:
-            self._compare(name, offered, journal)
+        self._offers.wrote(name, tick, journal)
 
     def found(self, record: Record, sender: str) -> None:
         """Add a message of a written step that has come late."""
@@ -116,30 +101,18 @@ class Window:
 
     def offer(self, name: str, payload: bytes) -> None:
         """Take a node's snapshot, before or after its step is written."""
-        try:
-            offered = _Offered(decode_snapshot(payload), payload)
-        except BadMessageError:
-            return
-        self._offered[name].append(offered)
-        if (step := self._steps[name].get(offered.snapshot.tick)) is not None:
-            self._compare(name, offered, step.journal)
+        snapshot = self._offers.take(name, payload)
+        if snapshot is not None and (step := self._steps[name].get(snapshot.tick)) is not None:
+            self._offers.wrote(name, snapshot.tick, step.journal)
 
-    def confirm(self, ticks: int) -> None:
-        """Let the snapshots count after whose steps nothing is lost: ``ticks`` of all nodes are in the file."""
-        changed = False
-        for name, waiting in self._offered.items():
-            counting = [offered for offered in waiting if offered.agrees and offered.snapshot.tick < ticks]
-            if counting:
-                self._counting[name], changed = counting[-1], True
-                last = counting[-1].snapshot.tick
-                self._offered[name] = deque((one for one in waiting if one.snapshot.tick > last), _MOST_OFFERED)
-        if changed:
+    def confirm(self, kept: Mapping[str, int]) -> None:
+        """Let the snapshots count after whose steps nothing is lost: so many ticks of each node are in the file."""
+        if self._offers.confirm(kept):
             self._forget()
 
     def part(self, name: str, tick: int) -> Part:
         """Return what a node has read and done from ``tick`` on, or as much of it as goes into one answer."""
-        counting, lags = self._counting.get(name), self._graph.lags[name]
-        last = -1 if counting is None else counting.snapshot.tick
+        counting, lags, last = self._offers.counting.get(name), self._graph.lags[name], self._offers.last(name)
         if counting is not None and tick < last:
             whole = self._has(name, last)
             return Part((), (), last, True, whole, counting.payload if whole else b"")
@@ -149,11 +122,11 @@ class Window:
         reads = self._graph.specs[name].reads
         until = 1 + max((max(self._steps[other], default=-1) for other in (*lags, name)), default=-1)
         first, own = tick, self._steps[name]
-        while tick < until and tick < first + _PART_TICKS and size < _PART_BYTES:
+        while tick < until and tick < first + PART_TICKS and size < PART_BYTES:
             for other in lags:
                 step = self._steps[other].get(tick)
                 if step is not None:
-                    read = [_piece(record) for record in step.messages if record.topic in reads]
+                    read = [piece_of(record) for record in step.messages if record.topic in reads]
                     pieces += [*read, Piece(TICK + other, encode_control(step.end), b"")]
                     size += sum(len(piece.payload) for piece in read)
             if tick in own:
@@ -165,20 +138,10 @@ class Window:
         """Return whether all that a node needs is here from a tick on."""
         return all(self._begins[other] <= tick for other in (name, *self._graph.lags[name]))
 
-    def _compare(self, name: str, offered: _Offered, entry: JournalEntry | None) -> None:
-        """Keep a snapshot only if it is of the state that the journal has after its step."""
-        waiting = self._offered[name]
-        waiting.remove(offered)
-        try:
-            agreed(offered.snapshot, entry)
-        except BadMessageError:
-            return
-        waiting.append(offered._replace(agrees=True))
-
     def _forget(self) -> None:
         """Forget what no node needs any more."""
         graph = self._graph
-        needed = {name: self._counting[name].snapshot.tick if name in self._counting else 0 for name in graph.nodes}
+        needed = {name: max(0, self._offers.last(name)) for name in graph.nodes}
         for name, steps in self._steps.items():
             readers = [other for other in graph.nodes if other == name or name in graph.lags[other]]
             begin = min(needed[other] for other in readers)
@@ -195,6 +158,7 @@ class Window:
         self._bytes = 0
 
 
-def _piece(record: Record) -> Piece:
+def piece_of(record: Record) -> Piece:
+    """Return a message as it was published."""
     envelope = record.envelope
     return Piece(data_key(record.topic, envelope.node), record.payload, encode_envelope(envelope))

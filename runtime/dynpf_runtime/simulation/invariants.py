@@ -95,7 +95,8 @@ def broken(run: Run, reference: Reference | None, trial: Trial, *, replay: bool)
     if not whole and reference is not None and not trial.asked and _lost_power(trial):
         found += _resumed(run, reference, trial)
     kept = trial.schedule.care is Care.KEPT
-    harmless = not trial.exhausted and all(is_harmless(fault, kept=kept) for fault in trial.schedule.faults)
+    lost = reference is None and _lost_with_two(run, trial)
+    harmless = not (trial.exhausted or lost) and all(is_harmless(fault, kept=kept) for fault in trial.schedule.faults)
     if not whole:
         if not _lost_power(trial):  # it was whole then
             found += _called_whole(trial)
@@ -110,6 +111,22 @@ def broken(run: Run, reference: Reference | None, trial: Trial, *, replay: bool)
             if error is not None and not (trial.failure == "" and isinstance(error, KeyboardInterrupt))
         ]
     return found
+
+
+def _lost_with_two(run: Run, trial: Trial) -> bool:
+    """Return whether a realtime run lacks what a node did just before it was killed, and the recorder or router, too.
+
+    Then others have read of steps that no journal has, and the node says that it cannot come back.
+    """
+    struck = {
+        RECORDER if isinstance(fault, Tear) else fault.process
+        for fault in trial.schedule.faults
+        if isinstance(fault, Crash | Freeze | Hang | Cut | Tear)
+    }
+    nodes = {
+        name for name in struck & {*run.plan.graph.nodes} if "cannot come back" in str(trial.simulation.ended.get(name))
+    }
+    return bool(nodes) and not struck.isdisjoint((RECORDER, ROUTER))
 
 
 def _ends(trial: Trial) -> Iterator[str]:
@@ -242,7 +259,7 @@ def _resumed(run: Run, reference: Reference, trial: Trial) -> Iterator[str]:
 def _confirmed(trial: Trial) -> int:
     """Return how many ticks the recorder has said to have in its file."""
     beats = [
-        decode_control(what.payload, Beat).kept
+        min(decode_control(what.payload, Beat).kept.values(), default=0)
         for _, name, what in trial.simulation.story
         if type(what) is Put and name == RECORDER and what.key == BEAT + RECORDER
     ]

@@ -130,7 +130,7 @@ def resume_inline(
         ledger = Ledger(plan, Roles(plan, boots))
         found = file.perform(Open(again=True))
         assert isinstance(found, Found), "a whole recording is not resumed"
-        for effect in rebuilt(found.messages, ledger, graph.topics, boots):
+        for effect in rebuilt(found.messages, ledger, graph.topics, boots, {}):
             file.perform(effect)
         written = {name: ledger.place(name).written for name in graph.nodes}
         last = ledger.place(graph.source).last

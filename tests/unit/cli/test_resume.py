@@ -27,6 +27,7 @@ def a_whole_recording_with_many_chunks(tmp_path_factory: pytest.TempPathFactory)
         patched.setattr("dynpf_formats.recording.writer.CHUNK_BYTES", 8192)
         patched.setattr(snapshot, "_OFTEN", 10)
         patched.setattr(snapshot, "_SENT_PER_BYTE", 0)
+        patched.setattr(snapshot, "_FIRST_SENT_PER_BYTE", 0)
         record_inline(SCENARIO, path)
     return path
 

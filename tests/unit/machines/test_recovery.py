@@ -94,6 +94,15 @@ def test_the_recording_tells_who_was_started_again_and_what_it_has_cost(name: st
     assert main(["replay", str(path)]) == 0
 
 
+def test_the_recording_tells_of_a_node_that_came_back_while_the_recorder_was_away(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recovered(PLAN, path, 2, [Kill("estimator", 80), Kill(RECORDER, 0)])
+    told = {one.node: one for one in restarts(read_recording(path))}
+    assert told.keys() == {"estimator", RECORDER}
+    assert told["estimator"].before == "estimator-1"
+    assert told["estimator"].start.startswith("estimator-1.1.")
+
+
 def test_a_run_whose_process_does_not_come_back_breaks_off_when_patience_has_ended(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     simulation = recovered(PLAN, path, 1, [Kill("estimator", 80)], act=_for_good)
@@ -127,7 +136,7 @@ def test_a_node_that_does_not_do_the_same_again_is_not_believed(tmp_path: Path) 
 def test_a_run_of_which_too_much_is_recorded_ends_with_a_node_that_is_lost(
     tmp_path: Path, lengths: dict[str, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(window, "_MOST_BYTES", 1000)
+    monkeypatch.setattr(window, "MOST_BYTES", 1000)
     path = tmp_path / "run.mcap"
     simulation = recovered(PLAN, path, 1, [Kill("estimator", lengths["estimator"] * 3 // 4)])
     assert "estimator cannot come back: too much has been recorded" in str(simulation.ended["estimator"])
@@ -140,6 +149,7 @@ def test_a_run_of_which_too_much_is_recorded_ends_with_a_node_that_is_lost(
 def snapshots_at_every_step(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(snapshot, "_OFTEN", 1)
     monkeypatch.setattr(snapshot, "_SENT_PER_BYTE", 0)
+    monkeypatch.setattr(snapshot, "_FIRST_SENT_PER_BYTE", 0)
 
 
 LONG = load_scenario("landmark-room", overrides=["max_ticks=30", "estimator.n=10", "state_digest_ticks=2"])
@@ -175,7 +185,7 @@ def kept(tmp_path: Path) -> float:
     return recorder._ledger.window.size / recorded
 
 
-def test_without_snapshots_the_recorder_keeps_all(tmp_path: Path) -> None:
+def test_after_the_first_snapshot_the_recorder_keeps_all_that_follows(tmp_path: Path) -> None:
     assert kept(tmp_path) > 0.9
 
 

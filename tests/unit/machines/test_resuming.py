@@ -57,6 +57,7 @@ def test_everything_is_killed_and_the_run_goes_on_from_its_recording(
     if often:
         monkeypatch.setattr(snapshot, "_OFTEN", 1)
         monkeypatch.setattr(snapshot, "_SENT_PER_BYTE", 0)
+        monkeypatch.setattr(snapshot, "_FIRST_SENT_PER_BYTE", 0)
     path = tmp_path / "run.mcap"
     run_until_killed(PLAN, path, part, 300 + 350 * part)
     assert load(path)[0].end is None

@@ -29,6 +29,7 @@ def run_with_snapshots_at_every_step(tmp_path_factory: pytest.TempPathFactory) -
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(snapshot, "_OFTEN", 1)
         patch.setattr(snapshot, "_SENT_PER_BYTE", 0)
+        patch.setattr(snapshot, "_FIRST_SENT_PER_BYTE", 0)
         record_inline(SCENARIO, path)
     yield read_recording(path)
 
@@ -54,7 +55,7 @@ def test_a_snapshot_counts_once_all_ticks_up_to_its_own_are_in_the_file(run: Rec
     tick = decode_snapshot(offered.payload).tick
     window.offer(NODE, offered.payload)
     for confirmed, counts in ((tick, False), (tick + 1, True)):
-        window.confirm(confirmed)
+        window.confirm({NODE: confirmed})
         assert window.part(NODE, 0).snapshot == (offered.payload if counts else b"")
 
 
@@ -63,7 +64,7 @@ def test_a_snapshot_of_another_state_than_the_journals_does_not_count(run: Recor
     one, other = [decode_snapshot(record.payload) for record in of(run, SNAPSHOT_PREFIX + NODE)][-2:]
     unwritten = Window(GRAPH)
     unwritten.offer(NODE, encode(SNAPSHOT_PREFIX + NODE, other))
-    unwritten.confirm(100)
+    unwritten.confirm({NODE: 100})
     assert unwritten.part(NODE, 0).snapshot == b"", "there is no journal to compare it with"
     for forged in (
         msgspec.structs.replace(other, state=one.state),
@@ -72,8 +73,8 @@ def test_a_snapshot_of_another_state_than_the_journals_does_not_count(run: Recor
     ):
         window.offer(NODE, encode(SNAPSHOT_PREFIX + NODE, forged))
     window.offer(NODE, b"{}")
-    window.confirm(100)
+    window.confirm({NODE: 100})
     assert window.part(NODE, 0).snapshot == b""
     window.offer(NODE, encode(SNAPSHOT_PREFIX + NODE, other))  # the control
-    window.confirm(100)
+    window.confirm({NODE: 100})
     assert window.part(NODE, 0).snapshot != b""

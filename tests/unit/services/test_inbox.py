@@ -273,6 +273,21 @@ def test_realtime_gives_what_has_come_in_order_of_arrival_when_something_trigger
     assert (ready.tick, ready.stamp_ns, ready.last) == (0, 50, False)
 
 
+def test_after_an_absence_a_realtime_inbox_takes_what_comes_next_whatever_was_missed() -> None:
+    box = realtime()
+    assert admitted(box, "sensors/odometry", 0, 0)
+    assert not admitted(box, "sensors/odometry", 5000, 0)  # a stranger's, who knows of no absence
+    with pytest.raises(OrderError):
+        box.admit_end(TickDone("sensors", "b", 700, 700, 0, {}, last=True))
+    box.missed()
+    assert [admitted(box, "sensors/odometry", number, 0) for number in (5000, 4999, 5001, 9000)] == [True] * 3 + [False]
+    assert admitted(box, "controller/command", 7000, 0)  # of which nothing had come
+    box.admit_end(TickDone("sensors", "b", 700, 700, 0, {}, last=True))
+    for tick in (700, 702):
+        with pytest.raises(OrderError, match="expected that of 701"):
+            box.admit_end(TickDone("sensors", "b", tick, tick, 0, {}, last=True))
+
+
 def test_realtime_keeps_all_of_a_reliable_topic_and_the_newest_of_a_fresh_one() -> None:
     box = realtime()
     for sequence in range(3):

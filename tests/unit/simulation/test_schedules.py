@@ -9,6 +9,7 @@ from dynpf_runtime.simulation.faults import Clock, Crash, Cut, Delay, Drop, Faul
 from dynpf_runtime.simulation.process import Network
 from dynpf_runtime.simulation.schedule import KINDS, Care, Schedule
 from dynpf_runtime.simulation.timeline import timeline
+from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.simulate import campaign_of
 
 from tests.unit.simulation.conftest import SCENARIO
@@ -27,6 +28,15 @@ def test_no_schedule_breaks_an_invariant(campaign: Campaign) -> None:
     assert [verdict for verdict in verdicts if verdict.broken] == []
     whole = sum(verdict.whole for verdict in verdicts)
     assert 50 < whole < 180, "the faults are too harmless, or too harsh"
+
+
+def test_no_schedule_breaks_an_invariant_of_a_realtime_run() -> None:
+    scenario = load_scenario("landmark-room", overrides=["max_ticks=25"], clock="realtime")
+    with campaign_of(scenario, 1) as campaign:
+        verdicts = list(campaign.verdicts(range(30), 2))
+    assert [verdict for verdict in verdicts if verdict.broken] == []
+    whole = sum(verdict.whole for verdict in verdicts)
+    assert 8 < whole < 26, "the faults are too harmless, or too harsh"
 
 
 def test_the_schedules_have_every_kind_of_fault_together_and_alone(campaign: Campaign) -> None:
