@@ -154,9 +154,9 @@ class Membership:
                 yield from self._hear(event, now_ns)
             case StopAsked():
                 yield from self._stop(event)
-            case RouterGone():
-                if not self.leaving:
-                    self.absence.lose_router(now_ns)
+            case RouterGone() if not self.leaving:
+                self.absence.lose_router(now_ns)
+                self._admission.wait_for_router()
             case Woke():
                 yield from self.absence.judge(now_ns, self.ticks, self._may_go)
         yield from self._look(now_ns)
