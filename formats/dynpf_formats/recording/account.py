@@ -103,7 +103,8 @@ class Account:
 
     def gap(self, source: Source, sequence: int) -> Gap | None:
         """Return the gap that the message with this sequence number would leave before itself, if any."""
-        expected = self._tracks[source].expected
+        track = self._tracks.get(source)
+        expected = 0 if track is None else track.expected
         if sequence <= expected:
             return None
         return Gap(topic=source.topic, node=source.node, boot=source.boot, first=expected, last=sequence - 1)

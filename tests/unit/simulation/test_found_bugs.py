@@ -8,7 +8,7 @@ from dynpf_runtime.bus.supervision import Asked, Finish, Seen, Supervision
 from dynpf_runtime.machines.events import Token
 from dynpf_runtime.machines.roster import Change, Roster
 from dynpf_runtime.simulation.campaign import Campaign
-from dynpf_runtime.simulation.faults import Tear
+from dynpf_runtime.simulation.faults import Crash, Cut, Drop, Fault, Tear
 from dynpf_runtime.simulation.process import Network
 from dynpf_runtime.simulation.schedule import Care, Schedule
 
@@ -47,3 +47,20 @@ def test_a_recorder_that_is_killed_in_any_write_is_taken_over(kept: int, campaig
         verdict, trial = campaign.judge(schedule, replay=False)
         assert (verdict.whole, verdict.broken) == (True, ())
         assert trial.simulation.processes[RECORDER].exit_code == 0
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        pytest.param(
+            Cut("simulator", 0, 5_200_000_000), id="cut off until after the time that the router has to answer"
+        ),
+        pytest.param(Cut("recorder", 195, 5_000_000_000), id="a recorder that is cut off as it says its last word"),
+        pytest.param(Crash("router", 20), id="a router that is killed as the others leave"),
+        pytest.param(Crash("simulator", 25), id="a source that spins until its peers know its new start"),
+        pytest.param(Drop("recorder", 17), id="the first message of a topic that is not compared is lost"),
+    ],
+)
+def test_a_single_fault_that_broke_an_invariant(fault: Fault, campaign: Campaign) -> None:
+    verdict, _ = campaign.judge(Schedule(1, 44, (fault,), Network(), Care.KEPT), replay=True)
+    assert (verdict.whole, verdict.broken) == (True, ())
