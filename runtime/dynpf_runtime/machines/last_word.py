@@ -31,7 +31,7 @@ class LastWord:
         self._member = member
         self._waits = waits
         self._due_ns = now_ns + SEE_OFF_NS
-        self._heard_by_ns = now_ns + max(SEE_OFF_NS, member.absence.patience_ns)
+        self._heard_by_ns = now_ns + max(SEE_OFF_NS, member.absence.patience_ns if recorded.complete else 0)
         self._again_ns = now_ns + SAY_AGAIN_NS if member.recovers else NEVER_NS
         self._cut = False  # whether the router has been gone since then
 

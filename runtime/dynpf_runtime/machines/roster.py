@@ -98,12 +98,15 @@ class Roster:
         if name not in self.starts:
             self._count(name, start)
             self._ready.add((name, start))
+            self._gone.add((name, start))  # if it comes, it is back: it may have missed what was said meanwhile
 
     def correct(self, name: str, start: str) -> None:
         """Have a start count, or one that takes over from it, instead of one that is no start of the run."""
         if boot_of(self.starts.get(name, "")) != boot_of(start):
             self._ready.add((name, start))
             self._count(name, next((other for other in self._alive[name] if follows(other, start)), start))
+            if self.starts[name] not in self._alive[name]:
+                self._gone.add((name, self.starts[name]))
 
     def take(self, token: Token) -> Change:
         """Note the token of one of ``names``, and return what it changes."""

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import partial
 from random import Random
 
-from dynpf_runtime.machines.events import Arrived, Event
+from dynpf_runtime.machines.events import Arrived, Event, Token
 from dynpf_runtime.simulation.agenda import Agenda
 from dynpf_runtime.simulation.hub import Hub
 from dynpf_runtime.simulation.process import Link, Process
@@ -61,8 +61,8 @@ class Connections:
         if not process.running:
             self.hub.forget(process)
             return
-        for token in self.hub.seen(process):
-            self._arrive(process, token._replace(present=False))
+        for key in list(process.seen):
+            self._deliver(process, process.partings, Token(key, False))
         self.hub.forget(process)
         process.linked, process.connection = False, 0
         if not process.stopped:
@@ -144,8 +144,12 @@ class Connections:
             self._agenda.at(at_ns, partial(self._deliver, process, process.partings, event))
 
     def _deliver(self, process: Process, partings: int, event: Event) -> None:
-        if partings == process.partings:  # else it was lost with the connection
-            self._arrive(process, event)
+        if partings != process.partings:
+            return  # it was lost with the connection
+        if type(event) is Token:
+            process.seen.pop(event.key, None)
+            process.seen.update({event.key: None} if event.present else {})
+        self._arrive(process, event)
 
     def query(self, process: Process, reply: Callable[[], Event], none: Event) -> None:
         """Ask the router, and answer with ``none`` if it does not answer in time."""

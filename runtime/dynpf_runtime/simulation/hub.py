@@ -103,10 +103,6 @@ class Hub:
             del self._tokens[token]
             self._tell(Token(token, False))
 
-    def seen(self, process: Process) -> list[Token]:
-        """Return the tokens that a process watches: all disappear for it if it loses its connection."""
-        return [Token(token, True) for token in self._tokens if first_match(process.watched, token) is not None]
-
     def close(self) -> None:
         """Forget everything; processes see the others' tokens disappear."""
         for token in self._tokens:

@@ -243,8 +243,8 @@ def _resumed(run: Run, reference: Reference, trial: Trial) -> Iterator[str]:
         return
     yield from _ends(again)
     told = [line for what in again.simulation.story if isinstance(what.what, Record) for line in _restart(what.what)]
-    if told and told[0].tick < confirmed:
-        yield f"the recorder had confirmed {confirmed} ticks, and {told[0].tick} can be read after the loss of power"
+    if told and told[-1].tick < confirmed:  # the restarts before it are among what was recorded
+        yield f"the recorder had confirmed {confirmed} ticks, and {told[-1].tick} can be read after the loss of power"
     ended = again.simulation.ended.get(RECORDER, RunError("it has not ended"))
     if ended is not None:
         yield f"the run cannot be resumed: {ended}"

@@ -81,6 +81,7 @@ class Process:
         self.watches: list[str] = []
         self.watched: list[str] = []  # what it watches, as far as the router knows
         self.declared: list[str] = []
+        self.seen: dict[str, None] = {}  # tokens of which it has been told that they are there, in that order
         self.busy_ns = 0
         self.planned_ns = NEVER_NS
         self.running = True  # it was not killed, and its machine has not ended
