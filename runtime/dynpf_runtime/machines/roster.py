@@ -49,7 +49,12 @@ def follows(start: str, before: str) -> bool:
 
 def was_before(name: str, start: str) -> bool:
     """Return whether ``name`` is what the one who is known as ``start`` called itself before it took over."""
-    return start.count(".") == 2 and start.rpartition(".")[2] == name
+    return start.count(".") == 2 and _own(start) == name
+
+
+def _own(start: str) -> str:
+    """Return what sets a start apart: it keeps that if it learns later from whom it takes over."""
+    return start.rpartition(".")[2]
 
 
 def _rank(start: str) -> int:
@@ -135,7 +140,7 @@ class Roster:
             return Change.BACK if back else Change.NONE
         if not self._is_due(name, counting):
             return Change.NONE
-        if counting not in alive and follows(start, counting):
+        if follows(start, counting) and (counting not in alive or _own(start) == _own(counting)):
             self._count(name, start)
             return Change.BACK
         self._seconds[name] += 1

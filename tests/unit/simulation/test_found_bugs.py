@@ -29,6 +29,24 @@ def test_a_start_that_took_over_and_was_killed_before_it_was_ready_has_an_heir()
     assert roster.starts == {RECORDER: "a.2.c"}
 
 
+def test_a_start_that_learns_later_from_whom_it_takes_over_is_the_same_start() -> None:
+    roster = Roster([RECORDER])
+    for prefix in (ALIVE, READY):
+        roster.take(Token(f"{prefix}{RECORDER}/a", True))
+    roster.take(Token(f"{ALIVE}{RECORDER}/a", False))
+    assert roster.take(Token(f"{ALIVE}{RECORDER}/a.1.c", True)) is Change.BACK
+    assert roster.take(Token(f"{ALIVE}{RECORDER}/a.2.c", True)) is Change.BACK
+    assert roster.starts == {RECORDER: "a.2.c"}
+    assert roster.take(Token(f"{ALIVE}{RECORDER}/a.3.stranger", True)) is Change.SECOND
+
+
+def test_who_is_known_by_anothers_word_and_comes_then_is_back_and_may_have_missed_something() -> None:
+    roster = Roster([RECORDER])
+    roster.know(RECORDER, "a")
+    assert roster.take(Token(f"{ALIVE}{RECORDER}/a", True)) is Change.BACK
+    assert roster.take(Token(f"{ALIVE}{RECORDER}/a", True)) is Change.NONE
+
+
 @pytest.mark.parametrize("code", [0, -9, 1])
 def test_a_recorder_that_says_that_the_run_is_incomplete_is_heard_though_all_nodes_are_done(code: int) -> None:
     supervision = Supervision(("router", "recorder", "sensors"), restarts=3)
