@@ -16,7 +16,7 @@ from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, is_record
 from dynpf_formats.recording.attachments import changed_files, foreign_attachments
 from dynpf_formats.recording.code import recorded_code
 from dynpf_formats.recording.errors import RecordingError
-from dynpf_formats.recording.findings import Finding, Severity, error
+from dynpf_formats.recording.findings import Finding, Severity, by_topic, error
 from dynpf_formats.recording.info import restarts
 from dynpf_formats.recording.journals import check_journals
 from dynpf_formats.recording.mcap_records import Damage
@@ -143,7 +143,7 @@ def _gaps(recording: Recording) -> Iterator[Finding]:
         for record in recording.of(source):
             if record.sequence > expected:
                 missing = _range(expected, record.sequence - 1)
-                yield error(f"missing: sequence {missing} of {source.node}, boot {source.boot}", source.topic)
+                yield by_topic(f"missing: sequence {missing} of {source.node}, boot {source.boot}", source.topic)
             expected = record.sequence + 1
 
 

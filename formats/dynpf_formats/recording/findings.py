@@ -3,8 +3,10 @@
 from enum import StrEnum
 
 import msgspec
+from dynpf_protocol.journal import JOURNAL_PREFIX
+from dynpf_protocol.topics import is_compared
 
-__all__ = ["Finding", "Severity", "error", "warning"]
+__all__ = ["Finding", "Severity", "by_topic", "error", "warning"]
 
 
 class Severity(StrEnum):
@@ -31,3 +33,10 @@ def error(what: str, where: str) -> Finding:
 def warning(what: str, where: str) -> Finding:
     """Return what says that something is odd."""
     return Finding(severity=Severity.WARNING, what=what, where=where)
+
+
+def by_topic(what: str, topic: str) -> Finding:
+    """Return a finding about a topic: an error if it is compared, or a journal."""
+    if topic.startswith(JOURNAL_PREFIX) or is_compared(topic):
+        return error(what, topic)
+    return warning(f"{what}; this topic is not compared", topic)

@@ -52,11 +52,10 @@ _DISTRIBUTIONS = (
 
 def collect() -> Provenance:
     """Return the provenance of runs that this process makes."""
-    packages = {name: found for name in _DISTRIBUTIONS if (found := _version(name))}
     return Provenance(
         dynpf_version=_version("dynpf") or "unknown",
         code_digest=code_digest(),
-        packages=packages,
+        packages={name: found for name in _DISTRIBUTIONS if (found := _version(name))},
         platform=platform_fingerprint(),
     )
 
@@ -144,6 +143,7 @@ def _blas() -> str:
     return _with_setting(name, "OPENBLAS_CORETYPE")
 
 
+@cache
 def _version(distribution: str) -> str:
     try:
         return version(distribution)

@@ -5,10 +5,9 @@ from typing import Any
 
 import msgspec
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, decode_entry
-from dynpf_protocol.topics import is_compared
 
 from dynpf_formats.recording.account import Account
-from dynpf_formats.recording.findings import Finding, error, warning
+from dynpf_formats.recording.findings import Finding, by_topic, error, warning
 from dynpf_formats.recording.header import Attachment, RunEnd, RunHeader, seal_of
 from dynpf_formats.recording.reader import Recording
 from dynpf_formats.recording.stream import RecordedSchema, Source
@@ -103,22 +102,15 @@ def _channels(end: RunEnd, found: RunEnd) -> Iterator[Finding]:
             what = f"messages {sender} which the recorder has not sealed"
         else:
             what = f"the messages {sender} are not those that the recorder sealed"
-        yield _by_topic(source.topic, what)
+        yield by_topic(what, source.topic)
     for topic in sorted({*end.counts, *found.counts}):
         promised, counted = end.counts.get(topic, 0), found.counts.get(topic, 0)
         if promised != counted:
             what = f"the recorder counted {promised} messages, in the file are {counted}"
             follows = any(source.topic == topic for source in changed)  # else the end itself is wrong
-            yield _by_topic(topic, what) if follows else error(what, topic)
+            yield by_topic(what, topic) if follows else error(what, topic)
     if [*sealed] != [*present] and sealed == present:
         yield error("senders and topics first appear in another order than the recorder sealed", _END)
-
-
-def _by_topic(topic: str, what: str) -> Finding:
-    """Return a finding about a topic: an error if it is compared, or a journal."""
-    if topic.startswith(JOURNAL_PREFIX) or is_compared(topic):
-        return error(what, topic)
-    return warning(f"{what}; this topic is not compared", topic)
 
 
 def _difference(what: str, sealed: Any, found: Any) -> Iterator[Finding]:

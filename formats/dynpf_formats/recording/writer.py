@@ -141,13 +141,15 @@ class RecordingWriter:
         if entry is None and name.startswith(JOURNAL_PREFIX):
             entry = _entry(name, payload)
         source = Source(name, envelope.node, envelope.boot)
+        if source not in self._channels:
+            self._described(name)  # a topic that is unknown leaves no gap
         gap = self._account.gap(source, envelope.sequence)
         if gap is not None:
             number, self._gaps = self._gaps, self._gaps + 1
             noticed = Envelope(_RECORDER, self._boot, number, envelope.tick, envelope.stamp_ns, envelope.publish_ns)
             self.message(_GAP_TOPIC, noticed, encode(_GAP_TOPIC, gap))
         channel = self._channels.get(source)
-        if channel is None:  # after the gap, which comes first in the file
+        if channel is None:  # senders are sealed in the order of their first messages: the gap's is before this one
             channel = self._open(source)
         size = len(payload) + _MESSAGE_OVERHEAD
         try:

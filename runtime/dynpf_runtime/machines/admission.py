@@ -30,6 +30,10 @@ class Admission:
         self.wake_ns = NEVER_NS
         return Ask(SCENARIO, self._text.encode())
 
+    def wait_for_router(self) -> None:
+        """Give the router its whole time again: it is gone, and can answer once it is back."""
+        self._ask_until_ns = None
+
     def answered(self, theirs: bytes | None, now_ns: int) -> bool:
         """Return whether the process fits by the router's answer; if not yet, it asks again.
 

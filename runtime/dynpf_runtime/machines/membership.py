@@ -89,7 +89,7 @@ class Membership:
         self._stop_sent = False
         self._roster = Roster(self.peers)
         self.starts, self.boots = self._roster.starts, self._roster.boots  # of each peer; they change in place
-        self._others = Roster({ROUTER, OPERATOR})
+        self.others = Roster({ROUTER, OPERATOR})
         self._rivals = Rivals()
         self.heartbeats = Heartbeats()
         self._next_beat_ns = 0
@@ -152,9 +152,9 @@ class Membership:
                 yield from self._hear(event, now_ns)
             case StopAsked():
                 yield from self._stop(event)
-            case RouterGone():
-                if not self.leaving:
-                    self.absence.lose_router(now_ns)
+            case RouterGone() if not self.leaving:
+                self.absence.lose_router(now_ns)
+                self._admission.wait_for_router()
             case Woke():
                 yield from self.absence.judge(now_ns, self.ticks, self._may_go)
         yield from self._look(now_ns)
@@ -301,7 +301,7 @@ class Membership:
         yield Put(f"{BEAT}{self.name}", encode_control(beat))
         if not self.leaving:
             patience_ns = self.absence.patience_ns
-            for text in self.heartbeats.look({**self.starts, **self._others.starts}, now_ns, patience_ns):
+            for text in self.heartbeats.look({**self.starts, **self.others.starts}, now_ns, patience_ns):
                 if self.name == RECORDER:  # once is enough, and it is never in a step itself
                     yield Tell(text)
 
@@ -311,8 +311,8 @@ class Membership:
             self.absence.find_router()
         if node == self.name and start not in self._starts:
             self._rival(start, ready=ready, present=token.present)
-        elif node in self._others.names:
-            self._others.take(token)
+        elif node in self.others.names:
+            self.others.take(token)
         elif node in self.peers:
             change = self._roster.take(token)
             if change is Change.SECOND and not (self.inherited or was_before(self.starts[node], start)):
@@ -343,7 +343,7 @@ class Membership:
                 yield Tell(text)
 
     def _take_beat(self, beat: Beat, now_ns: int) -> Iterator[Effect]:
-        known = self.starts | self._others.starts
+        known = self.starts | self.others.starts
         if beat.node not in known or follows(beat.boot, known[beat.node]):  # its first beat may come before its token
             return
         if was_before(beat.boot, known[beat.node]):  # it had not taken over when it said this
@@ -376,7 +376,7 @@ class Membership:
             self.absence.closed_early = printable(recorded.reason) or "no reason was given"
 
     def _take_stop(self, stop: Stop) -> None:
-        check_boot(stop.node, stop.boot, {**self.starts, **self._others.starts, self.name: self.start})
+        check_boot(stop.node, stop.boot, {**self.starts, **self.others.starts, self.name: self.start})
         if stop.node == self.name and not self._stop_sent:
             raise UnknownSenderError("it comes in this process's own name, and this process has not sent it")
         self.stop_reason = printable(stop.reason, 200)

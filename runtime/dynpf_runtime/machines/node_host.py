@@ -87,9 +87,10 @@ class NodeHost:
     @property
     def wake_ns(self) -> int:
         """The time on the monotonic clock at which Woke is due."""
-        wake_ns = self._member.wake_ns
-        other_ns = self._turns.wake_ns if self._turns is not None and self._running else self._recorded_by_ns
-        return min(wake_ns, other_ns, self._saying.wake_ns, self._recollection.wake_ns)
+        wake_ns = min(self._member.wake_ns, self._saying.wake_ns, self._recollection.wake_ns)
+        if self._turns is None or not self._running:
+            return min(wake_ns, self._recorded_by_ns)
+        return min(wake_ns, self._turns.wake_ns) if self._member.running else wake_ns  # who may not step yet, waits
 
     def handle(self, event: Event, now: Now) -> Iterable[Effect]:
         """Return the effects of an event; messages that other nodes wait for come first, the journal last."""

@@ -5,10 +5,10 @@ from enum import Enum
 
 from dynpf_formats.recording.header import RunEnd
 from dynpf_protocol.codec import encode
-from dynpf_protocol.control import Recorded, encode_control
+from dynpf_protocol.control import Recorded
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import DynpfError, OrderError, ProtocolError, RepeatError, RunError
-from dynpf_protocol.keys import AGAIN, DATA, JOURNAL, RECALL, RECORDED, RECORDER, RUN
+from dynpf_protocol.keys import AGAIN, DATA, JOURNAL, RECALL, RECORDER, RUN
 from dynpf_protocol.messages import Log, LogLevel, Restart, timestamp
 from dynpf_protocol.printable import printable
 
@@ -19,7 +19,6 @@ from dynpf_runtime.machines.effects import (
     Ended,
     Flush,
     Open,
-    Put,
     Record,
     Show,
     Subscribe,
@@ -38,6 +37,7 @@ from dynpf_runtime.machines.events import (
     Token,
     Woke,
 )
+from dynpf_runtime.machines.last_word import LastWord
 from dynpf_runtime.machines.ledger import Ledger
 from dynpf_runtime.machines.membership import Membership
 from dynpf_runtime.machines.rebuilding import rebuilt
@@ -58,12 +58,6 @@ LATE_NS = 20_000_000_000
 
 AGAIN_NS = 10_000_000_000
 """SETTLE_NS after somebody was gone: what was lost is said again, if need be several times."""
-
-SAY_AGAIN_NS = 250_000_000
-"""How often the recorder repeats, until the others have left, that it has confirmed the run."""
-
-SEE_OFF_NS = 2_000_000_000
-"""How long the others may take to leave after the recorder has confirmed the run."""
 
 
 class _Stage(Enum):
@@ -111,13 +105,12 @@ class RecorderMachine:
         self._warnings = 0
         self._doubted = False
         self._standstill = Standstill()
-        self._due_ns = NEVER_NS  # deadline of the stage: for missing messages, or for the others to leave
+        self._due_ns = NEVER_NS  # deadline for missing messages
         self._settling = False  # whether what is missing now was said to be sent
         self._flush_at_ns = 0
         self._returns = 0
         self._again_until_ns = 0  # until then nodes may say again what is missing before what they say
-        self._say_again_ns = NEVER_NS
-        self._last_word: Recorded | None = None
+        self._last_word: LastWord | None = None
 
     def _prepare(self) -> Sequence[Effect]:
         again = self._member.successor
@@ -131,7 +124,9 @@ class RecorderMachine:
         """The time on the monotonic clock at which Woke is due."""
         if self._stage is _Stage.BROKEN:
             return 0  # as soon as no arrival waits
-        wake_ns = min(self._member.wake_ns, self._due_ns, self._say_again_ns)
+        if self._last_word is not None:
+            return min(self._member.wake_ns, self._last_word.wake_ns)
+        wake_ns = min(self._member.wake_ns, self._due_ns)
         return min(wake_ns, self._flush_at_ns) if self._stage is _Stage.RECORDING else wake_ns
 
     def handle(self, event: Event, now: Now) -> Iterable[Effect]:
@@ -163,8 +158,10 @@ class RecorderMachine:
             self._stage = _Stage.RECORDING
         if self._stage is _Stage.RECORDING:
             yield from self._record(now)
-        elif self._stage is _Stage.SEEING_OFF:
-            yield from self._see_off(now)
+        elif self._last_word is not None and self._stage is _Stage.SEEING_OFF:
+            yield from self._last_word.again(event, now.monotonic_ns)
+            if self._last_word.over:
+                yield Ended(self._error)
 
     def _react(self, event: Event, now: Now) -> Iterator[Effect]:
         member = self._member
@@ -295,29 +292,20 @@ class RecorderMachine:
     def _confirm(self, end: RunEnd, now: Now) -> Iterator[Effect]:
         """Announce that the file is closed; after a complete run, wait until the others have left."""
         self._member.leaving = True
-        self._last_word = Recorded(self._member.start, end.complete, printable(end.reason), self._path)
-        yield Put(RECORDED, encode_control(self._last_word))
+        recorded = Recorded(self._member.start, end.complete, printable(end.reason), self._path)
+        self._last_word = LastWord(recorded, self._member, now.monotonic_ns, waits=not self._ledger.ended)
+        yield self._last_word.put
         if self._error is not None:
             yield Ended(self._error)
             return
-        self._stage, self._due_ns = _Stage.SEEING_OFF, now.monotonic_ns + SEE_OFF_NS
-        self._say_again_ns = now.monotonic_ns + SAY_AGAIN_NS if self._member.recovers else NEVER_NS
+        self._stage = _Stage.SEEING_OFF
         if not end.complete:
             self._error = RunError(f"{self._path} is incomplete: {end.reason}")
-
-    def _see_off(self, now: Now) -> Iterator[Effect]:
-        """End when the others have left; they may have been cut off when the last word was said."""
-        greeted = self._ledger.ended or now.monotonic_ns >= self._say_again_ns  # else it has found a whole recording
-        if (not self._member.present and greeted) or now.monotonic_ns >= self._due_ns:
-            yield Ended(self._error)
-        elif now.monotonic_ns >= self._say_again_ns and self._last_word is not None:
-            self._say_again_ns = now.monotonic_ns + SAY_AGAIN_NS
-            yield Put(RECORDED, encode_control(self._last_word))
 
     def _recall(self, arrived: Arrived, now: Now) -> Iterator[Effect]:
         """Tell a node's new start what its predecessor has read and done, or that the run is over."""
         if self._stage is _Stage.SEEING_OFF and self._last_word is not None:
-            yield Put(RECORDED, encode_control(self._last_word))
+            yield self._last_word.put
         if self._stage is not _Stage.RECORDING or not self._member.recovers:
             return
         try:

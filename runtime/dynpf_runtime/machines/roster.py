@@ -49,7 +49,12 @@ def follows(start: str, before: str) -> bool:
 
 def was_before(name: str, start: str) -> bool:
     """Return whether ``name`` is what the one who is known as ``start`` called itself before it took over."""
-    return start.count(".") == 2 and start.rpartition(".")[2] == name
+    return start.count(".") == 2 and _own(start) == name
+
+
+def _own(start: str) -> str:
+    """Return what sets a start apart: it keeps that if it learns later from whom it takes over."""
+    return start.rpartition(".")[2]
 
 
 def _rank(start: str) -> int:
@@ -98,12 +103,15 @@ class Roster:
         if name not in self.starts:
             self._count(name, start)
             self._ready.add((name, start))
+            self._gone.add((name, start))  # if it comes, it is back: it may have missed what was said meanwhile
 
     def correct(self, name: str, start: str) -> None:
         """Have a start count, or one that takes over from it, instead of one that is no start of the run."""
         if boot_of(self.starts.get(name, "")) != boot_of(start):
             self._ready.add((name, start))
             self._count(name, next((other for other in self._alive[name] if follows(other, start)), start))
+            if self.starts[name] not in self._alive[name]:
+                self._gone.add((name, self.starts[name]))
 
     def take(self, token: Token) -> Change:
         """Note the token of one of ``names``, and return what it changes."""
@@ -132,7 +140,7 @@ class Roster:
             return Change.BACK if back else Change.NONE
         if not self._is_due(name, counting):
             return Change.NONE
-        if counting not in alive and follows(start, counting):
+        if follows(start, counting) and (counting not in alive or _own(start) == _own(counting)):
             self._count(name, start)
             return Change.BACK
         self._seconds[name] += 1

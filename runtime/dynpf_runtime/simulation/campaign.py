@@ -1,5 +1,6 @@
 """A campaign: many schedules of one run, each played and judged, in several processes."""
 
+import gc
 import multiprocessing
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -23,6 +24,7 @@ REPLAY_EVERY = 10
 
 _MEMORY = Path("/dev/shm")
 _CHUNK = 8
+_OBJECTS = 50_000  # new ones between two looks for garbage
 
 
 class Verdict(NamedTuple):
@@ -81,10 +83,11 @@ class Campaign:
     def verdicts(self, numbers: range, jobs: int) -> Iterator[Verdict]:
         """Yield the verdicts on schedules, in no order, by as many processes."""
         if jobs == 1:
-            yield from map(self.verdict, numbers)
+            with _rare_collections():
+                yield from map(self.verdict, numbers)
             return
         context = multiprocessing.get_context("fork")
-        with context.Pool(jobs, _Worker.begin, (self,)) as pool:
+        with _rare_collections(), context.Pool(jobs, _Worker.begin, (self,)) as pool:  # the workers inherit that, too
             yield from pool.imap_unordered(_Worker.verdict, numbers, _CHUNK)
 
     def shrink(self, number: int) -> list[int]:
@@ -94,6 +97,20 @@ class Campaign:
             return bool(self.judge(self.schedule(number, indices), replay=True)[0].broken)
 
         return list(shrunk(range(len(self.schedule(number).faults)), fails))
+
+
+@contextmanager
+def _rare_collections() -> Iterator[None]:
+    """Have Python look for cyclic garbage rarely, and not among what is there already: a trial leaves little of it."""
+    before = gc.get_threshold()
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(_OBJECTS, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
+        gc.unfreeze()
 
 
 class _Worker:

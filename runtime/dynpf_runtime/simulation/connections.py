@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import partial
 from random import Random
 
-from dynpf_runtime.machines.events import Arrived, Event
+from dynpf_runtime.machines.events import Arrived, Event, Token
 from dynpf_runtime.simulation.agenda import Agenda
 from dynpf_runtime.simulation.hub import Hub
 from dynpf_runtime.simulation.process import Link, Process
@@ -56,12 +56,17 @@ class Connections:
 
     def part(self, process: Process) -> None:
         """Give up a connection that has been silent for the lease, on both sides."""
-        if not process.running or self.hub.gone or not (process.stopped or process.cut_ns > self._agenda.now_ns):
+        if self.hub.gone or not (process.stopped or process.cut_ns > self._agenda.now_ns):
             return
-        self.hub.hide(process)
+        if not process.running:
+            self.hub.forget(process)
+            return
+        for key in list(process.seen):
+            self._deliver(process, process.partings, Token(key, False))
         self.hub.forget(process)
         process.linked, process.connection = False, 0
         if not process.stopped:
+            process.partings += 1
             self._agenda.at(process.cut_ns, lambda: self.link_again(process))
 
     def close(self) -> None:
@@ -115,7 +120,7 @@ class Connections:
         connection = process.connection
 
         def arrive() -> None:
-            if sending and connection == process.connection:
+            if sending and connection and connection == process.connection:
                 self.hub.take(sending[0])
 
         self._agenda.at(process.to_router.arrival_ns(self._agenda.now_ns), arrive)
@@ -135,9 +140,16 @@ class Connections:
             process.threads[pattern] = Link(self._random, _THREAD_NS)
         for link_ns, thread_ns in copies:
             on_link_ns = process.from_router.arrival_ns(self._agenda.now_ns, link_ns)
-            self._agenda.at(
-                process.threads[pattern].arrival_ns(on_link_ns, thread_ns), lambda: self._arrive(process, event)
-            )
+            at_ns = process.threads[pattern].arrival_ns(on_link_ns, thread_ns)
+            self._agenda.at(at_ns, partial(self._deliver, process, process.partings, event))
+
+    def _deliver(self, process: Process, partings: int, event: Event) -> None:
+        if partings != process.partings:
+            return  # it was lost with the connection
+        if type(event) is Token:
+            process.seen.pop(event.key, None)
+            process.seen.update({event.key: None} if event.present else {})
+        self._arrive(process, event)
 
     def query(self, process: Process, reply: Callable[[], Event], none: Event) -> None:
         """Ask the router, and answer with ``none`` if it does not answer in time."""

@@ -103,12 +103,6 @@ class Hub:
             del self._tokens[token]
             self._tell(Token(token, False))
 
-    def hide(self, process: Process) -> None:
-        """Have a process that loses its connection see all tokens disappear."""
-        for token in self._tokens:
-            if (pattern := first_match(process.watched, token)) is not None:
-                self._reply(process, Token(token, False), pattern)
-
     def close(self) -> None:
         """Forget everything; processes see the others' tokens disappear."""
         for token in self._tokens:

@@ -46,6 +46,9 @@ __all__ = ["Reference", "broken", "is_harmless", "reference_of"]
 
 SECOND = 1_000_000_000
 
+_SPINS = 10
+"""So often a process may not wake at once again, and do nothing: it would take a processor for itself."""
+
 _Place = tuple[str, str, int]
 """Node, topic and sequence of a message."""
 
@@ -139,6 +142,9 @@ def _ends(trial: Trial) -> Iterator[str]:
         yield "the run stood still, and nobody said why"
     elif trial.asked and _began(trial) and not _may_stand_still(trial):
         yield f"the run stood still for {STANDSTILL_NS // SECOND} s"
+    for name, process in simulation.processes.items():
+        if process.most_idle_wakes >= _SPINS:
+            yield f"{name} spins: it wakes {process.most_idle_wakes} times in a row, and does nothing"
     for name, error in simulation.ended.items():
         if not isinstance(error, DynpfError | KeyboardInterrupt | RecordingError | None):
             yield f"{name} raised {type(error).__name__}: {error}"
@@ -152,7 +158,11 @@ def _began(trial: Trial) -> bool:
 def _may_stand_still(trial: Trial) -> bool:
     """Return whether a message was lost that a step waits for, or a process hangs and nobody watches it."""
     hangs = any(process.hangs for process in trial.simulation.processes.values())
-    return hangs or any(type(fault) is Drop for fault in trial.schedule.faults)
+    return hangs or _dropped(trial)
+
+
+def _dropped(trial: Trial) -> bool:
+    return any(type(fault) is Drop for fault in trial.schedule.faults)
 
 
 def _told(trial: Trial) -> bool:
@@ -193,6 +203,8 @@ def _recording(run: Run, reference: Reference | None, trial: Trial, *, replay: b
         found.append("the recording says that it is not whole, and the doctor finds nothing")
     if not damage and recording.end is not None:
         found += _says(recording, errors, diagnosed.altered)
+        if whole and recording.end.missing and not _dropped(trial):
+            found.append(f"{recording.end.missing} messages that are not compared are missing, and none was dropped")
     if whole and reference is not None and not trial.asked and content_digest(recording) != reference.digest:
         found.append("the recording is called whole, and has not the content of the undisturbed run")
     if not whole and reference is not None and not damage:
@@ -246,9 +258,10 @@ def _resumed(run: Run, reference: Reference, trial: Trial) -> Iterator[str]:
         if confirmed:
             yield f"the recorder had confirmed {confirmed} ticks, and nothing can be read: {error}"
         return
+    yield from _ends(again)
     told = [line for what in again.simulation.story if isinstance(what.what, Record) for line in _restart(what.what)]
-    if told and told[0].tick < confirmed:
-        yield f"the recorder had confirmed {confirmed} ticks, and {told[0].tick} can be read after the loss of power"
+    if told and told[-1].tick < confirmed:  # the restarts before it are among what was recorded
+        yield f"the recorder had confirmed {confirmed} ticks, and {told[-1].tick} can be read after the loss of power"
     ended = again.simulation.ended.get(RECORDER, RunError("it has not ended"))
     if ended is not None:
         yield f"the run cannot be resumed: {ended}"

@@ -111,6 +111,7 @@ class Simulation:
         process = self.processes[name] = Process(name, machine, perform or _refuse, links, closing)
         if before is not None:
             process.events, process.arrivals = before.events, before.arrivals
+            process.most_idle_wakes = before.most_idle_wakes
         process.began_events = process.events
         process.busy_ns = process.began_ns = process.turned_ns = self.now_ns + self._agenda.draw(self._network.start_ns)
         self._changed = True
@@ -269,14 +270,21 @@ class Simulation:
         if process.inbox:
             self._handle(process, process.inbox.popleft())
         elif self.now_ns >= process.machine.wake_ns:
-            if not process.linked:
-                self._handle(process, RouterGone())
-            self._handle(process, Woke())
+            self._wake(process)
         process.busy_ns = self.now_ns + 1 + self._agenda.draw(self._network.work_ns)
         if process.slow[0]:
             process.busy_ns += process.slow[1]
             process.slow = process.slow[0] - 1, process.slow[1]
         self._plan(process)
+
+    def _wake(self, process: Process) -> None:
+        if not process.linked:
+            self._handle(process, RouterGone())
+        length = len(self.story)
+        self._handle(process, Woke())
+        idle = len(self.story) == length + 1 and process.machine.wake_ns <= self.now_ns
+        process.idle_wakes = process.idle_wakes + 1 if idle else 0
+        process.most_idle_wakes = max(process.most_idle_wakes, process.idle_wakes)
 
     def _await_router(self, process: Process) -> None:
         """Let a new process look for the router again in a while, unless it is asked to end."""

@@ -81,6 +81,7 @@ class Process:
         self.watches: list[str] = []
         self.watched: list[str] = []  # what it watches, as far as the router knows
         self.declared: list[str] = []
+        self.seen: dict[str, None] = {}  # tokens of which it has been told that they are there, in that order
         self.busy_ns = 0
         self.planned_ns = NEVER_NS
         self.running = True  # it was not killed, and its machine has not ended
@@ -90,6 +91,7 @@ class Process:
         self.resumes_ns = NEVER_NS  # when it goes on, if it hangs
         self.connection = 0  # its number; 0 if it has none
         self.linked = True  # whether it takes itself to be connected
+        self.partings = 0  # how often its connection was given up while it was cut off
         self.cut_ns = 0  # until when its connection is down
         self.events = 0  # handled so far
         self.began_ns = NEVER_NS
@@ -97,6 +99,7 @@ class Process:
         self.turned_ns = 0  # when the last one was
         self.doomed: tuple[int, int] | None = None  # effects until it is killed, and how many sendings that loses
         self.unsent: deque[list[Callable[[], None]]] = deque(maxlen=16)  # the last sendings, emptied if they are lost
+        self.idle_wakes = self.most_idle_wakes = 0  # in a row: it wakes, does nothing, and is due at once again
         self.arrivals = 0  # messages that the router has sent to it
         self.slow: tuple[int, int] = (0, 0)  # events, and how much longer each takes, ns
 

@@ -26,9 +26,10 @@ PREPARED = Subscribe("what it needs")
 class Scripted:
     """A membership of the simulator, given one event after the other at a time that the script sets."""
 
-    def __init__(self, boot: str = "mine", *, leads: bool = True) -> None:
+    def __init__(self, boot: str = "mine", *, leads: bool = True, patience_ns: int = 0) -> None:
+        plan = plan_of(SCENARIO_HERE)
         self.machine = Membership(
-            "simulator", plan_of(SCENARIO_HERE), boot, "tcp/here:1", lambda: [PREPARED], leads=leads
+            "simulator", plan, boot, "tcp/here:1", lambda: [PREPARED], leads=leads, patience_ns=patience_ns
         )
         self.now_ns = 0
         self.effects: list[Effect] = []
@@ -80,6 +81,18 @@ def test_nobody_who_answers_is_told_after_five_seconds() -> None:
     one.give(Started(), Answered(None))
     one.now_ns = 6 * 10**9
     with pytest.raises(DynpfError, match="the router at tcp/here:1 does not say which scenario it runs"):
+        one.give(Woke(), Answered(None))
+
+
+def test_a_router_that_is_gone_has_its_five_seconds_to_answer_once_it_is_back() -> None:
+    one = Scripted(patience_ns=30 * 10**9)
+    one.give(Started(), Answered(None))
+    one.now_ns = 6 * 10**9
+    one.give(RouterGone(), Woke(), Answered(None))
+    one.now_ns = 10 * 10**9
+    one.give(Woke(), Answered(None))
+    one.now_ns = 12 * 10**9
+    with pytest.raises(DynpfError, match="does not say which scenario it runs"):
         one.give(Woke(), Answered(None))
 
 

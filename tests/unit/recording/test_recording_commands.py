@@ -108,6 +108,13 @@ def test_doctor_finds(run: Run, tmp_path: Path, sent: list[Sent], where: str, wh
     assert findings[0].what in printed
 
 
+@pytest.mark.parametrize("sequence", [0, 2])
+def test_what_is_not_compared_and_missing_is_odd_and_nothing_else_is_wrong(tmp_path: Path, sequence: int) -> None:
+    (found,) = examine(write(tmp_path / "run.mcap", without(lockstep(5), "diagnostics", sequence)))
+    assert (found.severity, found.where) == (Severity.WARNING, "diagnostics")
+    assert found.what.endswith("; this topic is not compared")
+
+
 def test_doctor_of_something_else(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
     path.write_text("hello, world")

@@ -8,7 +8,7 @@ from dynpf_runtime.bus.supervision import Asked, Finish, Seen, Supervision
 from dynpf_runtime.machines.events import Token
 from dynpf_runtime.machines.roster import Change, Roster
 from dynpf_runtime.simulation.campaign import Campaign
-from dynpf_runtime.simulation.faults import Tear
+from dynpf_runtime.simulation.faults import Crash, Cut, Drop, Fault, Tear
 from dynpf_runtime.simulation.process import Network
 from dynpf_runtime.simulation.schedule import Care, Schedule
 
@@ -29,6 +29,24 @@ def test_a_start_that_took_over_and_was_killed_before_it_was_ready_has_an_heir()
     assert roster.starts == {RECORDER: "a.2.c"}
 
 
+def test_a_start_that_learns_later_from_whom_it_takes_over_is_the_same_start() -> None:
+    roster = Roster([RECORDER])
+    for prefix in (ALIVE, READY):
+        roster.take(Token(f"{prefix}{RECORDER}/a", True))
+    roster.take(Token(f"{ALIVE}{RECORDER}/a", False))
+    assert roster.take(Token(f"{ALIVE}{RECORDER}/a.1.c", True)) is Change.BACK
+    assert roster.take(Token(f"{ALIVE}{RECORDER}/a.2.c", True)) is Change.BACK
+    assert roster.starts == {RECORDER: "a.2.c"}
+    assert roster.take(Token(f"{ALIVE}{RECORDER}/a.3.stranger", True)) is Change.SECOND
+
+
+def test_who_is_known_by_anothers_word_and_comes_then_is_back_and_may_have_missed_something() -> None:
+    roster = Roster([RECORDER])
+    roster.know(RECORDER, "a")
+    assert roster.take(Token(f"{ALIVE}{RECORDER}/a", True)) is Change.BACK
+    assert roster.take(Token(f"{ALIVE}{RECORDER}/a", True)) is Change.NONE
+
+
 @pytest.mark.parametrize("code", [0, -9, 1])
 def test_a_recorder_that_says_that_the_run_is_incomplete_is_heard_though_all_nodes_are_done(code: int) -> None:
     supervision = Supervision(("router", "recorder", "sensors"), restarts=3)
@@ -47,3 +65,20 @@ def test_a_recorder_that_is_killed_in_any_write_is_taken_over(kept: int, campaig
         verdict, trial = campaign.judge(schedule, replay=False)
         assert (verdict.whole, verdict.broken) == (True, ())
         assert trial.simulation.processes[RECORDER].exit_code == 0
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        pytest.param(
+            Cut("simulator", 0, 5_200_000_000), id="cut off until after the time that the router has to answer"
+        ),
+        pytest.param(Cut("recorder", 195, 5_000_000_000), id="a recorder that is cut off as it says its last word"),
+        pytest.param(Crash("router", 20), id="a router that is killed as the others leave"),
+        pytest.param(Crash("simulator", 25), id="a source that spins until its peers know its new start"),
+        pytest.param(Drop("recorder", 17), id="the first message of a topic that is not compared is lost"),
+    ],
+)
+def test_a_single_fault_that_broke_an_invariant(fault: Fault, campaign: Campaign) -> None:
+    verdict, _ = campaign.judge(Schedule(1, 44, (fault,), Network(), Care.KEPT), replay=True)
+    assert (verdict.whole, verdict.broken) == (True, ())
