@@ -125,29 +125,31 @@ def _divide_by_pivot_root(root, out):
 
 
 @device
-def _root(matrices, pivot, out, filled):
-    """Fill ``out`` (D, D, n) with lower triangular L, L L^T = A of positive semi-definite ``matrices`` (D, D, n).
+def _root(matrices, start, pivot, out, first, filled):
+    """Fill n columns of ``out`` (D, D, .) from ``first`` on with lower triangular L, L L^T = A, and ``filled`` (D, D)
+    with which elements of L are not zero for all.
 
-    Fills ``filled`` (D, D), truth values, with which elements of L are not zero for all.
+    A are those of positive semi-definite ``matrices`` (D, D, N) from ``start`` on; ``pivot`` (n,) is overwritten.
     """
-    size = len(matrices)
+    size, stop, end = len(matrices), start + pivot.size, first + pivot.size
     filled[:] = False
     for j in range(size):
         for i in range(j):
-            _fill(0.0, out[i, j])
+            _fill(0.0, out[i, j, first:end])
         for i in range(j, size):
-            _copy(matrices[i, j], out[i, j])
-            filled[i, j] = i == j or _any(out[i, j])
+            element = out[i, j, first:end]
+            _copy(matrices[i, j, start:stop], element)
+            filled[i, j] = i == j or _any(element)
             for k in range(j):
                 if filled[i, k] and filled[j, k]:
-                    _subtract_product(out[i, k], out[j, k], out[i, j])
+                    _subtract_product(out[i, k, first:end], out[j, k, first:end], element)
                     filled[i, j] = True
-        _copy(out[j, j], pivot)
-        _pivot_roots(pivot, matrices[j, j])
+        _copy(out[j, j, first:end], pivot)
+        _pivot_roots(pivot, matrices[j, j, start:stop])
         for i in range(j, size):
             if filled[i, j]:
-                _divide_by_pivot_root(pivot, out[i, j])
-        filled[j, j] = _any(out[j, j])
+                _divide_by_pivot_root(pivot, out[i, j, first:end])
+        filled[j, j] = _any(out[j, j, first:end])
 
 
 @kernel
@@ -160,7 +162,25 @@ def roots(matrices, out):
     pivot, filled = np.empty(BLOCK), np.empty((size, size), dtype=np.bool_)
     for start in range(0, count, BLOCK):
         stop = min(start + BLOCK, count)
-        _root(matrices[:, :, start:stop], pivot[: stop - start], out[:, :, start:stop], filled)
+        _root(matrices, start, pivot[: stop - start], out, start, filled)
+
+
+@device
+def _slopes(root, jacobian, start, stop, out, sloping):
+    """Fill ``out`` (M, D, .) with A = H L of particles ``start`` to ``stop``, and ``sloping`` (M, D) with which of its
+    elements are not zero for all."""
+    rows, size, _ = jacobian.shape
+    sloping[:] = False
+    for e in range(size):
+        for m in range(rows):
+            _fill(0.0, out[m, e, : stop - start])
+        for d in range(e, size):
+            moved = root[d, e, start:stop]
+            if _any(moved):
+                for m in range(rows):
+                    if _any(jacobian[m, d, start:stop]):
+                        _add_product(jacobian[m, d, start:stop], moved, out[m, e, : stop - start])
+                        sloping[m, e] = True
 
 
 @kernel
@@ -173,26 +193,12 @@ def add_reading(root, jacobian, innovation, information, log_peak, precision, pu
     """
     rows, size, count = jacobian.shape
     slope, sloping = np.empty((rows, size, BLOCK)), np.empty((rows, size), dtype=np.bool_)
-    moving, seen = np.empty((size, size), dtype=np.bool_), np.empty((rows, size), dtype=np.bool_)
     mixed = np.empty(BLOCK)
     for start in range(0, count, BLOCK):
         stop = min(start + BLOCK, count)
         n = stop - start
         _add_constant(log_peak, log_density[start:stop])
-        for d in range(size):
-            for e in range(d + 1):
-                moving[d, e] = _any(root[d, e, start:stop])
-            for m in range(rows):
-                seen[m, d] = _any(jacobian[m, d, start:stop])
-        for m in range(rows):
-            for e in range(size):
-                along = slope[m, e, :n]
-                _fill(0.0, along)
-                sloping[m, e] = False
-                for d in range(e, size):
-                    if seen[m, d] and moving[d, e]:
-                        _add_product(jacobian[m, d, start:stop], root[d, e, start:stop], along)
-                        sloping[m, e] = True
+        _slopes(root, jacobian, start, stop, slope, sloping)
         for m in range(rows):
             _fill(0.0, mixed[:n])
             for k in range(rows):
@@ -204,13 +210,11 @@ def add_reading(root, jacobian, innovation, information, log_peak, precision, pu
                     _add_product(slope[m, e, :n], mixed[:n], pull[e, start:stop])
             for e in range(size):
                 _fill(0.0, mixed[:n])
-                leaning = False
                 for k in range(rows):
                     if information[m, k] != 0.0 and sloping[k, e]:
                         _add_multiple(information[m, k], slope[k, e, :n], mixed[:n])
-                        leaning = True
                 for d in range(size):
-                    if leaning and sloping[m, d]:
+                    if sloping[m, d]:
                         _add_product(slope[m, d, :n], mixed[:n], precision[d, e, start:stop])
 
 
@@ -228,7 +232,7 @@ def draw(expected, root, precision, pull, standard, drawn, gain, log_determinant
     for start in range(0, count, BLOCK):
         stop = min(start + BLOCK, count)
         n = stop - start
-        _root(precision[:, :, start:stop], pivot[:n], lower[:, :, :n], filled)
+        _root(precision, start, pivot[:n], lower, 0, filled)
         squared, logs, ratio = gain[start:stop], log_determinant[start:stop], log_ratio[start:stop]
         _fill(0.0, squared)
         _fill(0.0, logs)

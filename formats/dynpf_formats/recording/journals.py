@@ -55,8 +55,13 @@ def unexplained(recording: Recording, named: Counter[Source]) -> Iterator[Findin
 def messages_of(recording: Recording, node: str, boot: str, entry: JournalEntry) -> list[tuple[int, bytes]] | None:
     """Return stamp and payload of the messages of a step, as its chain value covers them; None if one is missing."""
     found: list[tuple[int, bytes]] = []
-    for sender, made in (*((made.node, made) for made in entry.hosted), *((node, made) for made in entry.produced)):
-        record = recording.find(sender, boot, made.topic, made.sequence)
+    for made in entry.hosted:
+        record = recording.find(made.node, boot, made.topic, made.sequence)
+        if record is None:
+            return None
+        found.append((record.stamp_ns, record.payload))
+    for own in entry.produced:
+        record = recording.find(node, boot, own.topic, own.sequence)
         if record is None:
             return None
         found.append((record.stamp_ns, record.payload))
@@ -155,9 +160,7 @@ class _Journal:
             what = f"{source.topic} {sequence} of {source.node}, {how} in step {entry.step}"
             self._first = self._first or f", first {what}"
 
-    def _links(
-        self, boot: str, entry: JournalEntry, messages: list[tuple[int, bytes]] | None
-    ) -> Iterator[Finding]:
+    def _links(self, boot: str, entry: JournalEntry, messages: list[tuple[int, bytes]] | None) -> Iterator[Finding]:
         """Yield where the chain of digests does not go on over the step, whose ``messages`` these are."""
         if messages is None:
             self._whole = False
