@@ -5,7 +5,7 @@ its plan alone. In realtime they depend on when messages arrived, and only the j
 """
 
 from collections import Counter
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from dynpf_formats.recording.reader import Recorded, Recording
@@ -35,7 +35,6 @@ def replay_hosts(recording: Recording, plan: Plan) -> Iterator[Mismatch]:
     if plan.clock != "lockstep":
         return
     hosts = {name: _Host(recording, plan, name) for name in plan.graph.nodes}
-    read = frozenset(topic for spec in plan.graph.specs.values() for topic in spec.reads)
     source = hosts[plan.graph.source]
     while (begun := source.next()) is not None:
         stamp_ns = source.stamp_ns(begun)
@@ -44,7 +43,7 @@ def replay_hosts(recording: Recording, plan: Plan) -> Iterator[Mismatch]:
             if entry is None or not host.takes(stamp_ns):
                 return
             yield from host.compare(entry, stamp_ns)
-            counts, sent = host.sent(entry, read)
+            counts, sent = host.sent(entry)
             done = TickDone(name, host.boot, entry.step, entry.tick, stamp_ns, counts, entry.last)
             for other in hosts.values():
                 other.hear(sent if other is not host else (), done)
@@ -110,16 +109,16 @@ class _Host:
                     self._name, JOURNAL_PREFIX + self._name, entry.tick, entry.step, field, recorded, replayed
                 )
 
-    def sent(self, entry: JournalEntry, read: Container[str]) -> tuple[dict[str, int], list[Received]]:
-        """Return how many messages a step has sent on each topic, and those on the topics that are ``read``."""
+    def sent(self, entry: JournalEntry) -> tuple[dict[str, int], list[Received]]:
+        """Return how many messages a step has sent on each topic, and those that some node may read."""
         counts: dict[str, int] = {}
-        sent = []
+        sent, awaited = [], self._plan.graph.awaited
         made = ((self._name, made.topic, made.sequence) for made in entry.produced)
         for node, topic, sequence in (*((made.node, made.topic, made.sequence) for made in entry.hosted), *made):
             record = self._recording.find(node, self.boot, topic, sequence)
             if record is not None:
                 counts[topic] = counts.get(topic, 0) + 1
-                if topic in read:
+                if topic in awaited:
                     sent.append(Received(topic, node, self.boot, sequence, record.stamp_ns, _UNREAD))
         return counts, sent
 
