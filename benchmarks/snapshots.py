@@ -1,7 +1,7 @@
 """What snapshots cost: their share of a recording, and of the processor time of a run in one process.
 
-`python benchmarks/snapshots.py [SCENARIO[=TICKS] ...]` runs each scenario twice, with and without snapshots, and prints
-a row of the table in docs/recording.md for it.
+`python benchmarks/snapshots.py [SCENARIO[=TICKS][@LOG.mcap] ...]` runs each scenario twice, with and without snapshots,
+and prints a row of the table in docs/recording.md for it. Scenarios that play an imported log are run only if named.
 """
 
 import sys
@@ -13,6 +13,7 @@ from dynpf_formats.recording.reader import read_recording
 from dynpf_protocol.snapshots import SNAPSHOT_PREFIX
 from dynpf_runtime.snapshot import Snapshots
 from dynpf_services.scenario.load import load_scenario
+from dynpf_services.scenario.played_log import PlayedLog
 from dynpf_services.scenario.record import record_inline
 
 SCENARIOS = {
@@ -30,9 +31,10 @@ SCENARIOS = {
 }
 
 
-def measured(name: str, ticks: int, folder: Path) -> str:
-    """Return the row of a scenario."""
-    scenario = load_scenario(name, overrides=[f"max_ticks={ticks}"])
+def measured(name: str, ticks: int, log: PlayedLog | None, folder: Path) -> str:
+    """Return the row of a scenario, which may play a log."""
+    facts = None if log is None else log.facts
+    scenario = load_scenario(name, overrides=[f"max_ticks={ticks}"], log=facts)
     spent = [0.0]
     after = Snapshots.after
 
@@ -46,10 +48,10 @@ def measured(name: str, ticks: int, folder: Path) -> str:
     try:
         Snapshots.after = timed
         began = process_time()
-        made = record_inline(scenario, folder / f"{name}.mcap")
+        made = record_inline(scenario, folder / f"{name}.mcap", log)
         whole = process_time() - began
         Snapshots.after = lambda *_, **__: None
-        record_inline(scenario, folder / f"{name}-without.mcap")
+        record_inline(scenario, folder / f"{name}-without.mcap", log)
     finally:
         Snapshots.after = after
     sizes = [(folder / f"{name}{which}.mcap").stat().st_size for which in ("", "-without")]
@@ -61,12 +63,14 @@ def measured(name: str, ticks: int, folder: Path) -> str:
 
 def main() -> None:
     """Print the table."""
-    chosen = dict((*word.partition("=")[::2],) for word in sys.argv[1:]) or dict.fromkeys(SCENARIOS, "")
     print("| scenario | ticks | snapshots | of the file | of the processor time |\n| --- | --- | --- | --- | --- |")
     with tempfile.TemporaryDirectory() as folder:
         record_inline(load_scenario("landmark-room", overrides=["max_ticks=3"]), Path(folder) / "first.mcap")
-        for name, ticks in chosen.items():
-            print(measured(name, int(ticks or SCENARIOS[name]), Path(folder)), flush=True)
+        for word in sys.argv[1:] or SCENARIOS:
+            chosen, _, path = word.partition("@")
+            name, _, ticks = chosen.partition("=")
+            log = PlayedLog(Path(path)) if path else None
+            print(measured(name, int(ticks or SCENARIOS.get(name, 1500)), log, Path(folder)), flush=True)
 
 
 if __name__ == "__main__":

@@ -106,7 +106,7 @@ _CASTS_BY_REASON = {
         dynpf/kernels/beam.py: sum_over_beams
         dynpf/kernels/bins.py: _fill_keys
         dynpf/kernels/cloud.py: systematic
-        dynpf/kernels/drawing.py: _coverage
+        dynpf/kernels/drawing.py: _step
         dynpf/kernels/edges.py: _bilinear
         dynpf/kernels/fields.py: interpolate
         dynpf/kernels/likelihood_field.py: sum_over_beams _find_cells
@@ -119,7 +119,7 @@ _CASTS_BY_REASON = {
         dynpf/kernels/rays.py: _leap _finish
     """,
     "a mean, by a share from 0 to 1, of two grey levels from 0 to 255": """
-        dynpf/kernels/drawing.py: _paint
+        dynpf/kernels/drawing.py: _mixed
     """,
     "a number of samples, made of constants": """
         dynpf/kernels/edges.py: rims

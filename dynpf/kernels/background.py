@@ -62,10 +62,12 @@ def fit(terms, values, degree, coefficients):
                 continue
             for i in range(used):
                 right[0, i, 0] += terms[n, i] * values[n]
-                for j in range(used):
+                for j in range(i + 1):
                     normal[0, i, j] += terms[n, i] * terms[n, j]
         for i in range(used):
             normal[0, i, i] += _RIDGE
+            for j in range(i):
+                normal[0, j, i] = normal[0, i, j]
         _solve(normal, right)
         coefficients[:] = 0.0
         for i in range(used):

@@ -17,11 +17,13 @@ def draw_disc(frame, place_x, place_y, light, box, disc, px_per_m, edge, colour)
     ``place_x`` and ``place_y`` (H, W), float32, are where each pixel looks, ``light`` (H, W) how lit it is, ``edge`` as
     for ``draw_line``. The box is top, bottom, left and right.
     """
-    for row in range(box[0], box[1]):
-        for column in range(box[2], box[3]):
-            x, y = place_x[row, column] - disc[0], place_y[row, column] - disc[1]
-            outside = (np.sqrt(x * x + y * y) - disc[2]) * px_per_m
-            _paint(frame[row, column], _coverage(outside, edge), colour, light[row, column])
+    top, bottom, left, right = box
+    index = np.empty(max(right - left, 0), dtype=np.int32)
+    for row in range(top, bottom):
+        for i in range(index.size):
+            x, y = place_x[row, left + i] - disc[0], place_y[row, left + i] - disc[1]
+            index[i] = _step((np.sqrt(x * x + y * y) - disc[2]) * px_per_m, edge)
+        _paint(frame, row, left, index, edge[2], colour, light)
 
 
 @kernel
@@ -31,13 +33,15 @@ def draw_line(frame, place_x, place_y, light, box, line, px_per_m, edge, colour)
     The first six in metres and the last in pixels. ``edge`` (reach, steps a pixel, profile (P,)): the share of a pixel
     that is covered, by its distance outside the border from -reach on, float32.
     """
-    for row in range(box[0], box[1]):
-        for column in range(box[2], box[3]):
-            x, y = place_x[row, column] - line[0], place_y[row, column] - line[1]
+    top, bottom, left, right = box
+    index = np.empty(max(right - left, 0), dtype=np.int32)
+    for row in range(top, bottom):
+        for i in range(index.size):
+            x, y = place_x[row, left + i] - line[0], place_y[row, left + i] - line[1]
             along = min(max(x * line[2] + y * line[3], line[4]), line[5])
             off_x, off_y = x - along * line[2], y - along * line[3]
-            outside = np.sqrt(off_x * off_x + off_y * off_y) * px_per_m - line[6]
-            _paint(frame[row, column], _coverage(outside, edge), colour, light[row, column])
+            index[i] = _step(np.sqrt(off_x * off_x + off_y * off_y) * px_per_m - line[6], edge)
+        _paint(frame, row, left, index, edge[2], colour, light)
 
 
 @kernel
@@ -54,18 +58,28 @@ def add_noise(frame, noise, top, left, sign):
 
 
 @device
-def _coverage(outside_px, edge):
-    """Return the share of a pixel that a shape covers, by its distance outside of the shape's border in pixels."""
+def _step(outside_px, edge):
+    """Return which value of the profile a distance outside of a shape's border in pixels has."""
     reach, steps, profile = edge
     # Of two numbers one of which is NaN, max and min return the first.
-    index = min(max(_ZERO, (outside_px + reach) * steps), _f(profile.size - 1))
-    return profile[np.int64(index + _HALF)]
+    return np.int32(min(max(_ZERO, (outside_px + reach) * steps), _f(profile.size - 1)) + _HALF)
 
 
 @device
-def _paint(pixel, cover, colour, light):
-    """Mix a colour in the light, which may be too bright, into a pixel (3,)."""
-    if cover > _ZERO:
-        for c in range(3):
-            target = _f(pixel[c])
-            pixel[c] = np.uint8(target + cover * (min(_WHITE, light * colour[c]) - target) + _HALF)
+def _paint(frame, row, left, index, profile, colour, light):
+    """Mix a colour in the light, which may be too bright, into pixels of a row, covered as ``profile[index]`` says."""
+    blue, green, red = colour[0], colour[1], colour[2]
+    for i in range(index.size):
+        cover = profile[index[i]]
+        if cover > _ZERO:
+            column = left + i
+            lit = light[row, column]
+            frame[row, column, 0] = _mixed(frame[row, column, 0], cover, lit * blue)
+            frame[row, column, 1] = _mixed(frame[row, column, 1], cover, lit * green)
+            frame[row, column, 2] = _mixed(frame[row, column, 2], cover, lit * red)
+
+
+@device
+def _mixed(level, cover, wanted):
+    target = _f(level)
+    return np.uint8(target + cover * (min(_WHITE, wanted) - target) + _HALF)

@@ -117,8 +117,10 @@ class CalibratedArcs:
 
     def covariance(self, states: Floats, control: Twist) -> Floats:
         """Return the noise's covariance to first order, shape (D, D, N)."""
-        slopes = arc_slopes(states, *self._arcs(states, control))
-        covariance = noise_covariance(slopes, arc_noise(self.params, control))
+        slopes = arc_slopes(states[:3], *self._arcs(states, control))
+        of_pose = noise_covariance(slopes, arc_noise(self.params, control))
+        covariance = np.zeros((len(states), *states.shape), dtype=of_pose.dtype)
+        covariance[:3, :3] = of_pose
         if _moves(control):
             for row, walk in enumerate(self._walks[:, 0].tolist(), start=TURN_SCALE):
                 covariance[row, row] = walk * walk * control.duration

@@ -6,8 +6,7 @@ It is the same for the bus, inline and replay runners, and neither sends nor rec
 import hashlib
 import traceback
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import msgspec
@@ -92,9 +91,11 @@ class Executor:
 
         Raises StepError if the node raises, or returns messages that do not fit its topics.
         """
-        with self._blamed(tick):
+        try:
             result = self._result(tick, stamp_ns, inputs)
-            sent = tuple(self.stamp(topic, message, tick, stamp_ns, publish_ns) for topic, message in result.outputs)
+            sent = tuple([self.stamp(topic, message, tick, stamp_ns, publish_ns) for topic, message in result.outputs])
+        except Exception as error:
+            raise self._blame(tick, error) from error
         return Executed(sent, result.finished)
 
     def step_unsent(self, tick: int, stamp_ns: int, inputs: Sequence[Received]) -> tuple[tuple[Unsent, ...], bool]:
@@ -103,8 +104,10 @@ class Executor:
         Returns the messages, and whether the source declares it the last step. Raises StepError if the node raises or
         returns messages on topics that it does not declare.
         """
-        with self._blamed(tick):
+        try:
             result = self._result(tick, stamp_ns, inputs)
+        except Exception as error:
+            raise self._blame(tick, error) from error
         self.steps += 1
         return tuple(self.number(*output, tick, stamp_ns) for output in result.outputs), result.finished
 
@@ -157,8 +160,10 @@ class Executor:
 
     def freeze(self) -> bytes:
         """Return the node's state, encoded; raises StepError if it cannot be."""
-        with self._blamed(self.steps):
+        try:
             return encode_state(self.node.freeze())
+        except Exception as error:
+            raise self._blame(self.steps, error) from error
 
     def sequences(self) -> dict[str, int]:
         """Return the next sequence number of each topic but the host's own reports, which come by the wall clock."""
@@ -193,7 +198,7 @@ class Executor:
         if self._renamed:
             inputs = [received._replace(topic=reads[received.topic]) for received in inputs]
         result = self.node.step(Step(self.steps, tick, stamp_ns, tuple(inputs)))
-        if undeclared := {output.topic for output in result.outputs} - writes.keys():
+        if undeclared := {output.topic for output in result.outputs if output.topic not in writes}:
             raise ValueError(f"returned messages for {', '.join(sorted(undeclared))}, which it does not declare")
         if not self._renamed:
             return result
@@ -201,14 +206,10 @@ class Executor:
             outputs=tuple(output._replace(topic=writes[output.topic].name) for output in result.outputs)
         )
 
-    @contextmanager
-    def _blamed(self, tick: int) -> Iterator[None]:
-        """Turn an exception into a StepError that names the node, the step and the line that raised it."""
-        try:
-            yield
-        except Exception as error:
-            frame = traceback.extract_tb(error.__traceback__)[-1]
-            raise StepError(
-                f"{self.spec.name} failed in step {self.steps}, tick {tick}: {type(error).__name__}: {error} "
-                f"({frame.filename}:{frame.lineno})"
-            ) from error
+    def _blame(self, tick: int, error: Exception) -> StepError:
+        """Return an exception of a step as a StepError that names the node, the step and the line that raised it."""
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        return StepError(
+            f"{self.spec.name} failed in step {self.steps}, tick {tick}: {type(error).__name__}: {error} "
+            f"({frame.filename}:{frame.lineno})"
+        )

@@ -8,7 +8,7 @@ from dynpf_formats.recording.provenance import collect
 from dynpf_runtime.faults import Fault, LeftOut
 from dynpf_runtime.graph import Graph
 
-__all__ = ["Plan", "run_header"]
+__all__ = ["Plan", "run_header", "written_topics"]
 
 
 class Plan(NamedTuple):
@@ -31,12 +31,17 @@ class Plan(NamedTuple):
     left_out: tuple[LeftOut, ...] = ()  # of a branch, and no part of the scenario
 
 
+def written_topics(plan: Plan) -> dict[str, tuple[str, ...]]:
+    """Return the topics that each node of a run writes, by its name."""
+    return {name: tuple(row.name for row in spec.writes.values()) for name, spec in plan.graph.specs.items()}
+
+
 def run_header(plan: Plan) -> RunHeader:
     """Return the recording header of a run of ``plan`` on this machine."""
     return RunHeader(
         scenario=plan.text,
         seed=plan.seed,
         provenance=collect(),
-        writes={name: tuple(row.name for row in spec.writes.values()) for name, spec in plan.graph.specs.items()},
+        writes=written_topics(plan),
         clock=plan.clock,
     )

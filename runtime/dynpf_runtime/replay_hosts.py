@@ -43,8 +43,7 @@ def replay_hosts(recording: Recording, plan: Plan) -> Iterator[Mismatch]:
             if entry is None or not host.takes(stamp_ns):
                 return
             yield from host.compare(entry, stamp_ns)
-            sent = host.sent(entry)
-            counts = dict(Counter(received.topic for received in sent))
+            counts, sent = host.sent(entry)
             done = TickDone(name, host.boot, entry.step, entry.tick, stamp_ns, counts, entry.last)
             for other in hosts.values():
                 other.hear(sent if other is not host else (), done)
@@ -82,7 +81,7 @@ class _Host:
 
     def compare(self, entry: JournalEntry, stamp_ns: int) -> Iterator[Mismatch]:
         """Yield where an entry is not what follows from the inputs."""
-        records = [record for record in self._hosted(entry) if record.node == LOG_NODE]
+        records = [record for record in self._hosted(entry) if record.node == LOG_NODE] if entry.hosted else []
         inputs = [*(_received(record) for record in records if record.topic in self._spec.reads), *self._inputs]
         reports = self._reports(inputs)
         event = EVENT_PREFIX + self._name
@@ -110,10 +109,18 @@ class _Host:
                     self._name, JOURNAL_PREFIX + self._name, entry.tick, entry.step, field, recorded, replayed
                 )
 
-    def sent(self, entry: JournalEntry) -> list[Received]:
-        """Return the messages of a step that other nodes may read."""
-        made = [self._recording.find(self._name, self.boot, one.topic, one.sequence) for one in entry.produced]
-        return [_received(record) for record in (*self._hosted(entry), *made) if record is not None]
+    def sent(self, entry: JournalEntry) -> tuple[dict[str, int], list[Received]]:
+        """Return how many messages a step has sent on each topic, and those that some node may read."""
+        counts: dict[str, int] = {}
+        sent, awaited = [], self._plan.graph.awaited
+        made = ((self._name, made.topic, made.sequence) for made in entry.produced)
+        for node, topic, sequence in (*((made.node, made.topic, made.sequence) for made in entry.hosted), *made):
+            record = self._recording.find(node, self.boot, topic, sequence)
+            if record is not None:
+                counts[topic] = counts.get(topic, 0) + 1
+                if topic in awaited:
+                    sent.append(Received(topic, node, self.boot, sequence, record.stamp_ns, _UNREAD))
+        return counts, sent
 
     def hear(self, sent: Sequence[Received], done: TickDone) -> None:
         """Take what a node has sent in a step."""

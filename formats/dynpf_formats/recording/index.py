@@ -41,9 +41,11 @@ class _Payloads:
         self._cache: OrderedDict[int, bytes] = OrderedDict()
         self._cached = 0
         self._again = 0  # bytes unpacked again
+        self._newest = -1, b""  # the chunk used last, and its number: messages are mostly asked for in their order
         self._scratch: IO[bytes] | None = None
         self._scratch_size = 0
-        self._written: dict[int, int] = {}  # where a chunk begins in the temporary file
+        self._written: dict[int, tuple[int, int]] = {}  # where a chunk begins in the temporary file, and its size
+        self._asked = -1  # the chunk of the last payload that was read from there
 
     def add(self, region: Region) -> int:
         """Add a chunk that has just been read; return its number."""
@@ -54,17 +56,29 @@ class _Payloads:
 
     def get(self, chunk: int, start: int, stop: int) -> bytes:
         """Return bytes of a chunk by its number; raises CorruptRecordingError if the file has changed."""
+        newest, data = self._newest
+        if newest == chunk:
+            return data[start:stop]
+        return self._of(chunk, start, stop)
+
+    def _of(self, chunk: int, start: int, stop: int) -> bytes:
         data = self._cache.get(chunk)
         if data is not None:
             self._cache.move_to_end(chunk)
         elif self._scratch is not None and chunk in self._written:
-            return os.pread(self._scratch.fileno(), stop - start, self._written[chunk] + start)
+            begin, size = self._written[chunk]
+            if chunk != self._asked:
+                self._asked = chunk
+                return os.pread(self._scratch.fileno(), stop - start, begin + start)
+            data = os.pread(self._scratch.fileno(), size, begin)  # they are asked for in their order
+            self._keep(chunk, data)
         else:
             data = self._fetch(chunk)
             self._keep(chunk, data)
             self._again += len(data)
             if self._again > _UNPACKED_AGAIN:
                 self._write(chunk, data)
+        self._newest = chunk, data
         return data[start:stop]
 
     def _write(self, chunk: int, data: bytes) -> None:
@@ -79,7 +93,7 @@ class _Payloads:
             self._scratch.flush()
         except OSError:
             return  # no room: the chunk is unpacked again when it is needed
-        self._written[chunk] = self._scratch_size
+        self._written[chunk] = self._scratch_size, len(data)
         self._scratch_size += len(data)
 
     def _keep(self, chunk: int, data: bytes) -> None:
@@ -114,8 +128,9 @@ class Positions:
 
     def find(self, sequence: int) -> int | None:
         """Return the position of the message with a sequence number, or None."""
-        if sequence < len(self) and self._sequences[self[sequence]] == sequence:  # no earlier one is missing
-            return self[sequence]
+        place = self._begin + sequence
+        if place < self._end and self._sequences[position := self._positions[place]] == sequence:
+            return position  # no earlier one is missing
         number = bisect_left(range(len(self)), sequence, key=lambda number: self._sequences[self[number]])
         found = number < len(self) and self._sequences[self[number]] == sequence
         return self[number] if found else None
@@ -138,7 +153,7 @@ class MessageIndex:
         self._stops = array("I")
         self.sources: tuple[Source, ...] = ()
         self._numbers = array("H")
-        self._by_source: dict[Source, Positions] = {}
+        self._by_source: dict[tuple[str, str, str], Positions] = {}
         self._is_first = b""
         self._chunk = 0
 
@@ -207,8 +222,11 @@ class MessageIndex:
         """Return the payload at a position, read from the file if it is not in memory."""
         return self._payloads.get(self._chunks[position], self._starts[position], self._stops[position])
 
-    def find(self, source: Source, sequence: int) -> int | None:
-        """Return the position of the first message with this sequence number, or None if it was not recorded."""
+    def find(self, source: tuple[str, str, str], sequence: int) -> int | None:
+        """Return the position of the first message with this sequence number, or None if it was not recorded.
+
+        ``source`` has topic, node and boot, as a Source does.
+        """
         positions = self._by_source.get(source)
         return None if positions is None else positions.find(sequence)
 
@@ -223,6 +241,27 @@ class MessageIndex:
     def all(self) -> "Records":
         """Return all messages in the order of the file."""
         return Records(self, range(len(self)))
+
+    def rows(self) -> "Iterator[tuple[Source, int, int, int, bytes]]":
+        """Yield source, sequence number, logical and publish time, and payload of each message in the file's order."""
+        sources, get = self.sources, self._payloads.get
+        columns = zip(
+            self._numbers,
+            self.sequences,
+            self.stamps_ns,
+            self.publish_ns,
+            zip(self._chunks, self._starts, self._stops, strict=True),
+            strict=True,
+        )
+        for number, sequence, stamp_ns, publish_ns, place in columns:
+            yield sources[number], sequence, stamp_ns, publish_ns, get(*place)
+
+    def repeated(self) -> Iterator[int]:
+        """Yield the positions of messages that have the source and sequence number of an earlier one."""
+        position = self._is_first.find(0)
+        while position >= 0:
+            yield position
+            position = self._is_first.find(0, position + 1)
 
     def firsts(self, wanted: Sequence[bool]) -> Iterator[int]:
         """Yield the positions of messages that are no repetitions; ``wanted`` selects sources by their number."""

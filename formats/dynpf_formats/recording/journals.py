@@ -54,10 +54,18 @@ def unexplained(recording: Recording, named: Counter[Source]) -> Iterator[Findin
 
 def messages_of(recording: Recording, node: str, boot: str, entry: JournalEntry) -> list[tuple[int, bytes]] | None:
     """Return stamp and payload of the messages of a step, as its chain value covers them; None if one is missing."""
-    made = [(made.node, made.topic, made.sequence) for made in entry.hosted]
-    made += [(node, made.topic, made.sequence) for made in entry.produced]
-    found = [recording.find(sender, boot, topic, sequence) for sender, topic, sequence in made]
-    return [(record.stamp_ns, record.payload) for record in found if record is not None] if None not in found else None
+    found: list[tuple[int, bytes]] = []
+    for made in entry.hosted:
+        record = recording.find(made.node, boot, made.topic, made.sequence)
+        if record is None:
+            return None
+        found.append((record.stamp_ns, record.payload))
+    for own in entry.produced:
+        record = recording.find(node, boot, own.topic, own.sequence)
+        if record is None:
+            return None
+        found.append((record.stamp_ns, record.payload))
+    return found
 
 
 def _last_ticks(recording: Recording, ends: dict[str, JournalEntry]) -> Iterator[Finding]:
@@ -105,8 +113,9 @@ class _Journal:
                     self._whole = False
                     continue
                 yield from self._order(record, boot, entry, expected)
-                yield from self._references(boot, entry)
-                yield from self._links(boot, entry)
+                messages = messages_of(self._recording, self._node, boot, entry)
+                yield from self._references(boot, entry, found=messages is not None)
+                yield from self._links(boot, entry, messages)
                 expected = entry.step + 1
                 self._ends[self._node] = entry
         if self._unresolved:
@@ -127,7 +136,8 @@ class _Journal:
         if (entry.last and not entry.state) or bool(entry.state) != bool(entry.chain):
             yield error(f"step {entry.step} lacks the digest of its state, or its chain value", self._where)
 
-    def _references(self, boot: str, entry: JournalEntry) -> Iterator[Finding]:
+    def _references(self, boot: str, entry: JournalEntry, *, found: bool) -> Iterator[Finding]:
+        """Yield the references that are not as they have to be; ``found`` says that all messages made are there."""
         made = [_Reference("produced", Source(made.topic, self._node, boot), made.sequence) for made in entry.produced]
         for hosted in entry.hosted:
             made.append(_Reference("published", Source(hosted.topic, hosted.node, boot), hosted.sequence))
@@ -138,17 +148,20 @@ class _Journal:
                 what = f"step {entry.step} names {source.topic} {sequence}; expected {self._named[source]}"
                 yield error(what, self._where)
             self._named[source] = max(self._named[source], sequence + 1)
-        read = [
-            _Reference("consumed", Source(read.topic, read.node, read.boot), read.sequence) for read in entry.consumed
-        ]
-        for how, source, sequence in (*read, *made):
-            if self._recording.find(source.node, source.boot, source.topic, sequence) is None:
-                self._unresolved += 1
-                what = f"{source.topic} {sequence} of {source.node}, {how} in step {entry.step}"
-                self._first = self._first or f", first {what}"
+        for read in entry.consumed:
+            self._resolve(entry, "consumed", Source(read.topic, read.node, read.boot), read.sequence)
+        for reference in () if found else made:
+            self._resolve(entry, *reference)
 
-    def _links(self, boot: str, entry: JournalEntry) -> Iterator[Finding]:
-        messages = messages_of(self._recording, self._node, boot, entry)
+    def _resolve(self, entry: JournalEntry, how: str, source: Source, sequence: int) -> None:
+        """Count a reference to a message that was not recorded, and tell of the first."""
+        if self._recording.find(source.node, source.boot, source.topic, sequence) is None:
+            self._unresolved += 1
+            what = f"{source.topic} {sequence} of {source.node}, {how} in step {entry.step}"
+            self._first = self._first or f", first {what}"
+
+    def _links(self, boot: str, entry: JournalEntry, messages: list[tuple[int, bytes]] | None) -> Iterator[Finding]:
+        """Yield where the chain of digests does not go on over the step, whose ``messages`` these are."""
         if messages is None:
             self._whole = False
         else:

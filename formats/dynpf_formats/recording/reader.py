@@ -75,7 +75,7 @@ class Recording:
 
     def find(self, node: str, boot: str, topic: str, sequence: int) -> Recorded | None:
         """Return the message that a reference names, or None if it was not recorded."""
-        position = self._index.find(Source(topic, node, boot), sequence)
+        position = self._index.find((topic, node, boot), sequence)
         return None if position is None else Recorded(self._index, position)
 
     def messages(self, topic: str | None = None, node: str | None = None) -> Iterator[Recorded]:
@@ -89,13 +89,17 @@ class Recording:
         for position in self._index.firsts(wanted):
             yield Recorded(self._index, position)
 
+    def rows(self) -> Iterator[tuple[Source, int, int, int, bytes]]:
+        """Yield source, sequence number, logical and publish time, and payload of all ``records``, in their order."""
+        return self._index.rows()
+
     def repetitions(self) -> Iterator[tuple[Recorded, Recorded]]:
         """Yield each repeated message in the order of the file, as a pair: the first with that number, the repeated."""
-        for record in self.records:
-            if not self._index.is_first(record.position):
-                first = self._index.find(record.source, record.sequence)
-                assert first is not None
-                yield Recorded(self._index, first), record
+        for position in self._index.repeated():
+            record = Recorded(self._index, position)
+            first = self._index.find(record.source, record.sequence)
+            assert first is not None
+            yield Recorded(self._index, first), record
 
     def journals(self) -> tuple[tuple[str, str], ...]:
         """Return (node, boot) of every journal, in the order in which they appear."""
@@ -106,10 +110,10 @@ class Recording:
     def journal(self, node: str, boot: str) -> Iterator[JournalEntry]:
         """Yield the steps of one start of a node, in order; raises CorruptRecordingError at an undecodable entry."""
         for record in self.of(Source(JOURNAL_PREFIX + node, node, boot)):
-            where = f"{self.path}: journal of {node}, entry {record.sequence}"
             try:
                 entry = decode_entry(record.payload)
             except msgspec.DecodeError as error:
+                where = f"{self.path}: journal of {node}, entry {record.sequence}"
                 raise CorruptRecordingError(f"{where}: {error}") from error
             yield entry
 
@@ -129,11 +133,11 @@ class Recording:
         for node, boot in self.journals():
             for entry in self.journal(node, boot):
                 for made in entry.produced:
-                    position = self._index.find(Source(made.topic, node, boot), made.sequence)
+                    position = self._index.find((made.topic, node, boot), made.sequence)
                     if position is not None:
                         produced[position] = entry.tick
                 for read in entry.consumed:
-                    position = self._index.find(Source(read.topic, read.node, read.boot), read.sequence)
+                    position = self._index.find((read.topic, read.node, read.boot), read.sequence)
                     if position is not None:
                         consumed[position] = min(consumed[position], entry.tick)
         for position, tick in enumerate(consumed):

@@ -57,8 +57,7 @@ def broken_promises(recording: Recording) -> Iterator[Finding]:
     end = recording.end
     if end is None:
         return
-    filed = ((one.source, one.sequence, one.stamp_ns, one.publish_ns, one.payload) for one in recording.records)
-    found = end_of(recording.header, recording.attachments, filed, recording.schemas, end)
+    found = end_of(recording.header, recording.attachments, recording.rows(), recording.schemas, end)
     if end.complete and not found.complete:
         yield error(found.reason, _END)
     if end.seal != seal_of(end):

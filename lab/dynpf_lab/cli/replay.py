@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from time import process_time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from dynpf_protocol.errors import UsageError
 
@@ -23,6 +23,13 @@ if TYPE_CHECKING:
     from dynpf_services.scenario.schema import Scenario
 
 __all__ = ["add_arguments"]
+
+
+class Speeds(NamedTuple):
+    """How many times faster than in the run its nodes were executed and compared; and, of a whole run, ``checked``."""
+
+    executed: float
+    checked: float | None = None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -98,15 +105,18 @@ def _replay_whole(options: argparse.Namespace) -> int:
     rehearse_nodes(plan_of(scenario), options.node)
     began_s = process_time()
     outcomes = replay_nodes(recording, scenario, options.node, keep=keep)
-    speed = speed_of(outcomes, process_time() - began_s)
+    executed_s = process_time() - began_s
     if options.overrides:
         return _compare(options, recording, lambda path: write_nodes(recording, scenario, outcomes, path))
     if options.output is not None:
         write_nodes(recording, scenario, outcomes, options.output)
         _leave_page(options)
+    began_s = process_time()
     findings, inputs = check_run(recording, scenario)
+    checked_s = process_time() - began_s
+    speeds = Speeds(speed_of(outcomes, executed_s), speed_of(outcomes, executed_s + checked_s))
     found = [mismatch for mismatch in (inputs, *(outcome.mismatch for outcome in outcomes)) if mismatch is not None]
-    _print_outcomes(recording, outcomes, findings, found, speed=speed, as_json=options.json)
+    _print_outcomes(recording, outcomes, findings, found, speeds=speeds, as_json=options.json)
     return 1 if found or findings else 0
 
 
@@ -123,10 +133,10 @@ def _replay_part(options: argparse.Namespace) -> int:
         print(f"dynpf replay: {part.unread}: the whole file is read and checked instead", file=sys.stderr)
     outcomes = [node.outcome for node in part.nodes]
     found = [one for one in (part.inputs, *(outcome.mismatch for outcome in outcomes)) if one is not None]
-    speed = speed_of(outcomes, part.processor_s)
+    speeds = Speeds(speed_of(outcomes, part.processor_s))
     snapshots = {node.outcome.node: node.snapshot for node in part.nodes}
     _print_outcomes(
-        part.recording, outcomes, part.findings, found, speed=speed, as_json=options.json, snapshots=snapshots
+        part.recording, outcomes, part.findings, found, speeds=speeds, as_json=options.json, snapshots=snapshots
     )
     return 1 if found or part.findings else 0
 
@@ -149,7 +159,7 @@ def _print_outcomes(
     findings: Sequence["Finding"],
     found: Sequence["Mismatch"],
     *,
-    speed: float,
+    speeds: Speeds,
     as_json: bool,
     snapshots: Mapping[str, int | None] | None = None,
 ) -> None:
@@ -172,7 +182,9 @@ def _print_outcomes(
         same = first is None and not findings
         told = msgspec.to_builtins(findings)
         document = {"same": same, "first": difference, "counts": counts, "platform": apart, "findings": told}
-        document |= {"complete": _incomplete(recording) is None, "speed": round(speed, 1)}
+        document |= {"complete": _incomplete(recording) is None, "speed": round(speeds.executed, 1)}
+        if speeds.checked is not None:
+            document["speed_checked"] = round(speeds.checked, 1)
         print(json.dumps(document if snapshots is None else {**document, "snapshots": snapshots}))
         return
     for finding in findings:
@@ -193,7 +205,8 @@ def _print_outcomes(
         )
     if apart:
         print(apart)
-    print(f"{speed:.0f} times real time on one core, start-up excluded")
+    checked = "" if speeds.checked is None else f"; {speeds.checked:.0f} times with the check of journals and seal"
+    print(f"{speeds.executed:.0f} times real time on one core, start-up excluded{checked}")
 
 
 def _incomplete(recording: "Recording") -> str | None:

@@ -12,7 +12,7 @@ from dynpf_formats.recording.reader import Recording
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_formats.regular_files import readable
 from dynpf_protocol.errors import UsageError
-from dynpf_runtime.plan import run_header
+from dynpf_runtime.plan import run_header, written_topics
 from dynpf_runtime.replay import Mismatch, Replayed, replay_node, write_replayed
 from dynpf_runtime.replay_hosts import replay_hosts
 
@@ -95,9 +95,9 @@ def check_run(recording: Recording, scenario: Scenario) -> tuple[list[Finding], 
     plan = plan_of(scenario)
     findings = altered(recording)
     known = all(user.module in scenario.user_code for user in scenario.user_classes)
-    recorded, planned = recording.header, run_header(plan)
-    for field in ("seed", "clock", *(("writes",) if known else ())):
-        if getattr(recorded, field) != getattr(planned, field):
+    planned = {"seed": plan.seed, "clock": plan.clock, **({"writes": written_topics(plan)} if known else {})}
+    for field, value in planned.items():
+        if getattr(recording.header, field) != value:
             findings.append(error(f"{field} is not that of the scenario", "metadata run"))
     return findings, next(replay_hosts(recording, plan), None) if known else None
 

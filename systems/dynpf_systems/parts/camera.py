@@ -32,6 +32,7 @@ _TILE_MARGIN_PX = 256  # by how much the noise tile exceeds the frame, for rando
 _EDGE_STEPS = 32  # of the edge profile, per pixel
 _EDGE_REACH_PX = 4.0
 _LINE_HALF_WIDTH_PX = 1.0
+_RIM_POINTS = 16  # of a disc, by which its region is found
 _GRIPPER_FROM, _GRIPPER_TO = 0.2, 0.7  # of the radius: far from the rim, so that the fit does not see it
 
 
@@ -68,8 +69,8 @@ class Camera:
         return self._with_noise(frame, seed, tick)
 
     def _draw(self, frame: Frame, disc: DrawnDisc) -> None:
-        canvas = frame, self._x_m, self._y_m, self._light, self._box(disc)
-        px_per_m = np.float32(self._px_per_m(disc))
+        box, px_per_m = self._seen(disc)
+        canvas = frame, self._x_m, self._y_m, self._light, box
         shape = np.array([disc.x_m, disc.y_m, disc.radius_m], dtype=np.float32)
         kernels.drawing.draw_disc(*canvas, shape, px_per_m, self._edge, np.array(disc.colour, dtype=np.float32))
         if disc.gripper_rad is not None:
@@ -79,23 +80,25 @@ class Camera:
             colour = np.array(self.params.gripper_colour, dtype=np.float32)
             kernels.drawing.draw_line(*canvas, line, px_per_m, self._edge, colour)
 
-    def _box(self, disc: DrawnDisc) -> tuple[int, int, int, int]:
-        """Return top, bottom, left and right of the frame's region with the disc and its blurred edge."""
-        rim_px = self._projection.to_pixels(disc.radius_m * directions(16) + [disc.x_m, disc.y_m])
-        lowest, highest = rim_px.min(axis=0), rim_px.max(axis=0)
-        margin = _EDGE_REACH_PX + 0.03 * float(highest[0] - lowest[0]) + 2
-        size = np.array([self.params.width_px, self.params.height_px])
-        left, top = whole(np.minimum(np.floor(lowest - margin), size), 0, int(size.max())).tolist()
-        right, bottom = whole(np.minimum(np.ceil(highest + margin) + 1, size), 0, int(size.max())).tolist()
-        return top, bottom, left, right
+    def _seen(self, disc: DrawnDisc) -> tuple[tuple[int, int, int, int], np.float32]:
+        """Return where the disc is in the frame, and pixels per metre there.
 
-    def _px_per_m(self, disc: DrawnDisc) -> float:
-        """Return the scale at the disc: the square root of the area's magnification."""
+        That are top, bottom, left and right of the region with the disc and its blurred edge, and the square root of
+        the area's magnification.
+        """
         step = 1e-3
-        ends = np.array([[disc.x_m, disc.y_m], [disc.x_m + step, disc.y_m], [disc.x_m, disc.y_m + step]])
-        at, right, up = self._projection.to_pixels(ends)
-        area = (right - at)[0] * (up - at)[1] - (right - at)[1] * (up - at)[0]
-        return math.sqrt(abs(float(area))) / step
+        ends = [[disc.x_m, disc.y_m], [disc.x_m + step, disc.y_m], [disc.x_m, disc.y_m + step]]
+        rim = disc.radius_m * directions(_RIM_POINTS) + [disc.x_m, disc.y_m]
+        pixels = self._projection.to_pixels(np.concatenate((rim, ends)))
+        rim_px, (at, right, up) = pixels[:_RIM_POINTS], pixels[_RIM_POINTS:].tolist()
+        area = (right[0] - at[0]) * (up[1] - at[1]) - (right[1] - at[1]) * (up[0] - at[0])
+        lowest, highest = rim_px.min(axis=0).tolist(), rim_px.max(axis=0).tolist()
+        margin = _EDGE_REACH_PX + 0.03 * (highest[0] - lowest[0]) + 2
+        (left, right_end), (top, bottom) = (
+            (_pixel(low - margin, size), _pixel(high + margin + 2, size))
+            for low, high, size in zip(lowest, highest, (self.params.width_px, self.params.height_px), strict=True)
+        )
+        return (top, bottom, left, right_end), np.float32(math.sqrt(abs(area)) / step)
 
     def _lit_table(self) -> Frame:
         outside_m = np.maximum(np.abs(self._x_m), np.abs(self._y_m)) - np.float32(self.params.workspace_m / 2)
@@ -134,6 +137,11 @@ def encode(frame: Frame, params: CameraParams) -> bytes:
     if not done:
         raise ValueError(f"cannot encode a frame of shape {frame.shape} as JPEG")
     return bytes(data)
+
+
+def _pixel(place: float, size: int) -> int:
+    """Return the last pixel before ``place``, within the frame; of what is not a number the first."""
+    return math.floor(min(place, size)) if place > 0.0 else 0
 
 
 @lru_cache(maxsize=2)

@@ -1,6 +1,7 @@
 """The room simulator: a unicycle robot among walls, landmarks, people and doors, driven by speed and turning rate."""
 
 import math
+from functools import cached_property
 
 import numpy as np
 from dynpf_protocol import frames
@@ -223,19 +224,28 @@ class RoomSimulator:
         return SceneEntity(timestamp=now, frame_id=frames.MAP, id="company", cylinders=people, lines=(doors,))
 
     def _room_shape(self, now: Timestamp) -> SceneEntity:
-        """Return the map's segments or the rectangle as lines; a grid has too many cells to draw."""
+        return SceneEntity(timestamp=now, frame_id=frames.MAP, id="room", lines=(self._walls,))
+
+    @cached_property
+    def _walls(self) -> LinePrimitive:
+        """The map's segments or the rectangle as lines; a grid has too many cells to draw."""
         kind, points = LOOP, tuple[Point3, ...]()
         if self._segments is not None:
             kind, points = PAIRS, tuple(Point3(x=x, y=y) for x, y in self._segments.reshape(-1, 2).tolist())
         elif self._clearance is None:
             x, y = self.config.width / 2, self.config.height / 2
             points = tuple(Point3(x=a, y=b) for a, b in ((-x, -y), (x, -y), (x, y), (-x, y)))
-        walls = LinePrimitive(
+        return LinePrimitive(
             type=kind, pose=_at(0.0, 0.0, 0.0), thickness=0.03, scale_invariant=False, points=points, color=WALL_COLOR
         )
-        return SceneEntity(timestamp=now, frame_id=frames.MAP, id="room", lines=(walls,))
 
     def _landmark_shapes(self, now: Timestamp) -> SceneEntity:
+        posts, labels = self._marks
+        return SceneEntity(timestamp=now, frame_id=frames.MAP, id="landmarks", cylinders=posts, texts=labels)
+
+    @cached_property
+    def _marks(self) -> tuple[tuple[CylinderPrimitive, ...], tuple[TextPrimitive, ...]]:
+        """The landmarks as posts, and their labels."""
         posts = tuple(_cylinder(mark.x, mark.y, 0.05, 0.5, LANDMARK_COLOR) for mark in self.landmarks)
         labels = tuple(
             TextPrimitive(
@@ -248,7 +258,7 @@ class RoomSimulator:
             )
             for mark in self.landmarks
         )
-        return SceneEntity(timestamp=now, frame_id=frames.MAP, id="landmarks", cylinders=posts, texts=labels)
+        return posts, labels
 
     def _robot_shape(self, now: Timestamp) -> SceneEntity:
         x, y, theta = self._pose

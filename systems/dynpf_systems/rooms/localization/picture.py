@@ -1,6 +1,7 @@
 """Pictures of the estimate: landmarks and robot as shapes in the map."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 from dynpf_protocol import frames
 from dynpf_protocol.landmarks import Landmark
@@ -39,18 +40,18 @@ def draw_scene(
         head_diameter=0.15,
         color=DOUBTED.get(status, ROBOT),
     )
+    posts, labels = _drawn(tuple(landmarks))
     return SceneUpdate(
         entities=(
-            SceneEntity(
-                timestamp=now,
-                frame_id=frames.MAP,
-                id="landmarks",
-                cylinders=tuple(_post(mark) for mark in landmarks),
-                texts=tuple(_label(mark) for mark in landmarks),
-            ),
+            SceneEntity(timestamp=now, frame_id=frames.MAP, id="landmarks", cylinders=posts, texts=labels),
             SceneEntity(timestamp=now, frame_id=frames.MAP, id="estimated robot", arrows=(arrow,)),
         )
     )
+
+
+@lru_cache(maxsize=16)  # they stay where they are
+def _drawn(landmarks: tuple[Landmark, ...]) -> tuple[tuple[CylinderPrimitive, ...], tuple[TextPrimitive, ...]]:
+    return tuple(_post(mark) for mark in landmarks), tuple(_label(mark) for mark in landmarks)
 
 
 def _post(mark: Landmark) -> CylinderPrimitive:
