@@ -33,4 +33,4 @@ def test_the_commit_that_changed_a_node_is_found(tmp_path: Path) -> None:
     found = json.loads(call(str(DYNPF), *asked))["commit"]
     assert (found["subject"], found["changes_lock"]) == ("More noise", False)
     first = found["tried"]["first"]
-    assert (first["node"], first["topic"], first["field"]) == ("ranging", "ranges", "ranges[0]")
+    assert (first["node"], first["topic"], first["field"]) == ("ranging", "ranging/ranges", "ranges[0]")

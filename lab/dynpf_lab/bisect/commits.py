@@ -59,8 +59,10 @@ class Replay:
         for folder in self.code:
             command += ["--code", str(worktree / folder)]
         own = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-        own |= {"PYTHONPATH": os.pathsep.join(search_path(worktree)), "PYTHONDONTWRITEBYTECODE": "1"}
-        own["NUMBA_CACHE_DIR"] = str(worktree.parent / "kernels")
+        if packages := search_path(worktree):
+            own |= {"PYTHONPATH": os.pathsep.join(packages), "NUMBA_CACHE_DIR": str(worktree.parent / "kernels")}
+        # Bytecode is known by the second and size of its source, which git may write several times in a second.
+        own["PYTHONDONTWRITEBYTECODE"] = "1"
         done = subprocess.run(
             [*command, *self.words], cwd=worktree, env=own, capture_output=True, text=True, check=False
         )
