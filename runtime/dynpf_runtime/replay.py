@@ -3,8 +3,9 @@
 Each node gets its recorded inputs, never another node's new output.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple, Protocol
 
 import cv2
 import msgspec
@@ -26,7 +27,17 @@ from dynpf_runtime.node import Received
 from dynpf_runtime.plan import Plan
 from dynpf_runtime.snapshot import thaw_executor
 
-__all__ = ["Mismatch", "MissingMessageError", "Replayed", "Span", "replay_node", "write_replayed"]
+__all__ = [
+    "Find",
+    "Mismatch",
+    "MissingMessageError",
+    "Replayed",
+    "Said",
+    "Span",
+    "compare_step",
+    "replay_node",
+    "write_replayed",
+]
 
 
 class Mismatch(NamedTuple):
@@ -39,6 +50,22 @@ class Mismatch(NamedTuple):
     field: str
     recorded: Any
     replayed: Any
+
+
+class Said(Protocol):
+    """A message as its node has said it."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """The logical time, ns."""
+
+    @property
+    def payload(self) -> bytes:
+        """The bytes that travelled."""
+
+
+Find = Callable[[str, int], Said | None]
+"""Returns a node's message by its topic and sequence, or None."""
 
 
 class MissingMessageError(UsageError):
@@ -100,7 +127,7 @@ def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = Fal
             last = entry.last or finished
             # The host's work is not repeated.
             again = executor.unchained(entry.tick, entry.stamp_ns, inputs, sent, hosted=entry.hosted, last=last)
-            first = first or _compare(recording, name, boot, (entry, again), sent)
+            first = first or compare_step(partial(recording.find, name, boot), name, (entry, again), sent)
             stamps = [*stamps[:1], entry.stamp_ns]
             if span.first is None or not span.first.after(entry):
                 steps += 1
@@ -139,9 +166,14 @@ def _inputs(recording: Recording, topics: Mapping[str, Topic], node: str, entry:
         yield Received(topic, sender, boot, sequence, record.stamp_ns, decode(topic, record.payload, topics))
 
 
-def _compare(
-    recording: Recording, node: str, boot: str, entries: tuple[JournalEntry, JournalEntry], sent: Sequence[Sent]
+def compare_step(
+    find: Find, node: str, entries: tuple[JournalEntry, JournalEntry], sent: Sequence[Sent]
 ) -> Mismatch | None:
+    """Return the first difference of a step that was executed again, or None.
+
+    ``find`` returns what the node has said, ``entries`` are the step's journal entry and that of its new execution,
+    ``sent`` is what that one sent.
+    """
     entry, replayed_entry = entries
 
     def mismatch(topic: str, sequence: int, field: str, recorded: Any, replayed: Any) -> Mismatch:
@@ -150,7 +182,7 @@ def _compare(
     old = {(produced.topic, produced.sequence): None for produced in entry.produced if is_compared(produced.topic)}
     new = {(message.topic, message.envelope.sequence): message for message in sent if is_compared(message.topic)}
     for topic, sequence in [*old, *(key for key in new if key not in old)]:
-        before = recording.find(node, boot, topic, sequence) if (topic, sequence) in old else None
+        before = find(topic, sequence) if (topic, sequence) in old else None
         after = new.get((topic, sequence))
         if before is None or after is None:
             presence = ["present" if message is not None else "absent" for message in (before, after)]
