@@ -98,10 +98,13 @@ class Twin:
 
 
 class Follower:
-    """The twins of a run of ``plan``, and what they are still to read and to be compared with."""
+    """The twins of a run of ``plan``, and what they are still to read and to be compared with.
 
-    def __init__(self, plan: Plan) -> None:
-        self._plan, self._topics = plan, plan.graph.topics
+    Only ``by_snapshots`` they begin later than with the run.
+    """
+
+    def __init__(self, plan: Plan, *, by_snapshots: bool = True) -> None:
+        self._plan, self._topics, self._by_snapshots = plan, plan.graph.topics, by_snapshots
         self.twins = {name: Twin(plan.graph.specs[name]) for name in plan.graph.nodes}
         self.refused = 0  # messages that cannot be read, or are not the run's
         self._read = {topic for spec in plan.graph.specs.values() for topic in spec.reads}
@@ -146,7 +149,7 @@ class Follower:
         """Take a message; raises BadMessageError for a snapshot that cannot be read."""
         if topic == SNAPSHOT_PREFIX + envelope.node:
             twin = self.twins.get(envelope.node)
-            if twin is not None and twin.executor is None:
+            if self._by_snapshots and twin is not None and twin.executor is None:
                 twin.snapshot = decode_snapshot(payload)
         elif topic in self._read or is_compared(topic):
             source, sequence = (envelope.node, envelope.boot, topic), envelope.sequence

@@ -52,6 +52,9 @@ def follow(options: argparse.Namespace) -> int:
     from dynpf_runtime.bus.terminal import StopSignal
 
     target = _target(options)
+    if target.recording is None:
+        # A snapshot may be anybody's work: no index in it leads a kernel out of an array. Read when numba is imported.
+        os.environ["NUMBA_BOUNDSCHECK"] = "1"
     endpoint, keys = endpoint_of(options), credentials_of(options, "observer", quiet=True)
     with listening(endpoint, keys) as listener, StopSignal.installed() as stop:
         os.nice(_NICE)
@@ -97,6 +100,7 @@ class _Following:
 
     def begin(self, endpoint: str, allow_code: Container[str]) -> bool:
         """Build the twins of the run; return False if this process was asked to end before."""
+        from dynpf_runtime.bus.terminal import say
         from dynpf_runtime.follow import Follower
         from dynpf_services.scenario.build import plan_of
 
@@ -111,7 +115,8 @@ class _Following:
                 f"{named or 'the modules here'}: the run at {endpoint} is of another scenario, or its modules have "
                 "other sources there"
             )
-        self.follower = Follower(plan)
+        self.follower = Follower(plan, by_snapshots=self._target.recording is None)
+        say("replay", f"following the run at {endpoint}")
         return True
 
     def run(self) -> str:

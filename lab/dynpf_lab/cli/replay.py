@@ -33,7 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "run is repeated from its source. Code that the recording names is run only with --allow-code, and files come "
         "from the recording, except those that --set names."
     )
-    add_recording(parser, optional=True, text="with --follow, the recording that is being written, or a run's folder")
+    add_recording(
+        parser, optional=True, text="the recording; with --follow the one that is being written, or a run's folder"
+    )
     parser.add_argument(
         "--follow",
         action="store_true",
@@ -75,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
     from dynpf_services.scenario.user_code import add_folders, code_folders
 
     add_folders(code_folders(options.code))
-    if options.at is not None or options.first is not None or options.follow:
+    if options.at is not None or options.first is not None:
         # A snapshot may be anybody's work: no index in it leads a kernel out of an array. Read when numba is imported.
         os.environ["NUMBA_BOUNDSCHECK"] = "1"
     if options.follow:

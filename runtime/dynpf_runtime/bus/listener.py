@@ -6,10 +6,12 @@ queue of this process, which is bounded, until it is taken; beyond that it is dr
 
 import multiprocessing
 import os
+import select
 import signal
+import socket
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from multiprocessing.connection import Connection
 from typing import Literal
 
 import msgspec
@@ -26,6 +28,7 @@ _LOOK_S = 0.5
 """How often it looks whether the router, and who has started it, are there."""
 
 _ENDED_S = 1.0
+_MOST_AT_ONCE = 2**20
 
 
 class Frame(msgspec.Struct, frozen=True, array_like=True):
@@ -44,18 +47,44 @@ class Frame(msgspec.Struct, frozen=True, array_like=True):
 class Listener:
     """The end of the listening process at which what it hears is taken."""
 
-    def __init__(self, connection: Connection) -> None:
-        self._connection = connection
+    def __init__(self, link: socket.socket) -> None:
+        self._link = link
+        self._received = bytearray()
+        self._over = False
         self._decoder = msgspec.msgpack.Decoder(Frame)
 
     def take(self, timeout_s: float) -> Frame | None:
-        """Return the next frame, None after ``timeout_s``, and ``gone`` if there are no more."""
-        try:
-            if not self._connection.poll(timeout_s):
+        """Return the next frame, None if none comes within ``timeout_s``, and ``gone`` if there are no more."""
+        deadline_s = time.monotonic() + timeout_s
+        while (content := self._whole()) is None:
+            left_s = max(0.0, deadline_s - time.monotonic())
+            if not self._over and not select.select([self._link], [], [], left_s)[0]:
                 return None
-            return self._decoder.decode(self._connection.recv_bytes())
-        except (EOFError, OSError):
-            return Frame("gone")
+            try:
+                received = self._link.recv(_MOST_AT_ONCE)
+            except OSError:
+                received = b""
+            if not received:
+                self._over = True
+                return Frame("gone")
+            self._received += received
+        return self._decoder.decode(content)
+
+    def _whole(self) -> bytes | None:
+        """Return the content of the next frame if all of it has come."""
+        head = len(_length(0))
+        if len(self._received) < head:
+            return None
+        end = head + int.from_bytes(self._received[:head], "little")
+        if len(self._received) < end:
+            return None
+        content = bytes(self._received[head:end])
+        del self._received[:end]
+        return content
+
+
+def _length(length: int) -> bytes:
+    return length.to_bytes(8, "little")
 
 
 @contextmanager
@@ -65,7 +94,7 @@ def listening(endpoint: str, keys: Credentials | None) -> Iterator[Listener]:
     It can be forked only from a process without threads, so it is started before anything else is.
     """
     context = multiprocessing.get_context("fork" if may_fork() else "spawn")
-    here, there = context.Pipe(duplex=False)
+    here, there = socket.socketpair()
     arguments = there, here, endpoint, keys, os.getpid()
     process = context.Process(target=_listen, args=arguments, name="listener", daemon=True)  # type: ignore[attr-defined]
     process.start()
@@ -78,17 +107,22 @@ def listening(endpoint: str, keys: Credentials | None) -> Iterator[Listener]:
         process.join(_ENDED_S)
 
 
-def _listen(there: Connection, here: Connection, endpoint: str, keys: Credentials | None, parent: int) -> None:
+def _listen(there: socket.socket, here: socket.socket, endpoint: str, keys: Credentials | None, parent: int) -> None:
     here.close()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who takes what it hears ends it
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     encoder = msgspec.msgpack.Encoder()
-    with suppress(BrokenPipeError, KeyboardInterrupt):
+
+    def hand_on(frame: Frame) -> None:
+        content = encoder.encode(frame)
+        there.sendall(_length(len(content)) + content)
+
+    with suppress(OSError, KeyboardInterrupt):  # who has started it is gone
         try:
             for frame in _frames(endpoint, keys, parent):
-                there.send_bytes(encoder.encode(frame))
+                hand_on(frame)
         except DynpfError as error:
-            there.send_bytes(encoder.encode(Frame("failed", payload=str(error).encode())))
+            hand_on(Frame("failed", payload=str(error).encode()))
 
 
 def _frames(endpoint: str, keys: Credentials | None, parent: int) -> Iterator[Frame]:
