@@ -7,7 +7,7 @@ from typing import NamedTuple
 from dynpf_formats.recording.diff import FirstDifference, diff
 from dynpf_formats.recording.provenance import provenance_difference
 from dynpf_formats.recording.reader import Recording
-from dynpf_protocol.errors import DynpfError
+from dynpf_protocol.errors import DynpfError, UsageError
 from dynpf_protocol.topics import LOG_NODE
 from dynpf_runtime.replay import replay_node
 from dynpf_services.scenario.build import plan_of
@@ -40,8 +40,11 @@ def compare(a: Recording, b: Recording, allow_code: Container[str] = ()) -> Answ
     """Find what made two runs differ.
 
     Raises ScenarioError if a lockstep run whose settings differ cannot be executed here, and for user code that is not
-    allowed.
+    allowed; UsageError for a recording that is none of a run.
     """
+    for recording in (a, b):
+        if not recording.journals():
+            raise UsageError(f"{recording.path}: is not of a run of nodes, but an imported log, or empty")
     first = diff(a, b).first
     if first is None:
         return Answer(cause=False, first=None)
@@ -56,7 +59,10 @@ def compare(a: Recording, b: Recording, allow_code: Container[str] = ()) -> Answ
             return Answer(cause=True, first=first, made_of=made_of, found=found)
     whence = origin(a, b, first)
     notes = tuple(_reproduced(a, b, first, allow_code)) if whence.kind == "node" else ()
-    known = bool(found and found.causes) or (not unsearched and whence.kind in ("source", "end", "node"))
+    arrived = whence.kind == "inputs" and a.header.clock == b.header.clock == "realtime" and not differing
+    if arrived:
+        notes = ("in realtime that depends on when messages arrived, which no two runs have in common",)
+    known = bool(found and found.causes) or (not unsearched and (whence.kind != "inputs" or arrived))
     return Answer(known, first, made_of, found, unsearched, whence, notes)
 
 

@@ -147,8 +147,10 @@ def _value(value: Any) -> str:
 def _document(answer: "Answer") -> dict[str, Any]:
     import msgspec
 
-    def settings(changes: Any) -> list[dict[str, str]]:
-        return [{"key": change.key, "a": _value(change.a), "b": _value(change.b)} for change in changes]
+    def settings(changes: Any) -> list[dict[str, Any]]:
+        """Return changes with the values that each run has."""
+        both = [{"key": change.key, "a": change.a, "b": change.b} for change in changes]
+        return [{name: value for name, value in one.items() if value is not msgspec.UNSET} for one in both]
 
     document: dict[str, Any] = {
         "cause": answer.cause,

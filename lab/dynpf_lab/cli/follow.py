@@ -279,13 +279,18 @@ def _report(follower: "Follower", ended: str, *, complete: str | None, as_json: 
     twins, first = follower.twins, follower.first
     steps, messages = (sum(getattr(twin, name) for twin in twins.values()) for name in ("steps", "messages"))
     pending = 0 if ended == "stopped" else sum(twin.pending for twin in twins.values() if twin.executor is not None)
-    same = first is None and bool(steps) and not pending
+    cut_off = ended == "gone" and complete is None
+    same = first is None and bool(steps) and not pending and not cut_off
     if as_json:
         counts = {
             name: {"steps": twin.steps, "messages": twin.messages, "from": twin.begun} for name, twin in twins.items()
         }
         document = {"same": same, "first": _difference(first), "steps": steps, "messages": messages, "counts": counts}
-        print(json.dumps(document | {"unchecked": pending, "refused": follower.refused, "end": ended or "gone"}))
+        print(
+            json.dumps(
+                document | {"unchecked": pending, "refused": follower.refused, "end": "diverged" if first else ended}
+            )
+        )
         return 0 if same else 1
     if first is not None:
         found = _difference(first)
@@ -300,8 +305,8 @@ def _report(follower: "Follower", ended: str, *, complete: str | None, as_json: 
         print(f"{follower.refused} messages were none of the run's, and were left out")
     if ended == "stopped":
         print("stopped by the user before the end of the run")
-    elif complete is None:
-        print("the router is gone; whether the run was recorded to its end was not heard")
+    elif cut_off:
+        print("the router has gone, or has dropped this process: how the run went on was not heard")
     elif complete:
         print(f"the run itself is incomplete: {complete}")
     return 0 if same else 1
