@@ -36,7 +36,8 @@ MOST_BYTES = 256 * 2**20
 """How much is kept of what nodes read, bytes: a message that a fault delays may be consumed long after it was sent."""
 
 MOST_ENTRIES = 4000
-"""How many journal entries a twin keeps that waits for a snapshot: snapshots are at most 1000 steps apart."""
+"""How many journal entries a twin keeps, while it waits for a message or a snapshot, which are at most 1000 steps
+apart."""
 
 _Source = tuple[str, str, str]  # node, boot, topic
 
@@ -74,8 +75,8 @@ class Twin:
 
     @property
     def pending(self) -> int:
-        """How many steps the node has made that were not executed again, as something of them is lacking."""
-        return len(self.entries)
+        """How many steps the node has made since the twin began that were not executed again: something is lacking."""
+        return len(self.entries) if self.begun else 0
 
     @property
     def next(self) -> JournalEntry | None:
@@ -93,7 +94,8 @@ class Twin:
         self.boot = boot
         if self.divergence is None and (self.executor is None or entry.step >= self.executor.steps):
             self.entries.setdefault(entry.step, entry)
-        if self.executor is None and len(self.entries) > MOST_ENTRIES:
+        if len(self.entries) > MOST_ENTRIES:
+            self.executor = None  # what it waits for does not come any more
             del self.entries[min(self.entries)]
 
 

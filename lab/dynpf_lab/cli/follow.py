@@ -278,9 +278,9 @@ def _scenario(target: _Target, text: str, endpoint: str, allow_code: Container[s
 def _report(follower: "Follower", ended: str, *, complete: str | None, as_json: bool) -> int:
     twins, first = follower.twins, follower.first
     steps, messages = (sum(getattr(twin, name) for twin in twins.values()) for name in ("steps", "messages"))
-    pending = 0 if ended == "stopped" else sum(twin.pending for twin in twins.values() if twin.executor is not None)
+    pending = 0 if ended == "stopped" else sum(twin.pending for twin in twins.values())
     cut_off = ended == "gone" and complete is None
-    same = first is None and bool(steps) and not pending and not cut_off
+    same = first is None and all(twin.begun for twin in twins.values()) and not pending and not cut_off
     if as_json:
         counts = {
             name: {"steps": twin.steps, "messages": twin.messages, "from": twin.begun} for name, twin in twins.items()

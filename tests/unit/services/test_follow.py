@@ -129,6 +129,11 @@ def test_a_twin_that_joins_late_begins_with_a_snapshot_and_checks_from_there_on(
     assert all(len(where) == 1 and where[0] >= 100 for where in begun.values()), begun
     assert [twin.begun[0] + twin.steps for twin in late.twins.values()] == [TICKS] * NODES
 
+    by_no_snapshot = Follower(run.plan, by_snapshots=False)
+    for one in run.heard[begin:]:
+        by_no_snapshot.hear(one)
+    assert by_no_snapshot.advance() == 0
+
     (from_step,) = begun["estimator"]
     for step, is_checked in ((from_step - 1, False), (from_step + 5, True)):
         heard = with_a_byte_changed(run, "estimator/state", step, b'"n_eff":', b'"n_efg":')
