@@ -104,6 +104,8 @@ def first_bad(
         told = _git(worktree, "bisect", "start", *reversed(known), "--")
         while (found := _FOUND.search(told)) is None and "'skip'ped" not in told:
             revision = _git(worktree, "rev-parse", "HEAD")
+            if revision in tried:
+                raise UsageError(f"{repository}: git bisect cannot go on: {told}")
             told = _git(worktree, "bisect", attempt(revision).verdict, may_fail=True)
         show_progress("")
         if found is None:
@@ -149,4 +151,4 @@ def _git(folder: Path, *words: str, may_fail: bool = False) -> str:
         raise UsageError("git is not installed; it is needed to find a commit") from None
     if done.returncode and not may_fail:
         raise UsageError(f"{folder}: git {words[0]} failed: {done.stderr.strip()}")
-    return done.stdout.strip()
+    return f"{done.stdout}{done.stderr if may_fail else ''}".strip()

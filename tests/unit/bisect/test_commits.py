@@ -73,6 +73,14 @@ def test_revisions_that_will_not_do_are_refused(repository, good, bad, told):
     assert len(git(repository, "worktree", "list").splitlines()) == 1
 
 
+def test_where_the_replay_by_a_common_ancestor_differs_no_commit_is_found(repository):
+    git(repository, "checkout", "--quiet", "--force", "-b", "side", "HEAD~2")
+    (repository / "word").write_text("good again")
+    git(repository, "commit", "--quiet", "--all", "-m", "Mended on the side")
+    with pytest.raises(UsageError, match="git bisect cannot go on"):
+        first_bad(repository, "side", "@{-1}", replay)
+
+
 def test_an_environment_is_made_once_for_a_lock_and_not_at_all_if_this_one_has_it(tmp_path):
     assert environment(HERE, tmp_path / "none") == Path(sys.executable)
     (tmp_path / LOCK).write_text("msgspec==0.0.1 \\\n    --hash=sha256:00\n")
