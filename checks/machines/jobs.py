@@ -11,7 +11,7 @@ from dynpf_formats.importers.recording import write_recording
 from dynpf_formats.recording.reader import read_recording
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_lab.references.runs import has_data, rerun_entry
-from dynpf_lab.references.table import CHECKOUT, Entry, read_table, recording_file
+from dynpf_lab.references.table import CHECKOUT, Entry, Table, read_table
 from dynpf_runtime.replay import replay_node, write_replayed
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import load_scenario
@@ -69,7 +69,7 @@ _RUNS = (
     Job("beams", "indoor-global", ("max_ticks=150",)),
 )
 
-JOBS = (*(Job(REFERENCE + entry.name) for entry in read_table()), *_RUNS)
+JOBS = (*(Job(REFERENCE + entry.name) for entry in read_table().rows), *_RUNS)
 
 
 def chosen(words: Sequence[str]) -> list[Job]:
@@ -85,7 +85,9 @@ def run_job(job: Job, folder: Path) -> Path | None:
     path = folder / f"{job.name}.mcap"
     path.unlink(missing_ok=True)
     if not job.scenario:
-        return _execute_again(_entry(job.name.removeprefix(REFERENCE)), path)
+        table = read_table()
+        name = job.name.removeprefix(REFERENCE)
+        return _execute_again(table, next(entry for entry in table.rows if entry.name == name), path)
     if job.log and not (CHECKOUT / LOGS[job.log]).exists():
         return None
     log = _imported(job.log, folder) if job.log else None
@@ -94,18 +96,14 @@ def run_job(job: Job, folder: Path) -> Path | None:
     return path
 
 
-def _entry(name: str) -> Entry:
-    return next(entry for entry in read_table() if entry.name == name)
-
-
-def _execute_again(entry: Entry, path: Path) -> Path | None:
+def _execute_again(table: Table, entry: Entry, path: Path) -> Path | None:
     """Write the reference recording with the output of its nodes, each fed what it consumed, in its own place."""
-    if entry.log:
-        if not has_data(CHECKOUT, entry):
+    if not entry.kept:
+        if not has_data(table, entry):
             return None
-        rerun_entry(CHECKOUT, entry, path)
+        rerun_entry(table, entry, path)
         return path
-    recording = read_recording(recording_file(CHECKOUT, entry))
+    recording = read_recording(table.recording(entry))
     scenario = recorded_scenario(recording)
     plan = plan_of(scenario)
     outcomes = [replay_node(recording, plan, node, keep=True) for node in entry.nodes]

@@ -3,8 +3,9 @@
 Each node gets its recorded inputs, never another node's new output.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple, Protocol
 
 import cv2
 from dynpf_formats.recording.diff import first_field
@@ -25,7 +26,17 @@ from dynpf_runtime.node import Received
 from dynpf_runtime.plan import Plan
 from dynpf_runtime.snapshot import thaw_executor
 
-__all__ = ["Mismatch", "MissingMessageError", "Replayed", "Span", "replay_node", "write_replayed"]
+__all__ = [
+    "Find",
+    "Mismatch",
+    "MissingMessageError",
+    "Replayed",
+    "Said",
+    "Span",
+    "compare_step",
+    "replay_node",
+    "write_replayed",
+]
 
 
 class Mismatch(NamedTuple):
@@ -38,6 +49,22 @@ class Mismatch(NamedTuple):
     field: str
     recorded: Any
     replayed: Any
+
+
+class Said(Protocol):
+    """A message as its node has said it."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """The logical time, ns."""
+
+    @property
+    def payload(self) -> bytes:
+        """The bytes that travelled."""
+
+
+Find = Callable[[str, int], Said | None]
+"""Returns a node's message by its topic and sequence, or None."""
 
 
 class MissingMessageError(UsageError):
@@ -89,8 +116,7 @@ def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = Fal
     node = spec.build()
     steps = messages = digests = 0
     first: Mismatch | None = None
-    begun_ns: int | None = None
-    now_ns = 0
+    stamps: list[int] = []
     kept: list[tuple[str, tuple[Sent, ...], JournalEntry]] = []
     for boot in boots if span.origin is None else boots[boots.index(span.origin.boot) :]:
         executor = Executor(node, spec, topics, boot, plan.state_digest_ticks)
@@ -100,9 +126,10 @@ def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = Fal
             last = entry.last or finished
             # The host's work is not repeated.
             again = executor.unchained(entry.tick, entry.stamp_ns, inputs, sent, hosted=entry.hosted, last=last)
-            if first is None and not _are_same(recording, name, boot, (entry, again), sent):
-                first = _compare(recording, name, boot, (entry, again), sent)
-            begun_ns, now_ns = entry.stamp_ns if begun_ns is None else begun_ns, entry.stamp_ns
+            find = partial(recording.find, name, boot)
+            if first is None and not _are_same(find, (entry, again), sent):
+                first = compare_step(find, name, (entry, again), sent)
+            stamps = [*stamps[:1], entry.stamp_ns]
             if span.first is None or not span.first.after(entry):
                 steps += 1
                 messages += len(sent)
@@ -111,7 +138,7 @@ def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = Fal
                 kept.append((boot, sent, again))
             if name == plan.graph.source and last:
                 first = first or _compare_outcome(recording, plan, entry, finished=finished)
-    duration_ns = 0 if begun_ns is None else now_ns - begun_ns
+    duration_ns = stamps[-1] - stamps[0] if stamps else 0
     return Replayed(name, steps, messages, digests, duration_ns, first, tuple(kept))
 
 
@@ -141,10 +168,8 @@ def _inputs(recording: Recording, topics: Mapping[str, Topic], node: str, entry:
         yield Received(topic, sender, boot, sequence, record.stamp_ns, decode(topic, record.payload, topics))
 
 
-def _are_same(
-    recording: Recording, node: str, boot: str, entries: tuple[JournalEntry, JournalEntry], sent: Sequence[Sent]
-) -> bool:
-    """Return whether ``_compare`` would surely find no difference; this is faster."""
+def _are_same(find: Find, entries: tuple[JournalEntry, JournalEntry], sent: Sequence[Sent]) -> bool:
+    """Return whether ``compare_step`` would surely find no difference; this is faster."""
     entry, again = entries
     if entry.produced != again.produced or (entry.step, entry.state, entry.last) != (
         again.step,
@@ -154,15 +179,20 @@ def _are_same(
         return False
     for topic, envelope, payload in sent:
         if is_compared(topic):
-            record = recording.find(node, boot, topic, envelope.sequence)
+            record = find(topic, envelope.sequence)
             if record is None or record.stamp_ns != envelope.stamp_ns or record.payload != payload:
                 return False
     return True
 
 
-def _compare(
-    recording: Recording, node: str, boot: str, entries: tuple[JournalEntry, JournalEntry], sent: Sequence[Sent]
+def compare_step(
+    find: Find, node: str, entries: tuple[JournalEntry, JournalEntry], sent: Sequence[Sent]
 ) -> Mismatch | None:
+    """Return the first difference of a step that was executed again, or None.
+
+    ``find`` returns what the node has said, ``entries`` are the step's journal entry and that of its new execution,
+    ``sent`` is what that one sent.
+    """
     entry, replayed_entry = entries
 
     def mismatch(topic: str, sequence: int, field: str, recorded: Any, replayed: Any) -> Mismatch:
@@ -171,7 +201,7 @@ def _compare(
     old = {(produced.topic, produced.sequence): None for produced in entry.produced if is_compared(produced.topic)}
     new = {(message.topic, message.envelope.sequence): message for message in sent if is_compared(message.topic)}
     for topic, sequence in [*old, *(key for key in new if key not in old)]:
-        before = recording.find(node, boot, topic, sequence) if (topic, sequence) in old else None
+        before = find(topic, sequence) if (topic, sequence) in old else None
         after = new.get((topic, sequence))
         if before is None or after is None:
             presence = ["present" if message is not None else "absent" for message in (before, after)]

@@ -18,7 +18,7 @@ from dynpf_formats.recording.reader import read_recording
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_lab.cli.main import main
 from dynpf_lab.references.check import check_part
-from dynpf_lab.references.table import Entry, Made
+from dynpf_lab.references.table import Entry, Made, Table
 from dynpf_protocol.envelope import Envelope
 
 from tests.integration import audited
@@ -475,12 +475,11 @@ def test_the_map_of_a_strangers_log_comes_from_the_log_alone(lab: Lab) -> None:
 
 def test_the_references_run_the_code_of_their_table_and_no_other(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(lab.folder))
-    (lab.folder / "recordings").mkdir()
-    lab.craft("marks", motion("evil:Model")).rename(lab.folder / "recordings" / "strange.mcap")
+    lab.craft("marks", motion("evil:Model")).rename(lab.folder / "strange.mcap")
     made = Made(digest="", dynpf="")
     entry = Entry(name="strange", scenario="landmark-room", seed=1, nodes=("estimator",), why="", made=made)
     lab.mark.unlink(missing_ok=True)
-    found = check_part(entry, "estimator", lab.folder)
+    found = check_part(Table(lab.folder / "table.toml", (entry,)), entry, "estimator")
     assert found.verdict == "differs"
     assert "estimator.motion.kind: names the class Model of the module evil" in found.note
     assert not lab.mark.exists()

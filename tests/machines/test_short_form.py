@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import read_recording
-from dynpf_lab.references.table import CHECKOUT, read_table, recording_file
+from dynpf_lab.references.table import read_table
 
 from checks.machines.jobs import REFERENCE, chosen
 from checks.machines.report import row_of
@@ -13,7 +13,8 @@ from checks.machines.runs import Outcome, compared, processor, run
 from checks.machines.settings import DEFAULT, SHORT, processor_settings
 
 JOBS = [job.name for job in chosen([REFERENCE])]
-TABLE = {entry.name: entry for entry in read_table()}
+TABLE = read_table()
+ROWS = {entry.name: entry for entry in TABLE.rows}
 
 
 @pytest.fixture(scope="module")
@@ -35,13 +36,13 @@ def test_references_are_the_same_under(name, default, tmp_path):
 
 def difference(job: str, outcome: Outcome) -> str:
     """Tell what differs from the recording of a reference; empty if nothing does."""
-    entry, done = TABLE[job.removeprefix(REFERENCE)], outcome.done[job]
+    entry, done = ROWS[job.removeprefix(REFERENCE)], outcome.done[job]
     if done.absent or done.error:
         return done.error
     found = read_recording(outcome.folder / f"{job}.mcap")
     assert entry.made is not None
     if content_digest(found) == entry.made.digest:
         return ""
-    recorded: Path = recording_file(CHECKOUT, entry)
+    recorded: Path = TABLE.recording(entry)
     where = compared(job, read_recording(recorded), found).where if recorded.is_file() else "another content digest"
     return str(where)

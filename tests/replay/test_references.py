@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,12 +15,12 @@ from dynpf_formats.recording.header import RunHeader
 from dynpf_formats.recording.reader import Recorded, Recording, read_recording
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_lab.references.check import check_part, parts
-from dynpf_lab.references.runs import rerun_entry
-from dynpf_lab.references.table import CHECKOUT, Entry, Made, read_table, recording_file, render_table
-from dynpf_lab.references.update import MAX_BYTES, first_differences, report_file, update
+from dynpf_lab.references.runs import find_code, rerun_entry
+from dynpf_lab.references.table import CHECKOUT, Table, read_table
+from dynpf_lab.references.update import MAX_BYTES, first_differences, update
 from dynpf_protocol.codec import decode, encode
 from dynpf_protocol.envelope import Envelope
-from dynpf_protocol.errors import UsageError
+from dynpf_protocol.errors import ScenarioError, UsageError
 from dynpf_protocol.journal import decode_entry, encode_entry
 from dynpf_protocol.messages import Estimate, Message
 from dynpf_runtime.replay import Replayed, replay_node, write_replayed
@@ -27,14 +28,17 @@ from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import override_resolved
 from dynpf_systems.parts.messages import PartsState
 
-TABLE = {entry.name: entry for entry in read_table()}
-HELD = [entry for entry in TABLE.values() if not entry.log]
+OWN = read_table()
+TABLE = {entry.name: entry for entry in OWN.rows}
+HELD = [entry for entry in TABLE.values() if entry.kept]
 PLACE = Key("estimator", "estimator/state", 0, 40)
 
 
-@pytest.mark.parametrize(("name", "part"), [(name, part) for name, entry in TABLE.items() for part in parts(entry)])
+@pytest.mark.parametrize(
+    ("name", "part"), [(name, part) for name, entry in TABLE.items() for part in parts(OWN, entry)]
+)
 def test_reference_is_reproduced(name, part):
-    finding = check_part(TABLE[name], part)
+    finding = check_part(OWN, TABLE[name], part)
     if finding.verdict == "skipped":
         pytest.skip(finding.note)
     assert finding.verdict == "same", finding
@@ -42,7 +46,7 @@ def test_reference_is_reproduced(name, part):
 
 @pytest.mark.parametrize("entry", HELD, ids=lambda entry: entry.name)
 def test_reference_is_small_and_covers_every_node_of_its_run(entry):
-    path = recording_file(CHECKOUT, entry)
+    path = OWN.recording(entry)
     recording = read_recording(path)
     assert path.stat().st_size <= MAX_BYTES
     assert sum(1 for _ in recording.messages("camera/image")) <= 6
@@ -54,7 +58,7 @@ def test_there_is_no_recording_that_the_table_does_not_tell_of():
 
 
 def test_rearrangement_grips_a_part_and_moves_it():
-    recording = read_recording(recording_file(CHECKOUT, TABLE["rearrangement"]))
+    recording = read_recording(OWN.recording(TABLE["rearrangement"]))
     held = []
     for one in recording.messages("truth/parts"):
         state = decode("truth/parts", one.payload, recording.topics)
@@ -65,7 +69,7 @@ def test_rearrangement_grips_a_part_and_moves_it():
 
 
 def test_faults_lose_messages_and_delay_them():
-    recording = read_recording(recording_file(CHECKOUT, TABLE["faults"]))
+    recording = read_recording(OWN.recording(TABLE["faults"]))
     (boot,) = recording.boots("estimator")
     entries = list(recording.journal("estimator", boot))
     consumed = [one for entry in entries for one in entry.consumed if one.topic == "sensors/odometry"]
@@ -80,7 +84,7 @@ def test_faults_lose_messages_and_delay_them():
 @pytest.fixture(scope="module")
 def made_here(tmp_path_factory) -> Recording:
     """The run of the table's row "landmarks", made on this platform, where bytes can be compared."""
-    return rerun_entry(CHECKOUT, TABLE["landmarks"], tmp_path_factory.mktemp("made") / "landmarks.mcap")
+    return rerun_entry(OWN, TABLE["landmarks"], tmp_path_factory.mktemp("made") / "landmarks.mcap")
 
 
 def altered(
@@ -177,7 +181,7 @@ def test_reordered_input_is_found_by_diff_by_replay_and_in_what_replay_wrote(mad
 
 
 def test_another_seed_is_found_by_diff_and_by_replay(made_here, tmp_path):
-    other = rerun_entry(CHECKOUT, msgspec.structs.replace(TABLE["landmarks"], seed=2), tmp_path / "other.mcap")
+    other = rerun_entry(OWN, msgspec.structs.replace(TABLE["landmarks"], seed=2), tmp_path / "other.mcap")
     first = diff(made_here, other).first
     assert first is not None
     assert first.tick is not None
@@ -194,17 +198,18 @@ def test_another_seed_is_found_by_diff_and_by_replay(made_here, tmp_path):
 # --- another platform ----------------------------------------------------------------------------------------------
 
 
-def test_a_difference_is_told_with_the_first_of_the_platform_and_a_platform_alone_is_none(checkout, tmp_path):
-    update("first ones", checkout, status=clean)
-    (row,) = read_table(checkout)
-    path = recording_file(checkout, row)
+def test_a_difference_is_told_with_the_first_of_the_platform_and_a_platform_alone_is_none(place, tmp_path):
+    update(read_table(place), "first ones", status=clean)
+    table = read_table(place)
+    (row,) = table.rows
+    path = table.recording(row)
     recording = read_recording(path)
     made = recording.header.provenance
     elsewhere = msgspec.structs.replace(made, platform={**made.platform, "blas": "OpenBLAS Z80"})
     header = msgspec.structs.replace(recording.header, provenance=elsewhere)
     altered(recording, tmp_path / "elsewhere.mcap", lambda one: one.payload, header)
     shutil.copyfile(tmp_path / "elsewhere.mcap", path)
-    findings = [check_part(row, part, checkout) for part in parts(row)]
+    findings = [check_part(table, row, part) for part in parts(table, row)]
     assert {(one.verdict, one.note) for one in findings} == {("same", "")}
 
     def change(one: Recorded) -> bytes:
@@ -212,102 +217,168 @@ def test_a_difference_is_told_with_the_first_of_the_platform_and_a_platform_alon
 
     altered(recording, tmp_path / "other.mcap", change, header)
     shutil.copyfile(tmp_path / "other.mcap", path)
-    found = check_part(row, "estimator", checkout)
+    found = check_part(table, row, "estimator")
     assert found.verdict == "differs"
     assert found.note.startswith(f"recorded with BLAS OpenBLAS Z80, here {made.platform['blas']}; bytes should be")
 
 
 # --- update --------------------------------------------------------------------------------------------------------
 
-ROW = Entry(
-    name="short", scenario="landmark-room", overrides=("max_ticks=12",), seed=3, nodes=("estimator",), why="control"
-)
+ROWS = """# Of our own.
+[[recording]] # short
+name = "short"
+scenario = "landmark-room"
+overrides = ["max_ticks=12"]
+seed = 3
+nodes = ["estimator"]
+
+# What follows has no recording.
+"""
+ALONE = """[[recording]]
+name = "alone"
+scenario = "landmark-room"
+overrides = ["max_ticks=5"]
+seed = 3
+keep = false
+"""
 
 
 @pytest.fixture
-def checkout(tmp_path: Path) -> Path:
-    (tmp_path / "recordings").mkdir()
-    (tmp_path / "recordings" / "table.toml").write_text(render_table([ROW]), encoding="utf-8")
-    return tmp_path
+def place(tmp_path: Path) -> Path:
+    (tmp_path / "table.toml").write_text(ROWS, encoding="utf-8")
+    return tmp_path / "table.toml"
 
 
-def clean(_: Path) -> str:
+def clean(_: Table) -> str:
     return ""
 
 
-def test_update_wants_a_reason(checkout):
+def verdict(place: Path, part: str) -> str:
+    table = read_table(place)
+    return check_part(table, table.rows[0], part).verdict
+
+
+def test_update_wants_a_reason(place):
     with pytest.raises(UsageError, match="--reason"):
-        update("  ", checkout, status=clean)
-    assert not report_file(checkout).exists()
+        update(read_table(place), "  ", status=clean)
+    assert not read_table(place).report.exists()
 
 
-def test_update_refuses_uncommitted_changes_but_those_in_recordings(checkout):
-    subprocess.run(["git", "init", "--quiet", str(checkout)], check=True)
-    (checkout / "stray.py").write_text("", encoding="utf-8")
+def test_update_refuses_uncommitted_changes_but_those_that_it_makes(place):
+    subprocess.run(["git", "init", "--quiet", str(place.parent)], check=True)
+    stray = place.with_name("stray.py")
+    stray.write_text("", encoding="utf-8")
     with pytest.raises(UsageError, match=r"uncommitted changes: stray\.py"):
-        update("a reason", checkout)
-    (checkout / "stray.py").unlink()
-    assert [change.new.name for change in update("a reason", checkout)] == ["short"]
+        update(read_table(place), "a reason")
+    stray.unlink()
+    assert [change.new.name for change in update(read_table(place), "a reason")] == ["short"]
+    assert update(read_table(place), "again") == []
 
 
-def test_update_refuses_where_data_is_absent(checkout):
-    played = msgspec.structs.replace(ROW, name="played", scenario="landmark-mrclam", overrides=(), log="nowhere")
-    (checkout / "recordings" / "table.toml").write_text(render_table([ROW, played]), encoding="utf-8")
+def test_update_refuses_where_data_is_absent(place):
+    place.write_text(f'{ROWS}{ALONE}log = "nowhere"\n', encoding="utf-8")
+    table = read_table(place)
     with pytest.raises(UsageError, match="nowhere"):
-        update("a reason", checkout, status=clean)
-    assert not recording_file(checkout, ROW).exists()
+        update(table, "a reason", status=clean)
+    assert not table.recording(table.rows[0]).exists()
 
 
-def test_update_writes_what_changed_and_nothing_where_nothing_did(checkout):
-    (first,) = update("first ones", checkout, status=clean)
-    (row,) = read_table(checkout)
-    assert row == first.new
-    assert check_part(row, "file", checkout).verdict == "same"
-    assert check_part(row, "run", checkout).verdict == "same"
-    before = {path.name: path.read_bytes() for path in (checkout / "recordings").iterdir()}
-    assert update("again", checkout, status=clean) == []
-    assert {path.name: path.read_bytes() for path in (checkout / "recordings").iterdir()} == before
+def test_update_writes_what_changed_and_nothing_where_nothing_did(place):
+    (first,) = update(read_table(place), "first ones", status=clean)
+    table = read_table(place)
+    assert table.rows == (first.new,)
+    assert (verdict(place, "file"), verdict(place, "run")) == ("same", "same")
+    before = {path.name: path.read_bytes() for path in place.parent.iterdir()}
+    assert update(table, "again", status=clean) == []
+    assert {path.name: path.read_bytes() for path in place.parent.iterdir()} == before
 
     # Another scenario under the same name is another run: found, told of, and made anew.
-    other = msgspec.structs.replace(row, seed=4)
-    (checkout / "recordings" / "table.toml").write_text(render_table([other]), encoding="utf-8")
-    found = check_part(other, "run", checkout)
+    place.write_text(place.read_text().replace("seed = 3", "seed = 4"), encoding="utf-8")
+    table = read_table(place)
+    found = check_part(table, table.rows[0], "run")
     assert found.verdict == "differs"
     assert found.first is not None
-    (change,) = update("another seed", checkout, status=clean)
+    (change,) = update(table, "another seed", status=clean)
     told = {(one.node, one.topic): one for one in change.first}
     odometry = told["sensors", "sensors/odometry"]
     assert odometry.a != odometry.b
     assert ("estimator", "journal/estimator") in told
-    report = report_file(checkout).read_text(encoding="utf-8")
+    report = table.report.read_text(encoding="utf-8")
     assert "Reason: another seed" in report
     assert (
         f"| sensors | sensors/odometry | {odometry.tick} | 0 | {odometry.field} | {odometry.a} | {odometry.b} |"
         in report
     )
     assert "| position_rmse_m | " in report
-    assert check_part(read_table(checkout)[0], "run", checkout).verdict == "same"
+    assert verdict(place, "run") == "same"
 
 
-def test_altered_file_is_found_and_made_anew(checkout):
-    update("first ones", checkout, status=clean)
-    (row,) = read_table(checkout)
-    path = recording_file(checkout, row)
+def test_altered_file_is_found_and_made_anew(place):
+    update(read_table(place), "first ones", status=clean)
+    table = read_table(place)
+    path = table.recording(table.rows[0])
     data = path.read_bytes()
     path.write_bytes(data[:2000] + bytes([data[2000] ^ 1]) + data[2001:])
-    assert check_part(row, "file", checkout).verdict == "differs"
-    (change,) = update("mended", checkout, status=clean)
+    assert verdict(place, "file") == "differs"
+    (change,) = update(table, "mended", status=clean)
     assert "cannot be read" in change.note
-    assert check_part(row, "file", checkout).verdict == "same"
+    assert verdict(place, "file") == "same"
 
 
-def test_outside_a_checkout_the_command_says_so(tmp_path):
+def test_outside_a_checkout_the_command_says_so(tmp_path, monkeypatch):
+    monkeypatch.setattr("dynpf_lab.references.table.REPOSITORY", tmp_path / "table.toml")
     with pytest.raises(UsageError, match="from a checkout"):
-        read_table(tmp_path)
+        read_table(tmp_path / "table.toml")
 
 
-def test_table_survives_being_written(tmp_path):
-    row = msgspec.structs.replace(ROW, why='say "so"', made=Made(digest="d" * 64, dynpf="0.1.0"))
-    (tmp_path / "recordings").mkdir()
-    (tmp_path / "recordings" / "table.toml").write_text(render_table([ROW, msgspec.structs.replace(row, name="b")]))
-    assert read_table(tmp_path) == (ROW, msgspec.structs.replace(row, name="b"))
+# --- a table of one's own ------------------------------------------------------------------------------------------
+
+
+def test_only_the_results_change_in_the_text_of_a_table(place):
+    place.write_text(ROWS + ALONE, encoding="utf-8")
+    update(read_table(place), "first ones", status=clean)
+    assert {path.name for path in place.parent.iterdir()} == {"table.toml", "short.mcap", "REPORT.md"}
+    first = place.read_text()
+    lines = [line for line in first.splitlines() if not line.startswith(("[recording.made]", "digest", "dynpf"))]
+    assert lines == (ROWS + ALONE).splitlines()
+    digests = [entry.made.digest for entry in read_table(place).rows if entry.made is not None]
+    place.write_text(first.replace(digests[1], "0" * 64), encoding="utf-8")
+    table = read_table(place)
+    assert parts(table, table.rows[1]) == ("run",)
+    assert check_part(table, table.rows[1], "run").verdict == "differs"
+    assert [change.new.name for change in update(table, "control", status=clean)] == ["alone"]
+    assert place.read_text() == first
+
+
+def test_a_table_runs_scenarios_of_ones_own_and_code_only_if_it_is_allowed(place, monkeypatch):
+    monkeypatch.setattr("sys.path", [*sys.path])
+    folder = place.parent / "own"
+    folder.mkdir()
+    module, scenario = folder / "pull_of_a_table.py", folder / "mine.toml"
+    code = (CHECKOUT / "examples" / "estimator" / "pull.py").read_text()
+    marked = f"{code}\nfrom pathlib import Path\n\nPath(__file__).with_name('mark').touch()\n"
+    module.write_text(marked, encoding="utf-8")
+    text = (CHECKOUT / "examples" / "estimator" / "estimator.toml").read_text()
+    scenario.write_text(text.replace('"pull:', '"pull_of_a_table:'), encoding="utf-8")
+    row = ROWS.replace("landmark-room", "own/mine.toml").replace('nodes = ["estimator"]', "")
+    place.write_text(row, encoding="utf-8")
+    refused = read_table(place)
+    find_code(refused)
+    with pytest.raises(ScenarioError, match=r"a table of references runs no code .* --allow-code pull_of_a_table"):
+        update(refused, "first ones", status=clean)
+    assert not (folder / "mark").exists()
+    allowed = read_table(place, allow_code=["pull_of_a_table"])
+    update(allowed, "first ones", status=clean)
+    assert (folder / "mark").exists()
+    table = read_table(place, allow_code=["pull_of_a_table"])
+    found = [check_part(table, table.rows[0], part) for part in parts(table, table.rows[0])]
+    assert {one.verdict for one in found} == {"same"}
+    assert "file" in {one.part for one in found}
+    assert len(found) > 4, "every node of the run is replayed"
+    scenario.write_text(scenario.read_text().replace("max_ticks", "state_digest_ticks = 5\nmax_ticks"))
+    assert check_part(table, table.rows[0], "run").verdict == "differs"
+    twin = place.parent / "other"
+    twin.mkdir()
+    (twin / module.name).touch()
+    with pytest.raises(UsageError, match=r"pull_of_a_table is in .*other and in .*own"):
+        find_code(read_table(place, [twin], ["pull_of_a_table"]))

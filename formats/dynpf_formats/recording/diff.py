@@ -1,6 +1,6 @@
 """Compares two recordings and finds the first difference: in which message of which tick, and in which field."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from itertools import zip_longest
 from typing import Any
@@ -14,7 +14,7 @@ from dynpf_formats.recording.digest import Key, Leaf, StateKey, StepKey, StepLin
 from dynpf_formats.recording.reader import Recording
 from dynpf_formats.shipped import known_topics
 
-__all__ = ["Difference", "FirstDifference", "TopicCounts", "diff", "first_field"]
+__all__ = ["Difference", "FirstDifference", "TopicCounts", "diff", "first_field", "order_of"]
 
 _SHOWN = 80  # characters of a text
 
@@ -81,6 +81,19 @@ def diff(a: Recording, b: Recording) -> Difference:
             first = _message_difference(key, left.get(key), right.get(key))
     first = first or _step_difference(ranks, steps(a), steps(b))
     return Difference(same=first is None, first=first, counts=_counts(left, right, keys))
+
+
+def order_of(first: FirstDifference, nodes: Sequence[str]) -> tuple[bool, int, int, int, str, int]:
+    """Return a key by which first differences of runs with these ``nodes`` are sorted as ``diff`` sorts them.
+
+    Its first value says whether the difference is one of steps alone, which come after all others.
+    """
+    ranks = {node: rank for rank, node in enumerate((LOG_NODE, *nodes))}
+    of_journal = first.topic == JOURNAL_PREFIX + first.node
+    is_step = of_journal and first.field not in ("state", "tick")
+    topic = len(known_topics()) + 1 if of_journal else _topic_rank(first.topic)
+    tick = _LAST if first.tick is None else first.tick
+    return is_step, tick, ranks.get(first.node, len(ranks)), topic, first.topic, first.sequence
 
 
 def first_field(a: bytes, b: bytes) -> tuple[str, Any, Any] | None:

@@ -23,9 +23,9 @@ __all__ = [
 DEFAULT_PORT = 7447
 
 
-def add_recording(parser: argparse.ArgumentParser) -> None:
+def add_recording(parser: argparse.ArgumentParser, *, optional: bool = False, text: str | None = None) -> None:
     """Add RUN.mcap."""
-    parser.add_argument("recording", type=Path, metavar="RUN.mcap")
+    parser.add_argument("recording", type=Path, metavar="RUN.mcap", nargs="?" if optional else None, help=text)
 
 
 def add_json(parser: argparse.ArgumentParser, text: str = "print one JSON object") -> None:

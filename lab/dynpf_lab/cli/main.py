@@ -34,6 +34,7 @@ _COMMANDS = {
     "replay": ("replay", "re-execute nodes from a recording and compare"),
     "play": ("play", "publish a recording onto the bus"),
     "diff": ("diff", "first difference of two recordings"),
+    "bisect": ("bisect", "which setting, module or commit made two runs differ"),
     "info": ("info", "what is in a recording"),
     "doctor": ("doctor", "what is wrong with a recording"),
     "sign": ("sign", "sign every byte of a recording"),

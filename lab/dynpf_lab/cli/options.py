@@ -39,16 +39,16 @@ def add_code(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_allow_code(parser: argparse.ArgumentParser) -> None:
-    """Add --allow-code, for commands that run code named by a recording."""
+def add_allow_code(parser: argparse.ArgumentParser, what: str = "the recording") -> None:
+    """Add --allow-code, for commands that run code named by a recording, or by ``what`` else."""
     parser.add_argument(
         "--allow-code",
         action="append",
         default=[],
         type=_module,
         metavar="MODULE",
-        help="import this module, such as mylab.models, if the recording names a class of it; the recording does "
-        "not contain its code, which comes from your Python path; may be repeated (default: no code of yours is run)",
+        help=f"import this module, such as mylab.models, if {what} names a class of it; a recording does not "
+        "contain its code, which comes from your Python path; may be repeated (default: no code of yours is run)",
     )
 
 

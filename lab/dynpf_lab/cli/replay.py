@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from dynpf_protocol.errors import UsageError
 
-from dynpf_lab.cli.arguments import add_json, add_recording, add_set
+from dynpf_lab.cli.arguments import add_connect, add_json, add_keys, add_recording, add_set
 from dynpf_lab.cli.options import add_allow_code, add_code
 from dynpf_lab.cli.page import add_no_page, leave_page
 
@@ -40,7 +40,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "run is repeated from its source. Code that the recording names is run only with --allow-code, and files come "
         "from the recording, except those that --set names."
     )
-    add_recording(parser)
+    add_recording(
+        parser, optional=True, text="the recording; with --follow the one that is being written, or a run's folder"
+    )
+    parser.add_argument(
+        "--follow",
+        action="store_true",
+        help="a twin of a run that goes on: listen to it as an observer, execute every step again and compare every "
+        "byte until it ends; the exit code is 1 with the first divergence, or if not all could be executed",
+    )
+    add_connect(parser, text="with --follow, where the router listens")
+    add_keys(parser)
     parser.add_argument(
         "--node",
         metavar="NAME",
@@ -77,6 +87,11 @@ def run(options: argparse.Namespace) -> int:
     if options.at is not None or options.first is not None:
         # A snapshot may be anybody's work: no index in it leads a kernel out of an array. Read when numba is imported.
         os.environ["NUMBA_BOUNDSCHECK"] = "1"
+    if options.follow:
+        from dynpf_lab.cli.follow import follow
+
+        return follow(options)
+    _check_recorded(options)
     if options.at is not None:
         from dynpf_lab.cli.what_if import print_branch
 
@@ -84,6 +99,14 @@ def run(options: argparse.Namespace) -> int:
     if options.first is not None or options.last is not None:
         return _replay_part(options)
     return _replay_whole(options)
+
+
+def _check_recorded(options: argparse.Namespace) -> None:
+    """Raise UsageError if there is no recording, or for options that do nothing without --follow."""
+    if options.recording is None:
+        raise UsageError("name the recording, RUN.mcap; only --follow goes without it")
+    if options.connect is not None or options.keys is not None or options.insecure:
+        raise UsageError("--connect, --keys and --insecure are for --follow: a recording is read without a bus")
 
 
 def _replay_whole(options: argparse.Namespace) -> int:

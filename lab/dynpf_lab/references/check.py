@@ -16,7 +16,7 @@ from dynpf_services.scenario.recorded import recorded_scenario
 from dynpf_services.scenario.replay import check_run
 
 from dynpf_lab.references.runs import has_data, rerun_entry, resolve
-from dynpf_lab.references.table import CHECKOUT, Entry, Made, recording_file
+from dynpf_lab.references.table import Entry, Made, Table
 
 __all__ = ["FILE", "RUN", "Finding", "check_part", "parts"]
 
@@ -34,34 +34,35 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     first: Mismatch | None = None
 
 
-def parts(entry: Entry) -> tuple[str, ...]:
-    """Return the parts of a recording to be checked."""
-    if entry.log:
+def parts(table: Table, entry: Entry) -> tuple[str, ...]:
+    """Return the parts of a recording to be checked; raises ScenarioError for a scenario that cannot be run."""
+    if not entry.kept:
         return (RUN,)
-    again = (RUN,) if resolve(entry).clock == "lockstep" else ()
-    return (FILE, *entry.nodes, *again)
+    scenario = resolve(table, entry)
+    again = (RUN,) if scenario.clock == "lockstep" else ()
+    return (FILE, *(entry.nodes or scenario.nodes), *again)
 
 
-def check_part(entry: Entry, part: str, checkout: Path = CHECKOUT) -> Finding:
-    """Check one of ``parts(entry)``. A part that cannot be read or run is a difference, not an error."""
+def check_part(table: Table, entry: Entry, part: str) -> Finding:
+    """Check one of ``parts(table, entry)``. A part that cannot be read or run is a difference, not an error."""
     try:
         if entry.made is None:
             raise UsageError("not recorded yet; dynpf references update records it")
         if part == FILE:
-            return _check_file(entry, entry.made, checkout)
+            return _check_file(table, entry, entry.made)
         if part == RUN:
-            return _check_run(entry, entry.made, checkout)
-        return _check_node(entry, part, checkout)
+            return _check_run(table, entry, entry.made)
+        return _check_node(table, entry, part)
     except (DynpfError, ProtocolError) as error:
         return Finding(recording=entry.name, part=part, verdict="differs", note=str(error))
 
 
-def _check_file(entry: Entry, made: Made, checkout: Path) -> Finding:
-    recording = _read(entry, checkout)
+def _check_file(table: Table, entry: Entry, made: Made) -> Finding:
+    recording = _read(table, entry)
     found = content_digest(recording)
     if found == made.digest:
         # The table determines the run and its code, as for the nodes.
-        scenario = recorded_scenario(recording, allow_code=resolve(entry).user_code)
+        scenario = recorded_scenario(recording, allow_code=resolve(table, entry).user_code)
         findings, first = check_run(recording, scenario)
         if findings:
             note = f"{findings[0].where}: {findings[0].what}"
@@ -71,10 +72,10 @@ def _check_file(entry: Entry, made: Made, checkout: Path) -> Finding:
     return Finding(recording=entry.name, part=FILE, verdict="differs", note=text)
 
 
-def _check_node(entry: Entry, node: str, checkout: Path) -> Finding:
-    recording = _read(entry, checkout)
+def _check_node(table: Table, entry: Entry, node: str) -> Finding:
+    recording = _read(table, entry)
     # The table determines the run and its code: other code that the file names is not executed.
-    scenario = recorded_scenario(recording, allow_code=resolve(entry).user_code)
+    scenario = recorded_scenario(recording, allow_code=resolve(table, entry).user_code)
     replayed = replay_node(recording, plan_of(scenario), node)
     if not replayed.messages:
         return Finding(
@@ -84,25 +85,25 @@ def _check_node(entry: Entry, node: str, checkout: Path) -> Finding:
     return _finding(entry, node, replayed.mismatch, note)
 
 
-def _check_run(entry: Entry, made: Made, checkout: Path) -> Finding:
-    if not has_data(checkout, entry):
-        return Finding(recording=entry.name, part=RUN, verdict="skipped", note=f"{entry.log} is not there")
+def _check_run(table: Table, entry: Entry, made: Made) -> Finding:
+    if not has_data(table, entry):
+        return Finding(recording=entry.name, part=RUN, verdict="skipped", note=f"{table.log(entry)} is not there")
     with tempfile.TemporaryDirectory(prefix="dynpf-") as folder:
-        rerun = rerun_entry(checkout, entry, Path(folder) / "rerun.mcap")
+        rerun = rerun_entry(table, entry, Path(folder) / "rerun.mcap")
         digest = content_digest(rerun)
         if digest == made.digest:
             return _finding(entry, RUN, None)
         notes, first = [f"content digest {digest}, the table says {made.digest}"], None
-        if not entry.log:
-            recorded = _read(entry, checkout)
+        if entry.kept:
+            recorded = _read(table, entry)
             first = _first(diff(recorded, rerun))
             notes.append(explain_different_bytes(recorded.header.provenance, rerun.header.provenance))
         note = "; ".join(filter(None, notes))
         return Finding(recording=entry.name, part=RUN, verdict="differs", note=note, first=first)
 
 
-def _read(entry: Entry, checkout: Path) -> Recording:
-    return read_recording(recording_file(checkout, entry))
+def _read(table: Table, entry: Entry) -> Recording:
+    return read_recording(table.recording(entry))
 
 
 def _finding(entry: Entry, part: str, first: Mismatch | None, note: str = "") -> Finding:

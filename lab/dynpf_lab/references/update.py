@@ -1,5 +1,6 @@
 """Records the reference recordings again, all of them or none, and reports the changes."""
 
+import os
 import shutil
 import subprocess
 import tempfile
@@ -18,9 +19,9 @@ from dynpf_services.scenario.schema import resolved_json
 
 from dynpf_lab.references.check import FILE, check_part, parts
 from dynpf_lab.references.runs import has_data, rerun_entry, resolve
-from dynpf_lab.references.table import CHECKOUT, Entry, Made, read_table, recording_file, render_table, table_file
+from dynpf_lab.references.table import Entry, Made, Table, with_made
 
-__all__ = ["MAX_BYTES", "Change", "first_differences", "git_status", "report_file", "update"]
+__all__ = ["MAX_BYTES", "Change", "first_differences", "git_status", "update"]
 
 MAX_BYTES = 1_000_000
 
@@ -35,27 +36,30 @@ class Change(NamedTuple):
     note: str = ""
 
 
-def report_file(checkout: Path) -> Path:
-    """Return the path of the report."""
-    return checkout / "recordings" / "REPORT.md"
+def git_status(table: Table) -> str:
+    """Return git's status of the checkout that has the table, except for what ``update`` writes.
 
-
-def git_status(checkout: Path) -> str:
-    """Return git's status of the checkout except for ``recordings/``; raises UsageError without git."""
-    command = ["git", "-C", str(checkout), "status", "--porcelain", "--", ".", ":(exclude)recordings"]
+    Outside of a checkout there is nothing that could be uncommitted. Raises UsageError without git.
+    """
+    written = (table.path, table.report, *map(table.recording, table.rows))
+    excluded = [f":(exclude,literal){path.name}" for path in written]
+    command = ["git", "status", "--porcelain", "--untracked-files=all", "--", ":/", *excluded]
+    folder = table.path.parent
     try:
-        return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+        environment = {**os.environ, "LC_ALL": "C"}
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=environment, check=False)
     except FileNotFoundError:
         raise UsageError("git is not installed; it is needed to check that the checkout is clean") from None
-    except subprocess.CalledProcessError as error:
-        raise UsageError(f"{checkout}: git status failed: {error.stderr.strip()}") from error
+    if done.returncode and "not a git repository" not in done.stderr:
+        raise UsageError(f"{folder}: git status failed: {done.stderr.strip()}")
+    return done.stdout
 
 
 def update(
+    table: Table,
     reason: str,
-    checkout: Path = CHECKOUT,
     *,
-    status: Callable[[Path], str] = git_status,
+    status: Callable[[Table], str] = git_status,
     show: Callable[[str], None] = lambda _: None,
 ) -> list[Change]:
     """Record every run of the table again, replace changed recordings, table and report, and return the changes.
@@ -66,44 +70,47 @@ def update(
     """
     if not reason.strip():
         raise UsageError("--reason: say in a sentence why what the recordings hold may change")
-    dirty = status(checkout).splitlines()
+    dirty = status(table).splitlines()
     if dirty:
         more = f" and {len(dirty) - 3} more" if len(dirty) > 3 else ""
         listed = ", ".join(line[3:] for line in dirty[:3])
-        raise UsageError(f"{checkout}: has uncommitted changes: {listed}{more}; commit them first")
-    entries = read_table(checkout)
-    absent = [entry.log for entry in entries if not has_data(checkout, entry)]
+        raise UsageError(f"{table.path.parent}: has uncommitted changes: {listed}{more}; commit them first")
+    absent = [table.log(entry) for entry in table.rows if not has_data(table, entry)]
     if absent:
-        raise UsageError(f"{checkout / absent[0]}: no such folder; all recordings are made again, or none")
+        raise UsageError(f"{absent[0]}: is not there; all recordings are made again, or none")
     changes, new_entries = [], []
     with tempfile.TemporaryDirectory(prefix="dynpf-") as temporary:
         folder = Path(temporary)
-        for entry in entries:
+        for entry in table.rows:
             show(entry.name)
-            change = _make(entry, checkout, folder / f"{entry.name}.mcap")
+            change = _make(table, entry, folder / f"{entry.name}.mcap")
             changes += [change] if change is not None else []
             new_entries.append(change.new if change is not None else entry)
         if changes:
+            text = with_made(table, new_entries)
             for change in changes:
-                if not change.new.log:
-                    shutil.copyfile(folder / f"{change.new.name}.mcap", recording_file(checkout, change.new))
-            table_file(checkout).write_text(render_table(new_entries), encoding="utf-8")
-            report_file(checkout).write_text(_report(reason, changes, new_entries), encoding="utf-8")
+                if change.new.kept:
+                    shutil.copyfile(folder / f"{change.new.name}.mcap", table.recording(change.new))
+            table.path.write_text(text, encoding="utf-8")
+            table.report.write_text(_report(reason, changes, new_entries), encoding="utf-8")
     return changes
 
 
-def _make(entry: Entry, checkout: Path, path: Path) -> Change | None:
+def _make(table: Table, entry: Entry, path: Path) -> Change | None:
     """Return the change of a recording, or None."""
-    old, note = _old(entry, checkout)
-    realtime = not entry.log and resolve(entry).clock == "realtime"
-    if realtime and old is not None and _still_replays(entry, old, checkout):
+    old, note = _old(table, entry)
+    realtime = entry.kept and resolve(table, entry).clock == "realtime"
+    if realtime and old is not None and _still_replays(table, entry, old):
         return None
-    rerun = rerun_entry(checkout, entry, path)
+    rerun = rerun_entry(table, entry, path)
     size = path.stat().st_size
-    if size > MAX_BYTES and not entry.log:
-        raise UsageError(f"{entry.name}: {size} bytes; a reference recording has at most {MAX_BYTES}: make it shorter")
+    if size > MAX_BYTES and entry.kept:
+        raise UsageError(
+            f"{entry.name}: {size} bytes; a reference recording has at most {MAX_BYTES}: make the run shorter "
+            '(overrides = ["max_ticks=N"]), or keep its digest alone (keep = false)'
+        )
     digest = content_digest(rerun)
-    if entry.made is not None and entry.made.digest == digest and (entry.log or not note):
+    if entry.made is not None and entry.made.digest == digest and (not entry.kept or not note):
         return None
     made = Made(digest=digest, dynpf=collect().dynpf_version)
     before = measure(old) if old is not None else {}
@@ -116,18 +123,18 @@ def _make(entry: Entry, checkout: Path, path: Path) -> Change | None:
     first = tuple(first_differences(old, rerun)) if old is not None and not realtime else ()
     if realtime and old is not None:
         first, note = (
-            _replay_differences(entry, checkout),
+            _replay_differences(table, entry),
             "realtime: the differences are those of replaying the old one",
         )
     return Change(entry, msgspec.structs.replace(entry, made=made), first, measures, note)
 
 
-def _old(entry: Entry, checkout: Path) -> tuple[Recording | None, str]:
+def _old(table: Table, entry: Entry) -> tuple[Recording | None, str]:
     """Return the old recording, or None and the reason why it cannot be compared."""
-    path = recording_file(checkout, entry)
+    path = table.recording(entry)
     if entry.made is None:
         return None, "new"
-    if entry.log:
+    if not entry.kept:
         return None, "held by digest only"
     try:
         old = read_recording(path)
@@ -137,13 +144,13 @@ def _old(entry: Entry, checkout: Path) -> tuple[Recording | None, str]:
     return old, "" if content_digest(old) == entry.made.digest else "the old file is not that of the table"
 
 
-def _still_replays(entry: Entry, old: Recording, checkout: Path) -> bool:
-    same = all(check_part(entry, part, checkout).verdict == "same" for part in parts(entry))
-    return same and old.header.scenario == resolved_json(resolve(entry))
+def _still_replays(table: Table, entry: Entry, old: Recording) -> bool:
+    same = all(check_part(table, entry, part).verdict == "same" for part in parts(table, entry))
+    return same and old.header.scenario == resolved_json(resolve(table, entry))
 
 
-def _replay_differences(entry: Entry, checkout: Path) -> tuple[FirstDifference, ...]:
-    findings = [check_part(entry, part, checkout).first for part in parts(entry) if part != FILE]
+def _replay_differences(table: Table, entry: Entry) -> tuple[FirstDifference, ...]:
+    findings = [check_part(table, entry, part).first for part in parts(table, entry) if part != FILE]
     return tuple(
         FirstDifference(
             node=mismatch.node,

@@ -23,11 +23,11 @@ from setproctitle import setproctitle
 from dynpf_runtime.bus.guard import enlist, guard
 from dynpf_runtime.bus.keys import GUESTS, run_keys
 from dynpf_runtime.bus.pulse import Pulse
-from dynpf_runtime.bus.run_folder import run_folder
+from dynpf_runtime.bus.run_folder import GUEST_KEYS, SCENARIO_FILE, run_folder, write_place
 from dynpf_runtime.bus.supervision import Asked, Finish, Kill, Restart, Say, Seen, Supervision, Terminate
 from dynpf_runtime.bus.terminal import StopSignal, say
 
-__all__ = ["Command", "free_port", "reserved_port", "run_on_bus"]
+__all__ = ["Command", "free_port", "may_fork", "reserved_port", "run_on_bus"]
 
 Command = Callable[[Sequence[str]], int]
 """The command line: called with the arguments after ``dynpf``, returns the exit code."""
@@ -80,15 +80,16 @@ def run_on_bus(
     operator in the folder ``guests``, by default one of its own. ``further`` has words for single processes by name.
     """
     with run_folder() as folder, reserved_port() as port:
-        resolved = folder / "scenario.json"
+        resolved = folder / SCENARIO_FILE
         resolved.write_text(scenario, encoding="utf-8")
         shared = ["--quiet", "--parent", str(os.getpid())]
         for modules in code:
             shared += ["--code", str(modules.absolute())]
         endpoint = f"{'tls' if secure else 'tcp'}/127.0.0.1:{port}"
+        write_place(folder, endpoint, path)
         keys: contextlib.AbstractContextManager[None] = contextlib.nullcontext()
         if secure:
-            own, guests = folder / "keys", (guests or folder / "guests").absolute()
+            own, guests = folder / "keys", (guests or folder / GUEST_KEYS).absolute()
             shared += ["--keys", str(own)]
             keys = run_keys({own: (ROUTER, RECORDER, *names), guests: GUESTS}, datetime.now(UTC))
         services = {}
@@ -103,7 +104,7 @@ def run_on_bus(
                 words += ["-o", str(path), *(["--durable"] if durable else []), *(["--resume"] if resume else [])]
             words += (further or {}).get(name, ())
             services[name] = words
-        context = multiprocessing.get_context("fork" if _may_fork() else "spawn")
+        context = multiprocessing.get_context("fork" if may_fork() else "spawn")
         children = _Children(command, services, folder, context)
         with keys, _guarded(context, folder, guests if secure else None), children.ended(stop):
             if secure:
@@ -159,7 +160,7 @@ def _guarded(context: BaseContext, folder: Path, guests: Path | None) -> Iterato
         process.join()
 
 
-def _may_fork() -> bool:
+def may_fork() -> bool:
     """Return whether this process can be forked: on Linux, unless something, say a user module, has started threads.
 
     A fork has all modules loaded, which takes a new process about a second.

@@ -8,15 +8,48 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import msgspec
+from dynpf_protocol.errors import UsageError
+
 try:
     import fcntl
 except ImportError:  # not on this system; folders of killed runs then stay
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["run_folder"]
+__all__ = ["GUEST_KEYS", "SCENARIO_FILE", "Place", "read_place", "run_folder", "write_place"]
 
 _PREFIX = "dynpf-"
 _LOCK = "in-use"
+_PLACE = "run.json"
+
+SCENARIO_FILE = "scenario.json"
+"""The resolved scenario, with the content of its files."""
+
+GUEST_KEYS = "guests"
+"""The keys of an observer and an operator, unless the run has put them elsewhere."""
+
+
+class Place(msgspec.Struct, frozen=True):
+    """Where a run can be found: its router, and the recording that is being written."""
+
+    endpoint: str
+    recording: str
+
+
+def write_place(folder: Path, endpoint: str, recording: Path) -> None:
+    """Write where the run of a folder can be found."""
+    name = os.fsencode(recording.absolute()).decode(errors="backslashreplace")
+    (folder / _PLACE).write_bytes(msgspec.json.encode(Place(endpoint, name)))
+
+
+def read_place(folder: Path) -> Place:
+    """Return where the run of a folder can be found; raises UsageError."""
+    try:
+        return msgspec.json.decode((folder / _PLACE).read_bytes(), type=Place)
+    except (OSError, msgspec.DecodeError) as error:
+        raise UsageError(
+            f"{folder}: is not the folder of a run that goes on: {error}; dynpf run names its own when it begins"
+        ) from error
 
 
 @contextmanager

@@ -80,9 +80,11 @@ def load_scenario(
     seed: int | None = None,
     clock: str | None = None,
     log: LogFacts | None = None,
+    allow_code: Container[str] | None = None,
 ) -> Scenario:
     """Return the resolved scenario: the file, then the facts of the log, then ``--set`` overrides, seed and clock.
 
+    ``allow_code`` has the user modules that may be imported; None, for a file that is believed, all that it names.
     Raises ScenarioError that lists every problem found.
     """
     path = find_scenario(name)
@@ -113,7 +115,7 @@ def load_scenario(
             raise FileNotFoundError(errno.ENOENT, "the log has no such file attached")
         return log.files[bare]
 
-    scenario = with_user_code(parse_scenario(raw, str(path)), str(path))
+    scenario = with_user_code(parse_scenario(raw, str(path)), str(path), allow_code)
     if log is not None:
         _raise(str(path), _without_readings(scenario, log))
     return with_files(scenario, str(path), read)

@@ -14,7 +14,7 @@ from dynpf_services.scenario.files import with_files
 from dynpf_services.scenario.load import override_resolved, with_user_code
 from dynpf_services.scenario.schema import File, Scenario
 
-__all__ = ["attachments_of", "recorded_scenario"]
+__all__ = ["attachments_of", "described_scenario", "recorded_scenario"]
 
 
 def attachments_of(scenario: Scenario, others: Iterable[Attachment] = ()) -> tuple[Attachment, ...]:
@@ -24,22 +24,33 @@ def attachments_of(scenario: Scenario, others: Iterable[Attachment] = ()) -> tup
 
 
 def recorded_scenario(recording: Recording, overrides: Sequence[str] = (), allow_code: Container[str] = ()) -> Scenario:
-    """Return the scenario of a recording, ready to run again.
+    """Return the scenario of a recording, ready to run again; see ``described_scenario``."""
+    text = recording.header.scenario
+    return described_scenario(text, recording.attachments, str(recording.path), overrides, allow_code)
 
-    Its files are the recording's attachments, whatever their paths; only files that ``overrides`` name, and the images
-    of such maps, are read from disk. User modules that ``allow_code`` names get their present digests; others cannot
-    be imported.
 
-    Raises ScenarioError for an override that does not fit, for a file that is not attached or not the run's, and for an
-    allowed module that does not exist.
+def described_scenario(
+    text: str,
+    attachments: Iterable[Attachment],
+    where: str,
+    overrides: Sequence[str] = (),
+    allow_code: Container[str] = (),
+) -> Scenario:
+    """Return the scenario that a resolved text and the attachments of a recording describe, ready to run again.
+
+    Its files are attachments, whatever their paths; only files that ``overrides`` name, and the images of such maps,
+    are read from disk. User modules that ``allow_code`` names get their present digests; others cannot be imported.
+
+    Raises ScenarioError naming ``where`` for an override that does not fit, for a file that is not attached or not the
+    run's, and for an allowed module that does not exist.
     """
-    where, text = str(recording.path), recording.header.scenario
-    if changed := changed_files(text, recording.attachments):
+    attachments = tuple(attachments)
+    if changed := changed_files(text, attachments):
         raise ScenarioError("\n".join(f"{where}: {line}" for line in changed))
     recorded = override_resolved(text, (), where)
     scenario = override_resolved(text, overrides, where) if overrides else recorded
     overridden = {*scenario.paths} - {*recorded.paths}
-    contents = files_of(recording.attachments)
+    contents = files_of(attachments)
 
     def read(path: str, named: str) -> bytes:
         if named in overridden and named not in contents:

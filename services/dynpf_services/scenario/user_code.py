@@ -47,10 +47,10 @@ def add_folders(folders: Iterable[Path]) -> None:
             sys.path.append(path)
 
 
-def check_allowed(named: Iterable[UserClass], modules: Container[str], where: str) -> None:
+def check_allowed(named: Iterable[UserClass], modules: Container[str], where: str, what: str = "a recording") -> None:
     """Raise ScenarioError with a line for each class whose module is not among ``modules``.
 
-    ``where`` names the recording. Nothing is imported.
+    ``where`` names the recording, or ``what`` else names the classes. Nothing is imported.
     """
     problems = []
     for user in named:
@@ -59,7 +59,7 @@ def check_allowed(named: Iterable[UserClass], modules: Container[str], where: st
         elif user.module not in modules:
             problems.append(
                 f"{where}: {user.key}: names the class {user.name} of the module {user.module}, which did not come "
-                f"along; a recording runs no code of your computer unless you allow it: --allow-code {user.module}"
+                f"along; {what} runs no code of your computer unless you allow it: --allow-code {user.module}"
             )
     if problems:
         raise ScenarioError("\n".join(problems))

@@ -1,0 +1,1 @@
+"""Which setting, message or module made two recorded runs differ: by executing them again, with settings of both."""

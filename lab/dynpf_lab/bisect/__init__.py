@@ -1,0 +1,1 @@
+"""Which commit made the replay of a recording differ: git bisects, in a worktree."""
