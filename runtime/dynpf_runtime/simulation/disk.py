@@ -35,6 +35,9 @@ class Disk:
     def open(self, path: Path, overwrite: bool) -> "SimulatedFile":
         """Create a file; raises FileExistsError if it exists and may not be replaced."""
         file = SimulatedFile(self, path, overwrite)
+        for other in [other for other in self._files if other.same_as(file)]:  # what a killed process had begun there
+            other.raw.close()
+            self._files.remove(other)
         self._files.append(file)
         return file
 
@@ -62,6 +65,10 @@ class SimulatedFile:
         self.raw = path.open("w+b" if overwrite else "x+b", buffering=0)
         self._disk = disk
         self._size = self._synced = 0
+
+    def same_as(self, other: "SimulatedFile") -> bool:
+        """Return whether both are one file, which the later one has emptied."""
+        return os.path.samestat(os.fstat(self.raw.fileno()), os.fstat(other.raw.fileno()))
 
     def write(self, data: bytes) -> int:
         """Write all of ``data``; raises OSError for lack of room, after what there was room for, and Killed."""

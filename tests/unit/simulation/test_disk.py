@@ -37,6 +37,16 @@ def test_a_loss_of_power_keeps_what_was_synced_and_any_blocks_of_the_rest(disk: 
     assert any(0 in data[len(SYNCED) :] for data in kept), "no block is missing before one that is there"
 
 
+def test_a_loss_of_power_spares_what_was_synced_where_somebody_else_had_begun(disk: Disk) -> None:
+    path = disk.folder / "a"
+    disk.open(path, False).write(WRITTEN)
+    file = disk.open(path, True)
+    file.write(SYNCED)
+    file.sync()
+    disk.lose_power(1)
+    assert path.read_bytes() == SYNCED
+
+
 def test_a_full_disk_takes_what_there_is_room_for(disk: Disk) -> None:
     disk.room = 10
     file = disk.open(disk.folder / "a", False)

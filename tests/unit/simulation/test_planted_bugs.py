@@ -22,7 +22,7 @@ BRINGS_IT_ABOUT: dict[str, Fault] = {
     "a lost confirmation": Crash("recorder", 100),
     "an off-by-one in the successor's sequence": Crash("sensors", 28),
     "a recorder that appends twice": Crash("estimator", 30),
-    "a swallowed duplicate": Duplicate("controller", 8, 50_000),
+    "a swallowed duplicate": Duplicate("controller", 10, 50_000),
     "a forgotten timer": Tear(14, 7),
 }
 
