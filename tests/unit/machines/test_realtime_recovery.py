@@ -14,6 +14,7 @@ from dynpf_protocol.errors import RunError
 from dynpf_protocol.keys import AGAIN, DATA, JOURNAL, RECORDER, ROUTER
 from dynpf_protocol.topics import EVENT_PREFIX
 from dynpf_runtime.machines.effects import Put
+from dynpf_runtime.machines.events import Arrived
 from dynpf_runtime.replay import replay_node
 from dynpf_runtime.simulation import Network, Simulation
 from dynpf_services.scenario.build import plan_of
@@ -46,7 +47,7 @@ def assert_whole(path: Path) -> None:
     for name in NODES:
         outcome = replay_node(recording, PLAN, name)
         assert outcome.mismatch is None
-        assert outcome.steps > 20
+        assert outcome.steps >= 20  # of 30; some pass while a process is gone
 
 
 def gaps(path: Path, name: str) -> set[str]:
@@ -113,11 +114,11 @@ def test_what_is_said_again_goes_to_the_recorder_alone(name: str, tmp_path: Path
     """An old command that is published again might move a robot."""
     path = tmp_path / "run.mcap"
     simulation = recovered(PLAN, path, 2, [Kill(name, happened(story, name) // 2)])
-    said: Counter[tuple[str, int]] = Counter()
+    heard: Counter[tuple[str, str, int]] = Counter()
     for _, process, what in simulation.story:
-        if isinstance(what, Put) and what.key.startswith(DATA) and process in NODES:
-            said[what.key, decode_envelope(what.attachment).sequence] += 1
-    assert set(said.values()) == {1}
+        if isinstance(what, Arrived) and what.key.startswith(DATA) and process in NODES and process != name:
+            heard[process, what.key, decode_envelope(what.attachment).sequence] += 1
+    assert set(heard.values()) == {1}
     again = [what for _, _, what in simulation.story if isinstance(what, Put) and what.key.startswith(AGAIN)]
     assert again
 
