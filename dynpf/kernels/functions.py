@@ -25,6 +25,7 @@ __all__ = [
     "normals",
     "sin_all",
     "sin_one",
+    "sinc_all",
     "sincos_all",
     "sincos_one",
     "tan_all",
@@ -108,6 +109,14 @@ def sin_all(values, out):
     """Fill ``out`` (N,) with the sines of ``values`` (N,)."""
     for i in range(values.size):
         out[i] = _sincos(values[i])[0]
+
+
+@kernel
+def sinc_all(values, out):
+    """Fill ``out`` (N,) with sin(pi x) / (pi x), 1 at zero, of ``values`` (N,)."""
+    for i in range(values.size):
+        angle = np.pi * values[i]
+        out[i] = _sincos(angle)[0] / angle if angle != 0.0 else 1.0
 
 
 @kernel

@@ -165,9 +165,7 @@ def sinc(value: Any) -> Any:
     if isinstance(value, float):
         angle = math.pi * value
         return sin(angle) / angle if angle != 0.0 else 1.0
-    turned = math.pi * np.asarray(value, dtype=np.float64)
-    somewhere = np.where(turned == 0.0, 1.0, turned)
-    return np.where(turned == 0.0, 1.0, sin(somewhere) / somewhere)
+    return _mapped(kernels.functions.sinc_all, value)
 
 
 def power(base: Any, exponent: float) -> Any:

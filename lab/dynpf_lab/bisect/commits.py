@@ -80,37 +80,62 @@ def _read(done: "subprocess.CompletedProcess[str]") -> Tried:
 
 
 def first_bad(
-    repository: Path, good: str, bad: str, replay: Callable[[Path], Tried]
+    repository: Path, good: str | None, bad: str, replay: Callable[[Path], Tried]
 ) -> tuple[Commit | None, tuple[str, ...]]:
     """Return the first commit from ``good`` to ``bad`` whose replay differs, or None and those of which it is one.
 
-    The checkout itself stays as it is. Raises UsageError for a revision that is none, and where the replay by ``good``
-    differs, or that by ``bad`` does not.
+    Without ``good`` the commits 1, 2, 4 and so on before ``bad`` are tried for one. The checkout itself stays as it is.
+    Raises UsageError for a revision that is none, where the replay by ``good`` differs, and where that by ``bad`` does
+    not.
     """
-    known = {_git(repository, "rev-parse", "--verify", f"{name}^{{commit}}"): name for name in (good, bad)}
-    if len(known) < 2:
-        raise UsageError(f"--good {good}, --bad {bad}: are one commit, {next(iter(known))[:12]}")
+    last = _revision(repository, bad)
+    if good is not None and _revision(repository, good) == last:
+        raise UsageError(f"--good {good}, --bad {bad}: are one commit, {last[:12]}")
     tried: dict[str, Tried] = {}
     with _worktree(repository) as worktree:
 
         def attempt(revision: str) -> Tried:
             show_progress(f"replay by {revision[:12]}, {len(tried) + 1}")
+            _git(worktree, "checkout", "--quiet", "--detach", revision)
             tried[revision] = replay(worktree)
             return tried[revision]
 
-        for (revision, name), wanted in zip(known.items(), ("good", "bad"), strict=True):
-            _git(worktree, "checkout", "--quiet", "--detach", revision)
-            _check(name, wanted, attempt(revision))
-        told = _git(worktree, "bisect", "start", *reversed(known), "--")
+        _check(bad, "bad", attempt(last))
+        if good is None:
+            begin = _earlier(repository, bad, attempt)
+        else:
+            begin = _revision(repository, good)
+            _check(good, "good", attempt(begin))
+        told, revision = _git(worktree, "bisect", "start", last, begin, "--"), ""
         while (found := _FOUND.search(told)) is None and "'skip'ped" not in told:
-            revision = _git(worktree, "rev-parse", "HEAD")
-            if revision in tried:
+            before, revision = revision, _revision(worktree, "HEAD")
+            if revision == before:
                 raise UsageError(f"{repository}: git bisect cannot go on: {told}")
-            told = _git(worktree, "bisect", attempt(revision).verdict, may_fail=True)
+            told = _git(worktree, "bisect", (tried.get(revision) or attempt(revision)).verdict, may_fail=True)
         show_progress("")
         if found is None:
             return None, tuple(revision[:12] for revision in _LEFT.findall(told))
         return _described(repository, found[1], tried[found[1]]), ()
+
+
+def _earlier(repository: Path, bad: str, attempt: Callable[[str], Tried]) -> str:
+    """Return a commit before ``bad`` whose replay is the same; raises UsageError if none of those tried is one."""
+    distance = 1
+    while True:
+        try:
+            revision = _revision(repository, f"{bad}~{distance}")
+        except UsageError:
+            raise UsageError(
+                f"no commit that is 1, 2, 4 and so on before {bad} replays the recording as it is; name one that does "
+                "with --good REV"
+            ) from None
+        if attempt(revision).verdict == "good":
+            return revision
+        distance *= 2
+
+
+def _revision(repository: Path, name: str) -> str:
+    return _git(repository, "rev-parse", "--verify", f"{name}^{{commit}}")
 
 
 def _check(name: str, wanted: str, tried: Tried) -> None:

@@ -36,7 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a git repository, of dynpf or of nodes of yours: the recording is replayed by its commits, each in an "
         "environment of its requirements.lock",
     )
-    parser.add_argument("--good", metavar="REV", help="with --repo, a commit whose replay is the same")
+    parser.add_argument(
+        "--good",
+        metavar="REV",
+        help="with --repo, a commit whose replay is the same (default: 1, 2, 4 and so on before --bad are tried)",
+    )
     parser.add_argument("--bad", metavar="REV", help="with --repo, a later commit whose replay differs (default: HEAD)")
     add_allow_code(parser)
     add_code(parser)
@@ -68,8 +72,6 @@ def _commits(options: argparse.Namespace) -> int:
     from dynpf_lab.bisect.commits import Replay, first_bad
     from dynpf_lab.bisect.environments import cache_folder
 
-    if options.good is None:
-        raise UsageError("--repo: name a commit whose replay is the same with --good REV")
     if not exists(options.a):
         raise UsageError(f"{options.a}: no such file")
     root = Path("/repository")

@@ -45,6 +45,14 @@ def test_the_first_commit_whose_replay_differs_is_found(repository):
     assert len(git(repository, "worktree", "list").splitlines()) == 1
 
 
+def test_a_commit_to_begin_with_is_looked_for_in_ever_larger_steps(repository):
+    found, _ = first_bad(repository, None, "HEAD~1", replay)  # 5 is bad, 4 good
+    assert found is not None
+    assert found.subject == "Commit 5: bad"
+    with pytest.raises(UsageError, match="no commit that is 1, 2, 4 and so on before HEAD"):
+        first_bad(repository, None, "HEAD", lambda _: Tried("bad"))
+
+
 def test_commits_that_cannot_replay_at_all_are_passed_over_and_told(repository):
     def broken(worktree: Path) -> Tried:
         tried = replay(worktree)
