@@ -38,7 +38,7 @@ _COMMANDS = {
     "info": ("info", "what is in a recording"),
     "doctor": ("doctor", "what is wrong with a recording"),
     "sign": ("sign", "sign every byte of a recording"),
-    "resume": ("resume", "go on with a run of which everything was killed"),
+    "resume": ("resume", "go on with a run that was stopped, or of which everything was killed"),
     "recover": ("recover", "repair a recording into a new file"),
     "localize": ("localize", "from a robot's log to a verdict: import, run, measures and page"),
     "metrics": ("metrics", "measures of a recorded run against its truth"),

@@ -1,4 +1,4 @@
-"""``dynpf resume``: go on with a run of which everything was killed, from its recording."""
+"""``dynpf resume``: go on with a run that was stopped, or of which everything was killed, from its recording."""
 
 import argparse
 import os
@@ -24,9 +24,9 @@ __all__ = ["add_arguments"]
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``dynpf resume``."""
     parser.description = (
-        "Goes on with a lockstep run whose processes were all killed, or whose machine lost power: from the last tick "
-        "that its recording has of all nodes, into the same file, to the bytes of an undisturbed run. Code that the "
-        "recording names is run only with --allow-code, and files come from the recording."
+        "Goes on with a lockstep run that was stopped, whose processes were all killed, or whose machine lost power: "
+        "from the last tick that its recording has of all nodes, into the same file, to the bytes of an undisturbed "
+        "run. Code that the recording names is run only with --allow-code, and files come from the recording."
     )
     add_recording(parser)
     add_log(parser)
@@ -42,6 +42,7 @@ def run(options: argparse.Namespace) -> int:
     """Execute ``dynpf resume`` and return its exit code."""
     # A snapshot in a file may be anybody's work: no index in it leads a kernel out of an array. Read with numba.
     os.environ["NUMBA_BOUNDSCHECK"] = "1"
+    from dynpf_formats.recording.reopen import reopen
     from dynpf_services.scenario.build import plan_of
     from dynpf_services.scenario.resume import resumable
     from dynpf_services.scenario.user_code import add_folders, code_folders
@@ -52,6 +53,7 @@ def run(options: argparse.Namespace) -> int:
         scenario = resumable(options.recording, log, options.allow_code)
         for spec in plan_of(scenario).graph.specs.values():
             spec.build()  # errors are reported here, before any process is started
+    reopen(options.recording)
     try:
         if options.runner == "inline":
             _inline(options, scenario, log)

@@ -1,4 +1,4 @@
-"""Resumes a lockstep run all of whose processes are gone: what its recording allows, and how it goes on in one process.
+"""Resumes a lockstep run that was stopped or killed: what its recording allows, and how it goes on in one process.
 
 On the bus the recorder takes the run over from its recording, and tells the nodes what they had done before
 (``dynpf service recorder --resume``). In one process the same ledger reads the recording.
@@ -8,6 +8,7 @@ from collections.abc import Callable, Container, Mapping
 from pathlib import Path
 
 from dynpf_formats.recording.reader import Recording, load
+from dynpf_formats.recording.reopen import is_stopped
 from dynpf_formats.recording.signature import signature_file
 from dynpf_formats.regular_files import exists, is_claimed
 from dynpf_protocol.codec import encode
@@ -41,14 +42,14 @@ RESTART = "recorder/restart"
 
 
 def resumable(path: Path, log: PlayedLog | None, allow_code: Container[str]) -> Scenario:
-    """Return the scenario of the run that a recording has begun, ready to go on.
+    """Return the scenario of the run that a recording has begun, ready to go on; of a stopped one after ``reopen``.
 
     Raises UsageError, with a sentence, for a run that cannot go on; RecordingError for what is no recording, and
     ScenarioError for code that is not allowed.
     """
     recording, damage = load(path)
     end = recording.end
-    if end is not None and end.complete and not damage:
+    if end is not None and end.complete and not damage and not is_stopped(end):
         raise UsageError(f"{path}: the run is whole ({end.reason}): there is nothing to resume")
     if is_claimed(path):
         raise UsageError(f"{path}: a recorder is still writing it: the run goes on, and cannot be resumed")

@@ -1,5 +1,6 @@
 """``dynpf resume`` in one process: files cut anywhere give the undisturbed run, and what cannot go on is refused."""
 
+import itertools
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import pytest
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import read_recording
+from dynpf_formats.recording.reopen import reopen
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_lab.cli.main import main
 from dynpf_protocol.errors import ScenarioError, UsageError
@@ -55,6 +57,25 @@ def test_a_recording_that_is_cut_anywhere_becomes_that_of_the_undisturbed_run(
     assert main(["doctor", str(path)]) == 0
     assert main(["replay", str(path)]) == 0
     assert [*tmp_path.iterdir()] == [path]
+
+
+@pytest.mark.parametrize("ticks", [1, 47, 118])
+def test_a_stopped_run_goes_on_to_the_bytes_of_one_that_was_not(ticks: int, whole: Path, tmp_path: Path) -> None:
+    path, asked = tmp_path / "run.mcap", itertools.count()
+    record_inline(SCENARIO, path, stopped=lambda: "stopped by the user" if next(asked) >= ticks else "")
+    stopped = read_recording(path)
+    assert stopped.end is not None
+    assert (stopped.end.complete, stopped.end.outcome) == (True, "stopped")
+    assert main(["resume", str(path), "--runner", "inline", "--no-page"]) == 0
+    assert content_digest(read_recording(path)) == content_digest(read_recording(whole))
+    assert main(["doctor", str(path)]) == 0
+
+
+def test_only_a_stopped_run_is_reopened(whole: Path, tmp_path: Path) -> None:
+    for path in (shutil.copy(whole, tmp_path / "whole.mcap"), cut(whole, tmp_path / "cut.mcap", 0.5)):
+        before = Path(path).read_bytes()
+        reopen(Path(path))
+        assert Path(path).read_bytes() == before
 
 
 def test_what_was_recorded_is_kept_when_the_run_cannot_go_on(whole: Path, tmp_path: Path) -> None:
