@@ -11,7 +11,7 @@ from dynpf_formats.recording.reader import load, read_recording
 from dynpf_lab.cli.main import main
 from dynpf_protocol.envelope import decode_envelope
 from dynpf_protocol.errors import RunError
-from dynpf_protocol.keys import AGAIN, DATA, JOURNAL, RECORDER, ROUTER
+from dynpf_protocol.keys import AGAIN, DATA, JOURNAL, RECORDER, ROUTER, SAID_BY
 from dynpf_protocol.topics import EVENT_PREFIX
 from dynpf_runtime.machines.effects import Put
 from dynpf_runtime.machines.events import Arrived
@@ -116,7 +116,9 @@ def test_what_is_said_again_goes_to_the_recorder_alone(name: str, tmp_path: Path
     simulation = recovered(PLAN, path, 2, [Kill(name, happened(story, name) // 2)])
     heard: Counter[tuple[str, str, int]] = Counter()
     for _, process, what in simulation.story:
-        if isinstance(what, Arrived) and what.key.startswith(DATA) and process in NODES and process != name:
+        if not isinstance(what, Arrived) or process not in NODES or process == name:
+            continue
+        if what.key.startswith(DATA) and SAID_BY not in what.key:
             heard[process, what.key, decode_envelope(what.attachment).sequence] += 1
     assert set(heard.values()) == {1}
     again = [what for _, _, what in simulation.story if isinstance(what, Put) and what.key.startswith(AGAIN)]
