@@ -10,6 +10,7 @@ from pathlib import Path
 
 import msgspec
 from dynpf_protocol.errors import UsageError
+from dynpf_protocol.json_text import read_json
 
 try:
     import fcntl
@@ -45,10 +46,11 @@ def write_place(folder: Path, endpoint: str, recording: Path) -> None:
 def read_place(folder: Path) -> Place:
     """Return where the run of a folder can be found; raises UsageError."""
     try:
-        return msgspec.json.decode((folder / _PLACE).read_bytes(), type=Place)
+        return read_json((folder / _PLACE).read_bytes(), Place)
     except (OSError, msgspec.DecodeError) as error:
+        why = f"{_PLACE}: {error.strerror.lower()}" if isinstance(error, OSError) and error.strerror else str(error)
         raise UsageError(
-            f"{folder}: is not the folder of a run that goes on: {error}; dynpf run names its own when it begins"
+            f"{folder}: is not the folder of a run that goes on ({why}); dynpf run names its own when it begins"
         ) from error
 
 
