@@ -36,7 +36,7 @@ MOST_BYTES = 256 * 2**20
 """How much is kept of what nodes read, bytes: a message that a fault delays may be consumed long after it was sent."""
 
 MOST_ENTRIES = 4000
-"""How many journal entries a twin keeps, while it waits for a message or a snapshot, which are at most 1000 steps
+"""How many journal entries a twin keeps, while it waits for a message or a snapshot, which are at most 2000 steps
 apart."""
 
 _Source = tuple[str, str, str]  # node, boot, topic

@@ -22,14 +22,14 @@ __all__ = ["Snapshots", "freeze_host", "thaw_executor", "thaw_host"]
 _OFTEN = 100
 """Steps between two snapshots, at least."""
 
-_RARE = 1000
+_RARE = 2000
 """Steps between two snapshots, at most."""
 
 _SENT_PER_BYTE = 128
 """How many bytes the host sends for each byte of a snapshot. Messages become about ten times smaller in a recording,
 states hardly smaller: so snapshots have about eight percent of it."""
 
-_FIRST_SENT_PER_BYTE = 16
+_FIRST_SENT_PER_BYTE = 64
 """The same for the first snapshot: until there is one, a recorder has to keep all that has been said."""
 
 _OVERHEAD = 500

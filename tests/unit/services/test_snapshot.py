@@ -53,15 +53,15 @@ def snapshots(path: Path) -> list[Snapshot]:
 
 def test_the_more_a_node_says_the_more_often_its_state_is_kept_and_never_at_the_end(tmp_path: Path) -> None:
     told = snapshots(run(tmp_path / "chatty.mcap", plan(400, chatty)))
-    assert [one.step for one in told] == [9, 109, 209, 309]  # the first one soon: a recorder has to keep all before
-    assert [decode_state(unpack(one.state).state)["steps"] for one in told] == [10, 110, 210, 310]
+    assert [one.step for one in told] == [29, 129, 229, 329]  # the first one soon: a recorder has to keep all before
+    assert [decode_state(unpack(one.state).state)["steps"] for one in told] == [30, 130, 230, 330]
     assert [unpack(one.state).sequences for one in told] == [
         {"log": one.step + 1, TOPIC: number} for number, one in enumerate(told, start=1)
     ]
     silent = snapshots(run(tmp_path / "silent.mcap", plan(600)))
-    assert [one.step for one in silent] == [39, 309, 579]  # by their journal entries alone
-    undigested = snapshots(run(tmp_path / "undigested.mcap", plan(1100)._replace(state_digest_ticks=5000)))
-    assert [one.step for one in undigested] == [999]
+    assert [one.step for one in silent] == [139, 409]  # by their journal entries alone
+    undigested = snapshots(run(tmp_path / "undigested.mcap", plan(2100)._replace(state_digest_ticks=5000)))
+    assert [one.step for one in undigested] == [1999]
 
 
 def test_the_same_run_has_the_same_snapshots(tmp_path: Path) -> None:
@@ -91,7 +91,7 @@ def test_doctor_tells_a_snapshot_of_another_state_and_a_mended_file_keeps_the_tr
         writer.close(complete=True, reason="finished", outcome="budget spent")
     found = examine(tmp_path / "forged.mcap")
     assert {(one.severity, one.where) for one in found} == {("warning", TOPIC)}
-    assert "after step 9 is not of the state, or the chain value, that the journal has; it is not used" in found[0].what
+    assert "after step 29 is not of the state, or the chain value, that the journal has; it is not used" in found[0].what
 
 
 def forged(payload: bytes) -> bytes:
