@@ -1,34 +1,23 @@
 """Why a run went as it did, in words: each verdict of its filters, what changed, and what happened at the time."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from dynpf_formats.recording.info import ended, title_of
 from dynpf_formats.recording.reader import Recording
-from dynpf_protocol.messages import RobotState
 from dynpf_protocol.printable import printable
 
 from dynpf_experiments.pictures.drawing import Track
 from dynpf_experiments.pictures.estimates import Span, estimates_of, position_errors, verdicts
-from dynpf_experiments.pictures.events import Event, events_of
+from dynpf_experiments.pictures.event import Event
+from dynpf_experiments.pictures.events import events_of
 from dynpf_experiments.pictures.source import Budget, RunSource
 from dynpf_experiments.pictures.tracks import tracks_of
 
 __all__ = ["Explanation", "Verdict", "as_data", "explanation", "in_words"]
 
-SILENT_S, SILENT_PERIODS = 1.0, 10.0
-"""A topic is silent if its next message comes so late, and so many times later than usual."""
-
-LEAST_PERIODS = 20
-"""Messages of a topic from which it is known how often they come."""
-
-LEAP_M, LEAP_M_S = 0.5, 5.0
-"""A reference that moves so far at once, and so fast, leaps: the robot was carried."""
-
-MOST_OF_A_KIND = 50
 _OWN_WORDS = "the estimate is "
-_HEARD_BY_FEW = ("truth/", "snapshot/", "log", "diagnostics", "recorder/")
 
 
 class Verdict(NamedTuple):
@@ -75,7 +64,6 @@ def explanation(recording: Recording) -> Explanation:
         found += [Verdict(each.track.name, *span, _error(each.track, tracks, span)) for span in spans]
     recorded, in_all = events_of(source)
     own = [event for event in recorded if not event.text.startswith(_OWN_WORDS)]
-    others = [*_silences(source), *_leaps(source)]
     end = recording.end
     return Explanation(
         title=printable(title_of(recording)),
@@ -85,8 +73,8 @@ def explanation(recording: Recording) -> Explanation:
         seconds=seconds,
         shares=shares,
         verdicts=sorted(found, key=lambda verdict: verdict.begin),
-        events=sorted([*own, *others], key=lambda event: event.seconds),
-        events_in_all=in_all - (len(recorded) - len(own)) + len(others),
+        events=own,
+        events_in_all=in_all - (len(recorded) - len(own)),
     )
 
 
@@ -141,35 +129,6 @@ def _error(track: Track, tracks: Sequence[Track], span: Span) -> float | None:
     seconds, distance = position_errors(track, truth)
     within = distance[(seconds >= span.begin) & (seconds <= span.end)]
     return float(np.median(within)) if within.size else None
-
-
-def _silences(source: RunSource) -> Iterator[Event]:
-    """Yield when topics that come at a steady rate did not come, each at its last message before."""
-    for topic in sorted(source.recording.schemas):
-        if topic.startswith(_HEARD_BY_FEW):
-            continue
-        seconds = source.seconds(source.records(topic))
-        periods = np.diff(seconds)
-        if periods.size < LEAST_PERIODS:
-            continue
-        usual = float(np.median(periods))
-        for index in np.flatnonzero(periods > max(SILENT_S, SILENT_PERIODS * usual))[:MOST_OF_A_KIND]:
-            text = f"silent for {periods[index]:.1f} s; it usually comes every {usual:.2g} s"
-            yield Event(float(seconds[index]), "silence", "warning", printable(topic), text)
-
-
-def _leaps(source: RunSource) -> Iterator[Event]:
-    """Yield when a robot, or its reference, was elsewhere at once."""
-    for topic in source.carrying(RobotState):
-        known = [(at, m.x, m.y) for at, m in source.messages(topic) if isinstance(m, RobotState)]
-        if len(known) < 2:
-            continue
-        seconds, x, y = np.array(known).T
-        moved, took = np.hypot(np.diff(x), np.diff(y)), np.maximum(np.diff(seconds), 1e-9)
-        for index in np.flatnonzero((moved > LEAP_M) & (moved > LEAP_M_S * took))[:MOST_OF_A_KIND]:
-            here, there = f"({x[index]:.2f}, {y[index]:.2f})", f"({x[index + 1]:.2f}, {y[index + 1]:.2f})"
-            text = f"{moved[index]:.2f} m elsewhere within {took[index]:.2g} s, from {here} to {there} m"
-            yield Event(float(seconds[index + 1]), "leap", "warning", printable(topic), text)
 
 
 def as_data(story: Explanation) -> dict[str, Any]:

@@ -1,33 +1,23 @@
 """What happened in a run besides its estimates: gaps, faults, warnings, processes that came back, and the end."""
 
-from typing import NamedTuple
-
 from dynpf_formats.recording.info import ended
 from dynpf_protocol.messages import Gap, HostEvent, Log, LogLevel
 from dynpf_protocol.printable import printable
 
+from dynpf_experiments.pictures.disturbances import leaps, silences
+from dynpf_experiments.pictures.event import Event
 from dynpf_experiments.pictures.source import RunSource
 
-__all__ = ["Event", "events_of", "faults_of"]
+__all__ = ["events_of", "faults_of"]
 
 MOST_EVENTS = 200
 MOST_TOLD = 2000
 """Messages of a topic that are looked through."""
 
 
-class Event(NamedTuple):
-    """Something that happened at a time, s; ``kind`` is gap, log, restart or end, ``level`` info, warning or error."""
-
-    seconds: float
-    kind: str
-    level: str
-    node: str
-    text: str
-
-
 def events_of(source: RunSource) -> tuple[list[Event], int]:
     """Return the events of a run in order of time, at most MOST_EVENTS, and how many there are in all."""
-    found = [*_gaps(source), *_logs(source), *_restarts(source)]
+    found = [*_gaps(source), *_logs(source), *_restarts(source), *silences(source), *leaps(source)]
     found.sort(key=lambda event: event.seconds)
     return [*found[: MOST_EVENTS - 1], _end(source)], len(found) + 1
 

@@ -18,7 +18,8 @@ from dynpf_experiments.pictures.cameras import Camera, cameras_of
 from dynpf_experiments.pictures.columns import column, evenly
 from dynpf_experiments.pictures.drawing import Track
 from dynpf_experiments.pictures.estimates import Span
-from dynpf_experiments.pictures.events import Event, events_of, faults_of
+from dynpf_experiments.pictures.event import Event
+from dynpf_experiments.pictures.events import events_of, faults_of
 from dynpf_experiments.pictures.figures import Figure, figures
 from dynpf_experiments.pictures.source import Budget, RunSource
 from dynpf_experiments.pictures.tracks import Clouds, Readings, readings_of

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 
 from dynpf_experiments.pictures.estimates import Span
-from dynpf_experiments.pictures.events import Event
+from dynpf_experiments.pictures.event import Event
 from dynpf_experiments.pictures.figures import Figure
 from dynpf_experiments.pictures.page import Apart, RunPicture
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from dynpf_experiments.pictures.events import Event
+from dynpf_experiments.pictures.event import Event
 from dynpf_experiments.pictures.figures import figures
 from dynpf_experiments.pictures.page import Apart, RunPicture
 from dynpf_formats.recording.reader import read_recording

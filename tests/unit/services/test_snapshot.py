@@ -91,7 +91,9 @@ def test_doctor_tells_a_snapshot_of_another_state_and_a_mended_file_keeps_the_tr
         writer.close(complete=True, reason="finished", outcome="budget spent")
     found = examine(tmp_path / "forged.mcap")
     assert {(one.severity, one.where) for one in found} == {("warning", TOPIC)}
-    assert "after step 29 is not of the state, or the chain value, that the journal has; it is not used" in found[0].what
+    assert (
+        "after step 29 is not of the state, or the chain value, that the journal has; it is not used" in found[0].what
+    )
 
 
 def forged(payload: bytes) -> bytes:
