@@ -82,15 +82,17 @@ class FollowRealtime:
 
     def __init__(self, inbox: RealtimeInbox) -> None:
         self._inbox = inbox
+        self._held = False
 
     @property
     def wake_ns(self) -> int:
-        """The time of the next delayed message's arrival."""
+        """The time of the next delayed message's arrival, unless something else has to come first."""
         due_ns = self._inbox.due_ns()
-        return NEVER_NS if due_ns is None else due_ns
+        return NEVER_NS if due_ns is None or self._held else due_ns
 
     def take(self, now_ns: int, *, idle: bool, stopping: bool, held: bool) -> Turn | None:  # noqa: ARG002
         """Return the turn if a message triggers it, or at the end of the run."""
+        self._held = held
         if held:
             return None
         inbox = self._inbox
