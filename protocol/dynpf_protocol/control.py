@@ -53,8 +53,8 @@ class Doing(IntEnum):
 class Beat(msgspec.Struct, frozen=True, array_like=True):
     """A heartbeat: the process has ended ``ticks`` ticks, and its main loop has been ``doing`` this for ``for_ns``.
 
-    ``boot`` is the sender's start. A recorder says of how many ticks of each node all is in its file, ``kept``. Once a
-    process is ready it says which start of each process of the run counts.
+    ``boot`` is the sender's start. A recorder says of how many ticks of each node all is in its file, ``kept``, and in
+    lockstep read by all who wait for it. Once a process is ready it says which start of each process of the run counts.
     """
 
     node: Name

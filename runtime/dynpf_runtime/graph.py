@@ -69,6 +69,10 @@ class Graph:
         """The topics that some node reads."""
         return frozenset().union(*(spec.reads for spec in self.specs.values()))
 
+    def unread(self, name: str) -> int:
+        """Return how many of a node's last ticks others may not have read yet when all have ended the same tick."""
+        return max(upstream.get(name, 0) for upstream in self.lags.values())
+
     def subscribed(self, name: str) -> list[str]:
         """Return the topics that a node reads and other nodes write."""
         reads = sorted(self.specs[name].reads)

@@ -61,7 +61,7 @@ class Ledger:
 
     def __init__(self, plan: Plan, roles: Roles) -> None:
         self._roles = roles
-        self._nodes = {name: NodeSteps() for name in plan.graph.nodes}
+        self._nodes = {name: NodeSteps(plan.graph.unread(name)) for name in plan.graph.nodes}
         self._consumption = Consumption(plan)
         self._realtime = plan.clock == "realtime"
         self.window = RealtimeWindow(plan.graph) if self._realtime else Window(plan.graph)
@@ -199,8 +199,8 @@ class Ledger:
             node.open.clear()
 
     def kept(self) -> dict[str, int]:
-        """Return of how many ticks of each node all is written that anybody may lack."""
-        return {name: node.written if self._realtime else self.ticks for name, node in self._nodes.items()}
+        """Return of how many ticks of each node all is written, and in lockstep read by those who wait for it."""
+        return {name: node.written if self._realtime else node.read(self.ticks) for name, node in self._nodes.items()}
 
     def entered(self, name: str) -> tuple[dict[int, Done], dict[str, int]]:
         """Return the steps of a node that is gone which follow the written ones, and the next numbers of its topics.

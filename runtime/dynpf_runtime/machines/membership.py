@@ -19,7 +19,7 @@ from dynpf_runtime.machines.admission import Admission
 from dynpf_runtime.machines.effects import NEVER_NS, Count, Declare, Effect, Put, Subscribe, Tell, Watch
 from dynpf_runtime.machines.events import Answered, Arrived, Counted, Event, RouterGone, Started, StopAsked, Token, Woke
 from dynpf_runtime.machines.heartbeats import BEAT_NS, Heartbeats
-from dynpf_runtime.machines.joining import Stage
+from dynpf_runtime.machines.joining import Listening, Stage
 from dynpf_runtime.machines.missing import MissingNotice
 from dynpf_runtime.machines.refusals import Refusals, known_names
 from dynpf_runtime.machines.rivals import Rivals
@@ -33,9 +33,6 @@ _LINGER_NS = 2_000_000_000
 """How long the token of a process may stay after its end: the router waits for who does not say that it ends."""
 
 _LOOK_AGAIN_NS = 100_000_000
-
-_LISTEN_NS = 2_500_000_000
-"""How long to listen for a heartbeat that says that this process was there before: five heartbeats of everybody."""
 
 
 class Membership:
@@ -93,7 +90,8 @@ class Membership:
         self._rivals = Rivals()
         self.heartbeats = Heartbeats()
         self._next_beat_ns = 0
-        self._look_at_ns = self._listen_until_ns = NEVER_NS
+        self._look_at_ns = NEVER_NS
+        self._listening = Listening()
         self._linger_until_ns: int | None = None
         self._missing = MissingNotice()
 
@@ -155,6 +153,7 @@ class Membership:
             case RouterGone() if not self.leaving:
                 self.absence.lose_router(now_ns)
                 self._admission.wait_for_router()
+                self._listening.again(now_ns)
             case Woke():
                 yield from self.absence.judge(now_ns, self.ticks, self._may_go)
         yield from self._look(now_ns)
@@ -171,14 +170,14 @@ class Membership:
         if self._stage is Stage.ASKING and now_ns >= self._look_at_ns:
             self._look_at_ns = NEVER_NS
             yield Count(f"{ALIVE}{self.name}/*")
-        if self._stage is Stage.LISTENING and now_ns >= self._listen_until_ns:
+        if self._stage is Stage.LISTENING and now_ns >= self._listening.until_ns:
             yield from self._join()
 
     def _due_ns(self, now_ns: int) -> int:
         if self._stage is Stage.ASKING:
             return min(self._admission.wake_ns, self._look_at_ns)
         if self._stage is Stage.LISTENING:
-            return self._listen_until_ns
+            return self._listening.until_ns
         due_ns = self._next_beat_ns
         if self._stage < Stage.RUNNING and self._missing.wake_ns > now_ns:
             due_ns = min(due_ns, self._missing.wake_ns)
@@ -192,7 +191,7 @@ class Membership:
         if self._stage is Stage.LISTENING:
             others_there = any(holder(Token(key, True))[0] in self.peers for key in keys)
             if others_there or (self._listens and not self._inherits):
-                self._listen_until_ns = now_ns + _LISTEN_NS
+                self._listening.begin(now_ns)
             else:
                 self.before = self._inherits
                 self.successor = self.inherited = self.absence.resumed = bool(self._inherits)
@@ -313,6 +312,8 @@ class Membership:
             self._rival(start, ready=ready, present=token.present)
         elif node in self.others.names:
             self.others.take(token)
+            if node == ROUTER and token.present:
+                self._listening.again(now_ns)
         elif node in self.peers:
             change = self._roster.take(token)
             if change is Change.SECOND and not (self.inherited or was_before(self.starts[node], start)):

@@ -11,7 +11,7 @@ from dynpf_protocol.recall import Piece, encode_recall
 from dynpf_runtime.executor import Sent
 from dynpf_runtime.machines.effects import NEVER_NS, Put
 from dynpf_runtime.machines.membership import Membership
-from dynpf_runtime.machines.unconfirmed import MOST_UNCONFIRMED, Unconfirmed
+from dynpf_runtime.machines.unconfirmed import Unconfirmed
 
 __all__ = ["Saying", "StepSaid", "put_of"]
 
@@ -47,7 +47,7 @@ class Saying:
     @property
     def full(self) -> bool:
         """Whether no more can be kept."""
-        return self._unconfirmed.bytes > MOST_UNCONFIRMED
+        return self._unconfirmed.full(self._member.ticks)
 
     @property
     def urgent(self) -> bool:

@@ -38,9 +38,10 @@ class PastStep:
 
 
 class NodeSteps:
-    """The steps of one node."""
+    """The steps of one node, of which others may not have read the last ``unread`` when all nodes have made them."""
 
-    def __init__(self) -> None:
+    def __init__(self, unread: int) -> None:
+        self._unread = unread
         self.written = 0  # steps
         self.ended = False
         self.next: defaultdict[str, int] = defaultdict(int)  # topic -> first sequence of the step not yet written
@@ -51,6 +52,10 @@ class NodeSteps:
             PlaceInTopic, bytes
         ] = {}  # digests of what has been refused because its step was still to come
         self.seen: defaultdict[str, SeenNumbers] = defaultdict(SeenNumbers)  # of what no end of a tick counts
+
+    def read(self, ticks: int) -> int:
+        """Return how many of its steps all have read when all nodes have made so many."""
+        return max(0, ticks - self._unread)
 
     def past_of(self, step: int) -> PastStep | None:
         """Return what is remembered of a written step."""

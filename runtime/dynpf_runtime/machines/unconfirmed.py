@@ -1,6 +1,7 @@
-"""Unconfirmed messages: what a node's host has said and the recorder does not have in its file yet.
+"""Unconfirmed messages: what a node's host has said and the recorder does not have in its file yet, or others not read.
 
-It is said again when somebody has come back, until the recorder has it: whoever was gone may have missed it.
+It is said again when somebody has come back, until the recorder confirms it: whoever was gone may have missed it. In
+lockstep what all nodes have made the next tick after, all have read; the recorder confirms no more than that.
 """
 
 from collections import deque
@@ -8,7 +9,7 @@ from collections.abc import Iterator
 
 from dynpf_runtime.machines.effects import NEVER_NS, Put
 
-__all__ = ["MOST_UNCONFIRMED", "Unconfirmed"]
+__all__ = ["Unconfirmed"]
 
 MOST_UNCONFIRMED = 48 * 2**20
 """How much a host keeps, bytes, before it waits for the recorder: less than one key may take of a recorder's queue."""
@@ -35,6 +36,13 @@ class Unconfirmed:
         """Keep a message that is said in a tick."""
         self._said.append((tick, put))
         self.bytes += len(put.payload)
+
+    def full(self, ticks: int) -> bool:
+        """Return whether no more is to be said after ``ticks`` ticks before the recorder has confirmed older ones.
+
+        The last may have to wait for the next one: only then is it known that all have read it.
+        """
+        return self.bytes > MOST_UNCONFIRMED and self._said[0][0] < ticks - 1
 
     def confirm(self, ticks: int) -> None:
         """Forget what was said in the first ``ticks`` ticks: the recorder has them in its file; nobody lacks them."""

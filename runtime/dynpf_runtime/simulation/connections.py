@@ -69,9 +69,10 @@ class Connections:
             process.partings += 1
             self._agenda.at(process.cut_ns, lambda: self.link_again(process))
 
-    def close(self) -> None:
-        """End the router: processes see the others' tokens disappear, and a moment later lose their connection."""
-        if self.hub.gone or (self._processes[self._router].running and not self.hub.stopped):
+    def close(self, router: Process) -> None:
+        """End this router: processes see the others' tokens disappear, and a moment later lose their connection."""
+        replaced = router is not self._processes[self._router]  # it was killed before it had been silent for the lease
+        if self.hub.gone or replaced or (router.running and not self.hub.stopped):
             return
         self.hub.close()
         for process in self._processes.values():
@@ -87,6 +88,8 @@ class Connections:
         self.hub.gone = self.hub.stopped = False
         for token in router.declared:
             self.hub.declare(router, token)
+        for key, payload in router.offered:
+            self.hub.offer(key, payload)
         for process in self._processes.values():
             if process is not router:
                 self.link_again(process)

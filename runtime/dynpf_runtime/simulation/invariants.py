@@ -209,10 +209,15 @@ def _recording(run: Run, reference: Reference | None, trial: Trial, *, replay: b
         found.append("the recording is called whole, and has not the content of the undisturbed run")
     if not whole and reference is not None and not damage:
         found += _untrue(recording, reference)
-    lacking = recording.end is not None and recording.end.missing
-    if not damage and not lacking and replay:
+    if not damage and not _lacks(recording, trial) and replay:
         found += _replayed(run, recording)
     return whole, found
+
+
+def _lacks(recording: Recording, trial: Trial) -> bool:
+    """Return whether a recording says that it lacks a message: after the last of a topic that is no gap in numbers."""
+    end = recording.end
+    return end is not None and bool(end.missing or (end.unresolved and _dropped(trial)))
 
 
 def _says(recording: Recording, errors: list[str], altered: Iterable[Finding]) -> Iterator[str]:

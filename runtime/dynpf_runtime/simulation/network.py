@@ -8,6 +8,7 @@ seed give the same story.
 
 from collections import Counter, defaultdict
 from collections.abc import Callable
+from functools import partial
 from random import Random
 from typing import NamedTuple
 
@@ -38,14 +39,12 @@ from dynpf_runtime.machines.events import (
 )
 from dynpf_runtime.simulation.agenda import Agenda
 from dynpf_runtime.simulation.connections import LEASE_NS, Connections
-from dynpf_runtime.simulation.process import KILLED, Closing, Killed, Link, Network, Perform, Process
+from dynpf_runtime.simulation.process import KILLED, RETRY_NS, Closing, Killed, Link, Network, Perform, Process
 
 __all__ = ["EPOCH_NS", "LEASE_NS", "Happened", "Network", "Simulation"]
 
 EPOCH_NS = 1_700_000_000 * 10**9
 """The wall clock's time at the beginning, ns."""
-
-_RETRY_NS = 50_000_000  # how often a new process looks for the router
 
 
 class Happened(NamedTuple):
@@ -213,7 +212,7 @@ class Simulation:
         self._bus.hub.stopped = self._bus.hub.stopped or name == self._router
         if for_ns >= LEASE_NS:
             self._agenda.at(
-                self.now_ns + LEASE_NS, self._bus.close if name == self._router else lambda: self._bus.part(process)
+                self.now_ns + LEASE_NS, partial(self._bus.close if name == self._router else self._bus.part, process)
             )
 
     def cut(self, name: str, for_ns: int) -> None:
@@ -226,7 +225,7 @@ class Simulation:
         for link in (process.to_router, process.from_router):
             link.stall(process.cut_ns)
         if for_ns >= LEASE_NS:
-            self._agenda.at(self.now_ns + LEASE_NS, lambda: self._bus.part(process))
+            self._agenda.at(self.now_ns + LEASE_NS, partial(self._bus.part, process))
 
     def slow(self, name: str, events: int, each_ns: int) -> None:
         """Make a process take longer for its next events."""
@@ -291,7 +290,9 @@ class Simulation:
         if any(type(event) is StopAsked for event in process.inbox):
             self._end(process, KeyboardInterrupt())
             return
-        process.busy_ns = process.turned_ns = self.now_ns + _RETRY_NS
+        if process.tells_of_router(self.now_ns):
+            self._note(process, Tell("waiting for the router"))
+        process.busy_ns = process.turned_ns = self.now_ns + RETRY_NS
         self._plan(process)
 
     def _handle(self, process: Process, event: Event) -> None:
@@ -352,6 +353,7 @@ class Simulation:
                 process.declared.append(key)
                 self._bus.send(process, lambda: self._bus.hub.declare(process, key))
             case Answer(key, payload):
+                process.offered.append((key, payload))
                 self._bus.hub.offer(key, payload)
             case Ask(key, wanted):
                 self._bus.query(process, lambda: Answered(self._bus.hub.answer(key, wanted)), Answered(None))
@@ -368,7 +370,7 @@ class Simulation:
     def _leave(self, process: Process) -> None:
         process.running, self._changed = False, True
         if process.name == self._router:
-            self._bus.close()
+            self._bus.close(process)
         else:
             self._bus.send(process, lambda: self._bus.hub.forget(process))
 

@@ -11,7 +11,12 @@ from dynpf_runtime.machines.effects import NEVER_NS, Effect, Machine
 from dynpf_runtime.machines.events import Event, Started
 from dynpf_runtime.simulation.keys import first_match
 
-__all__ = ["KILLED", "Closing", "Killed", "Link", "Network", "Perform", "Process"]
+__all__ = ["KILLED", "RETRY_NS", "Closing", "Killed", "Link", "Network", "Perform", "Process"]
+
+RETRY_NS = 50_000_000
+"""How often a new process looks for the router."""
+
+_NOTICE_NS = 1_000_000_000  # after that it says so
 
 KILLED = -9
 """Exit code of a process that was killed."""
@@ -81,6 +86,7 @@ class Process:
         self.watches: list[str] = []
         self.watched: list[str] = []  # what it watches, as far as the router knows
         self.declared: list[str] = []
+        self.offered: list[tuple[str, bytes]] = []  # answers to queries
         self.seen: dict[str, None] = {}  # tokens of which it has been told that they are there, in that order
         self.busy_ns = 0
         self.planned_ns = NEVER_NS
@@ -102,6 +108,10 @@ class Process:
         self.idle_wakes = self.most_idle_wakes = 0  # in a row: it wakes, does nothing, and is due at once again
         self.arrivals = 0  # messages that the router has sent to it
         self.slow: tuple[int, int] = (0, 0)  # events, and how much longer each takes, ns
+
+    def tells_of_router(self, now_ns: int) -> bool:
+        """Return whether a new process that looks for the router every RETRY_NS now says that it waits for it."""
+        return 0 <= now_ns - self.began_ns - _NOTICE_NS < RETRY_NS
 
     def hears_itself(self, key: str) -> bool:
         """Return whether the process subscribes to a key under which it publishes."""

@@ -175,3 +175,17 @@ def test_the_messages_of_a_step_take_a_bounded_memory() -> None:
 def taken_strictly(book: Ledger, said: Said) -> None:
     name, envelope, payload = said  # type: ignore[misc]
     book.message(name, "sensors", envelope, payload)
+
+
+def test_a_tick_that_others_read_in_the_next_one_is_kept_when_that_is_written() -> None:
+    """The source begins a tick when the last node has ended the one before; that node reads the source at once."""
+    graph = graph_of([ToyNode("simulator", writes=["truth/robot"]), ToyNode("sensors", reads=["truth/robot"])])
+    plan = PLAN._replace(graph=graph)
+    book = Ledger(plan, Roles(plan, dict.fromkeys(graph.nodes, "s1")))
+    assert book.kept() == {"simulator": 0, "sensors": 0}
+    for tick in range(3):
+        for name in graph.nodes:
+            made = entry(tick, ())
+            list(book.end(TickDone(name, "s1", tick, tick, tick, {}, False)))
+            list(book.entry(Envelope(name, "s1", tick, tick, tick, 0), made, encode_entry(made)))
+        assert book.kept() == {"simulator": tick + 1, "sensors": tick}

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 from dynpf_protocol.control import Beat, Doing, Recorded, Stop, encode_control
 from dynpf_protocol.errors import BrokenOffError, DynpfError, UsageError
-from dynpf_protocol.keys import ALIVE, BEAT, READY, RECORDED, SCENARIO, STOP
+from dynpf_protocol.keys import ALIVE, BEAT, READY, RECORDED, ROUTER, SCENARIO, STOP
 from dynpf_runtime.machines.absence import LAST_WORD_NS, SURE_NS
 from dynpf_runtime.machines.effects import Ask, Count, Declare, Effect, Put, Subscribe, Tell
 from dynpf_runtime.machines.events import Answered, Arrived, Counted, Event, RouterGone, Started, Token, Woke
@@ -350,3 +350,23 @@ def test_who_takes_over_is_no_stranger_by_the_name_that_it_had_before() -> None:
     early.give(token(ALIVE, "sensors", boot="boot.1.other"))
     late.give(control(f"{BEAT}sensors", Beat("sensors", "other", 0)))
     assert ["refused" in one.told[-1] for one in (early, late)] == [True, True]
+
+
+@pytest.mark.parametrize("noticed", [True, False])
+def test_who_listens_whether_it_was_there_before_listens_anew_once_the_router_is_back(noticed: bool) -> None:
+    """Without the router it hears nobody, and would take itself for the first."""
+    script = Scripted(patience_ns=30 * 10**9)
+    script.give(Started(), Answered(TEXT.encode()), Counted(()))
+    script.give(Counted(tuple(f"{READY}{node}/a" for node in PEERS)))
+    script.now_ns = 2 * 10**9
+    if noticed:
+        script.give(RouterGone())
+        script.now_ns = 4 * 10**9
+        script.give(Woke())
+    script.give(Token(f"{ALIVE}{ROUTER}/r", True))
+    script.now_ns += 2 * 10**9
+    script.give(Woke())
+    assert script.tokens == []
+    script.now_ns += 10**9
+    script.give(Woke())
+    assert script.tokens == [f"{ALIVE}simulator/mine"]

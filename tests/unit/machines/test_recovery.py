@@ -14,8 +14,9 @@ from dynpf_protocol.keys import RECALLED, RECORDER, ROUTER
 from dynpf_protocol.messages import Command
 from dynpf_protocol.recall import decode_recalled
 from dynpf_runtime import snapshot
-from dynpf_runtime.machines import window
+from dynpf_runtime.machines import unconfirmed, window
 from dynpf_runtime.machines.effects import Put
+from dynpf_runtime.machines.heartbeats import BEAT_NS
 from dynpf_runtime.machines.recorder import RecorderMachine
 from dynpf_runtime.node import Result
 from dynpf_runtime.simulation import Network, Simulation
@@ -203,3 +204,12 @@ def test_two_that_are_killed_in_a_run_with_snapshots_do_not_change_it(seed: int,
     kills = [Kill(random.choice(PLAN.graph.nodes), random.randrange(100, 300)), Kill(RECORDER, random.randrange(90))]
     recovered(plan_of(LONG), tmp_path / "run.mcap", seed, kills)
     assert_whole(tmp_path / "run.mcap", undisturbed)
+
+
+def test_who_may_keep_no_message_waits_for_the_recorder_and_for_nothing_else(
+    tmp_path: Path, undisturbed: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(unconfirmed, "MOST_UNCONFIRMED", 0)
+    simulation = recovered(PLAN, tmp_path / "run.mcap", 1, [])
+    assert_whole(tmp_path / "run.mcap", undisturbed)
+    assert simulation.now_ns > 2 * BEAT_NS, "nobody has waited for a heartbeat of the recorder"

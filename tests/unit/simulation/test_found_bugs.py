@@ -77,8 +77,30 @@ def test_a_recorder_that_is_killed_in_any_write_is_taken_over(kept: int, campaig
         pytest.param(Crash("router", 20), id="a router that is killed as the others leave"),
         pytest.param(Crash("simulator", 25), id="a source that spins until its peers know its new start"),
         pytest.param(Drop("recorder", 17), id="the first message of a topic that is not compared is lost"),
+        pytest.param(Cut("simulator", 38, 4_800_000_000), id="a source that lacks the end of a tick that is recorded"),
     ],
 )
 def test_a_single_fault_that_broke_an_invariant(fault: Fault, campaign: Campaign) -> None:
     verdict, _ = campaign.judge(Schedule(1, 44, (fault,), Network(), Care.KEPT), replay=True)
     assert (verdict.whole, verdict.broken) == (True, ())
+
+
+def test_a_recorder_that_is_started_again_and_cut_off_as_it_listens_takes_over(campaign: Campaign) -> None:
+    crash = Crash("recorder", 150)
+    for event in range(156, 176, 4):
+        schedule = Schedule(1, 44, (crash, Cut("recorder", event, 2_300_000_000)), Network(), Care.KEPT)
+        verdict, _ = campaign.judge(schedule, replay=False)
+        assert (verdict.whole, verdict.broken) == (True, ())
+
+
+def test_who_waits_for_a_router_that_never_comes_says_so(campaign: Campaign) -> None:
+    verdict, trial = campaign.judge(Schedule(1, 44, (Crash("router", 0),), Network(), Care.ALONE), replay=False)
+    assert (verdict.whole, verdict.broken, trial.asked) == (False, (), True)
+    assert trial.simulation.notices("sensors") == ["waiting for the router"]
+
+
+def test_a_last_message_that_is_lost_is_not_in_a_replay_either(campaign: Campaign) -> None:
+    last = campaign.size.messages[RECORDER] - 1
+    for message in range(last - 20, last):
+        schedule = Schedule(1, 44, (Drop(RECORDER, message),), Network(), Care.WATCHED)
+        assert campaign.judge(schedule, replay=True)[0].broken == ()
