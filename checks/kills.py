@@ -49,9 +49,13 @@ class Outcome(NamedTuple):
 
 
 class Undisturbed(NamedTuple):
-    """A run that nobody disturbs: the words after ``dynpf run``, its processes, how long it lasts, its digest."""
+    """A run that nobody disturbs: the words after ``dynpf run``, its processes, how long it lasts, its digest.
+
+    ``log`` are the words that also ``dynpf resume`` needs for the log that the run plays, if any.
+    """
 
     words: tuple[str, ...]
+    log: tuple[str, ...]
     processes: tuple[str, ...]
     lasts_s: float  # from its last process's start to its end
     digest: str
@@ -71,9 +75,10 @@ def main() -> int:
     parser.add_argument("--log", metavar="IN.mcap", help="the log of a scenario that needs one")
     options = parser.parse_args()
     random = Random(options.seed)
-    words = (options.scenario, "--set", f"max_ticks={options.ticks}", *(("--log", options.log) if options.log else ()))
+    log = ("--log", options.log) if options.log else ()
+    words = (options.scenario, "--set", f"max_ticks={options.ticks}", *log)
     trials = options.kills + options.stops + options.doubles + options.everything
-    undisturbed = _undisturbed(words) if trials else Undisturbed(words, (), 0.0, "")
+    undisturbed = _undisturbed(words, log) if trials else Undisturbed(words, log, (), 0.0, "")
     outcomes: dict[str, list[Outcome]] = defaultdict(list)
     for number, count, second in (
         (signal.SIGKILL, options.kills, False),
@@ -180,7 +185,7 @@ def _run(*words: str, **environment: str) -> Iterator[_Run]:
             run.kill()
 
 
-def _undisturbed(words: tuple[str, ...]) -> Undisturbed:
+def _undisturbed(words: tuple[str, ...], log: tuple[str, ...]) -> Undisturbed:
     """Return what an undisturbed run is like; its first run finds its processes, and compiles the kernels."""
     with _run(*words) as run:
         processes = run.services()
@@ -189,7 +194,7 @@ def _undisturbed(words: tuple[str, ...]) -> Undisturbed:
         began = time.monotonic()
         run.popen.wait()
         lasts_s = time.monotonic() - began
-        return Undisturbed(words, processes, lasts_s, content_digest(read_recording(run.path)))
+        return Undisturbed(words, log, processes, lasts_s, content_digest(read_recording(run.path)))
 
 
 def _disturbed(
@@ -218,7 +223,7 @@ def _disturbed(
         others = () if then is not None else tuple(name for name in undisturbed.processes if name != target)
         faults = [*_faults(run, target, named_s, gone_s, others), *_file_faults(run.path)]
         if target == SUPERVISOR and run.path.exists() and not _is_whole(run.path, undisturbed.digest):
-            faults += _resume_faults(run.path)
+            faults += _resume_faults(run.path, undisturbed.log)
         whole = _is_whole(run.path, undisturbed.digest)
         if not whole and run.path.exists():
             faults.append(f"the recording is not that of an undisturbed run: {run.errors}")
@@ -240,7 +245,7 @@ def _everything(count: int, random: Random, undisturbed: Undisturbed) -> int:
             if not run.path.exists() or _is_whole(run.path, undisturbed.digest):
                 blank += 1
                 continue
-            faults = _resume_faults(run.path)
+            faults = _resume_faults(run.path, undisturbed.log)
             took_s.append(time.monotonic() - began_s)
             if faults or not _is_whole(run.path, undisturbed.digest):
                 wrong += 1
@@ -254,8 +259,8 @@ def _everything(count: int, random: Random, undisturbed: Undisturbed) -> int:
     return wrong
 
 
-def _resume_faults(path: Path) -> list[str]:
-    command = [sys.executable, "-P", "-m", "dynpf_lab.cli.main", "resume", str(path), "--no-page"]
+def _resume_faults(path: Path, log: tuple[str, ...]) -> list[str]:
+    command = [sys.executable, "-P", "-m", "dynpf_lab.cli.main", "resume", str(path), "--no-page", *log]
     told = subprocess.run(command, capture_output=True, text=True, check=False)
     return [f"dynpf resume: {told.stdout}{told.stderr}"] if told.returncode else []
 

@@ -2,7 +2,7 @@
 
 import struct
 
-__all__ = ["size_of"]
+__all__ = ["is_whole", "size_of"]
 
 _PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
 _HEADER = 13  # bytes of a PNG's first chunk
@@ -10,32 +10,28 @@ _WITHOUT_SIZE = frozenset({0xC4, 0xC8, 0xCC})  # segments of a JPEG that are num
 
 
 def size_of(data: bytes) -> tuple[int, int] | None:
-    """Return width and height of a PNG or JPEG in pixels.
-
-    None for other bytes, and for a PNG with a part that goes beyond them: OpenCV takes memory for what a part claims.
-    """
+    """Return width and height in pixels as the header of a PNG or JPEG tells them; None for other bytes."""
     if data.startswith(_PNG):
-        return _png_size(data)
-    if data.startswith(_JPEG):
-        return _jpeg_size(data)
-    return None
-
-
-def _png_size(data: bytes) -> tuple[int, int] | None:
-    at = len(_PNG)
-    if len(data) < at + 8 + _HEADER or struct.unpack_from(">I4s", data, at) != (_HEADER, b"IHDR"):
-        return None
-    width, height = struct.unpack_from(">II", data, at + 8)
-    while at < len(data):
-        if at + 12 > len(data):
+        at = len(_PNG)
+        if len(data) < at + 16 or struct.unpack_from(">I4s", data, at) != (_HEADER, b"IHDR"):
             return None
+        width, height = struct.unpack_from(">II", data, at + 8)
+        return int(width), int(height)
+    return _jpeg_size(data) if data.startswith(_JPEG) else None
+
+
+def is_whole(data: bytes) -> bool:
+    """Return whether no part of a PNG goes beyond its bytes: OpenCV takes memory for what a part claims."""
+    at = len(_PNG)
+    kind = b""
+    while data.startswith(_PNG) and kind != b"IEND":
+        if at + 12 > len(data):
+            return False
         length, kind = struct.unpack_from(">I4s", data, at)
         at += 12 + length
         if at > len(data):
-            return None
-        if kind == b"IEND":
-            break
-    return int(width), int(height)
+            return False
+    return True
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int] | None:

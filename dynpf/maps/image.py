@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynpf.image_size import size_of
+from dynpf.image_size import is_whole, size_of
 from dynpf.maps.occupancy import MOST_CELLS, check_size
 from dynpf.types import FloatArray
 
@@ -41,7 +41,7 @@ def decode_image(data: bytes, most_pixels: int = MOST_CELLS) -> Shades:
     size = _size(data)
     if size is not None:
         check_size(*size, most_pixels)
-    pixels = None if size is None else _pixels(data)
+    pixels = _pixels(data) if size is not None and is_whole(data) else None
     if pixels is None or pixels.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{len(data)} bytes that do not decode; expected a PGM, PNG or BMP of 8 or 16 bits a channel")
     shades = pixels / _white(data, pixels)

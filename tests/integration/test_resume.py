@@ -30,7 +30,7 @@ class Walk:
 
 def test_everything_is_killed_and_the_run_is_resumed_with_the_same_bytes(tmp_path, dynpf, here):
     path, undisturbed = tmp_path / "run.mcap", tmp_path / "inline.mcap"
-    settings = "landmark-room", "--set", "max_ticks=120"
+    settings = "landmark-room", "--set", "max_ticks=600"
     assert here("run", *settings, "--runner", "inline", "-o", undisturbed).code == 0
     run = dynpf("run", *settings, "--durable", "-o", path)
     with watch_run(tmp_path, run) as watched:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from dynpf_protocol.messages import CompressedImage
 
-from dynpf.image_size import size_of
+from dynpf.image_size import is_whole, size_of
 from dynpf_experiments.pictures.columns import evenly
 from dynpf_experiments.pictures.drawing import Circle
 from dynpf_experiments.pictures.source import RunSource
@@ -66,7 +66,7 @@ def _camera(source: RunSource, topic: str, most: int, circles: Callable[[int], S
 def _thumbnail(data: bytes) -> tuple[bytes, int, int, int] | None:
     """Return a JPEG of some WIDTH_PX, its width and height, and how many times smaller it is; None for no image."""
     size = size_of(data)
-    if size is None or size[0] * size[1] > MOST_PIXELS or min(size) < 1:
+    if size is None or not is_whole(data) or size[0] * size[1] > MOST_PIXELS or min(size) < 1:
         return None
     factor = next((each for each in (4, 2) if size[0] >= each * WIDTH_PX), 1)
     flags = {4: cv2.IMREAD_REDUCED_COLOR_4, 2: cv2.IMREAD_REDUCED_COLOR_2, 1: cv2.IMREAD_COLOR}

@@ -37,12 +37,12 @@ class Change(NamedTuple):
 
 
 def git_status(table: Table) -> str:
-    """Return git's status of the checkout that has the table, except for what ``update`` writes.
+    """Return git's status of the checkout that has the table, except for what ``update`` and Python write.
 
     Outside of a checkout there is nothing that could be uncommitted. Raises UsageError without git.
     """
     written = (table.path, table.report, *map(table.recording, table.rows))
-    excluded = [f":(exclude,literal){path.name}" for path in written]
+    excluded = [*(f":(exclude,literal){path.name}" for path in written), ":(exclude,glob)**/__pycache__/**"]
     command = ["git", "status", "--porcelain", "--untracked-files=all", "--", ":/", *excluded]
     folder = table.path.parent
     try:

@@ -12,7 +12,7 @@ from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.scenario.context import Context
 from numpy.typing import NDArray
 
-from dynpf.image_size import size_of
+from dynpf.image_size import is_whole, size_of
 from dynpf.rng import generator
 from dynpf.vision import Board, Calibration, CalibrationError, Disc, detect_discs
 from dynpf_systems.parts.messages import Detection, Detections
@@ -102,7 +102,8 @@ class VisionNode:
             raise BrokenFrameError(f"frame of {size[0]} x {size[1]} pixels; expected {expected[0]} x {expected[1]}")
         try:
             encoded = np.frombuffer(data, np.uint8)
-            image = None if size is None else cv2.imdecode(encoded, cv2.IMREAD_REDUCED_GRAYSCALE_4)
+            readable = size is not None and is_whole(data)
+            image = cv2.imdecode(encoded, cv2.IMREAD_REDUCED_GRAYSCALE_4) if readable else None
         except cv2.error as error:
             raise BrokenFrameError(f"{len(data)} bytes that are no image ({error.err})") from error
         if image is None or image.shape != tuple(side // SUBSAMPLING for side in reversed(expected)):

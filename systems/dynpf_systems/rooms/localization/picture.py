@@ -1,7 +1,7 @@
 """Pictures of the estimate: landmarks and robot as shapes in the map."""
 
 from collections.abc import Sequence
-from functools import lru_cache
+from typing import NamedTuple
 
 from dynpf_protocol import frames
 from dynpf_protocol.landmarks import Landmark
@@ -19,7 +19,7 @@ from dynpf_protocol.messages import (
     planar_pose,
 )
 
-__all__ = ["draw_scene"]
+__all__ = ["Drawn", "draw_landmarks", "draw_scene"]
 
 LANDMARK = Color(r=0.55, g=0.3, b=0.65)
 LABEL = Color(r=0.35, g=0.35, b=0.35)
@@ -28,8 +28,20 @@ DOUBTED = {"uncertain": Color(r=0.9, g=0.6, b=0.1), "lost": Color(r=0.5, g=0.5, 
 """The robot's colour where the estimate cannot be relied on."""
 
 
+class Drawn(NamedTuple):
+    """Landmarks as posts with their numbers."""
+
+    posts: tuple[CylinderPrimitive, ...]
+    labels: tuple[TextPrimitive, ...]
+
+
+def draw_landmarks(landmarks: Sequence[Landmark]) -> Drawn:
+    """Return the landmarks as numbered posts; they stay where they are."""
+    return Drawn(tuple(_post(mark) for mark in landmarks), tuple(_label(mark) for mark in landmarks))
+
+
 def draw_scene(
-    x: float, y: float, theta: float, landmarks: Sequence[Landmark], now: Timestamp, *, status: str = "tracking"
+    x: float, y: float, theta: float, landmarks: Drawn, now: Timestamp, *, status: str = "tracking"
 ) -> SceneUpdate:
     """Return the landmarks as numbered posts and the estimated robot as an arrow, coloured by its health status."""
     arrow = ArrowPrimitive(
@@ -40,18 +52,13 @@ def draw_scene(
         head_diameter=0.15,
         color=DOUBTED.get(status, ROBOT),
     )
-    posts, labels = _drawn(tuple(landmarks))
+    posts, labels = landmarks
     return SceneUpdate(
         entities=(
             SceneEntity(timestamp=now, frame_id=frames.MAP, id="landmarks", cylinders=posts, texts=labels),
             SceneEntity(timestamp=now, frame_id=frames.MAP, id="estimated robot", arrows=(arrow,)),
         )
     )
-
-
-@lru_cache(maxsize=16)  # they stay where they are
-def _drawn(landmarks: tuple[Landmark, ...]) -> tuple[tuple[CylinderPrimitive, ...], tuple[TextPrimitive, ...]]:
-    return tuple(_post(mark) for mark in landmarks), tuple(_label(mark) for mark in landmarks)
 
 
 def _post(mark: Landmark) -> CylinderPrimitive:

@@ -17,7 +17,7 @@ from dynpf_services.estimates import particles_picture, robot_transform
 
 from dynpf.types import FloatArray, Floats
 from dynpf_systems.rooms.localization.localizers import Found
-from dynpf_systems.rooms.localization.picture import draw_scene
+from dynpf_systems.rooms.localization.picture import draw_landmarks, draw_scene
 
 __all__ = ["Publisher"]
 
@@ -30,7 +30,7 @@ class Publisher:
     """Makes messages from estimates; keeps when particles and scene were last published."""
 
     def __init__(self, landmarks: Sequence[Landmark]) -> None:
-        self._landmarks = tuple(landmarks)
+        self._landmarks = draw_landmarks(landmarks)
         self._shown_ns: int | None = None
         self._scene_ns: int | None = None
 
