@@ -13,6 +13,7 @@ from dynpf_formats.recording.stream import StreamedMessage, stream
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_formats.regular_files import readable
 from dynpf_protocol.envelope import Envelope
+from dynpf_protocol.journal import JOURNAL_PREFIX, decode_entry
 from dynpf_protocol.keys import RECORDER
 from dynpf_protocol.topics import LOG_NODE
 from dynpf_runtime.bus.edge import drive, new_boot
@@ -172,17 +173,20 @@ def _messages(path: Path, plan: Plan) -> Iterator[FoundMessage]:
 def recorded_boots(path: Path, plan: Plan) -> dict[str, str]:
     """Return the boots of the nodes by a recording of ``plan``, and the last of its recorder.
 
-    A node of which nothing is recorded gets a new one. Raises RecordingError if there is no such recording, or if a
-    node has several.
+    A node of which the file has lost everything is known by who has read its messages; one of which nothing is recorded
+    gets a new boot. Raises RecordingError if there is no such recording, or if a node has several.
     """
     boots: dict[str, str] = {}
+    read: dict[str, str] = {}
     source = plan.graph.source
-    for _, envelope, _ in _messages(path, plan):
+    for topic, envelope, payload in _messages(path, plan):
+        if topic.startswith(JOURNAL_PREFIX) and not boots.keys() >= {*plan.graph.nodes}:
+            read |= {one.node: one.boot for one in decode_entry(payload).consumed if one.node in plan.graph.nodes}
         node = source if envelope.node == LOG_NODE else envelope.node
         if node != RECORDER and boots.get(node, envelope.boot) != envelope.boot:
             raise RecordingError(f"{path}: {readable(node)} has several boots: no run of one start can go on from it")
         boots[node] = envelope.boot
-    return {name: boots.get(name) or new_boot() for name in (*plan.graph.nodes, RECORDER)}
+    return {name: boots.get(name) or read.get(name) or new_boot() for name in (*plan.graph.nodes, RECORDER)}
 
 
 def _check_header(path: Path, header: RunHeader, plan: Plan) -> None:

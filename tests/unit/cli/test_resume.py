@@ -11,9 +11,11 @@ from dynpf_formats.recording.reader import read_recording
 from dynpf_formats.recording.reopen import reopen
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_lab.cli.main import main
+from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import ScenarioError, UsageError
 from dynpf_runtime import snapshot
 from dynpf_runtime.plan import run_header
+from dynpf_services.recorder.host import recorded_boots
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.record import record_inline
@@ -69,6 +71,19 @@ def test_a_stopped_run_goes_on_to_the_bytes_of_one_that_was_not(ticks: int, whol
     assert main(["resume", str(path), "--runner", "inline", "--no-page"]) == 0
     assert content_digest(read_recording(path)) == content_digest(read_recording(whole))
     assert main(["doctor", str(path)]) == 0
+
+
+def test_a_node_of_which_all_is_lost_is_known_by_who_has_read_its_messages(whole: Path, tmp_path: Path) -> None:
+    recording, path = read_recording(whole), tmp_path / "run.mcap"
+    with RecordingWriter(path, recording.header, recording.attachments, schemas=recording.schemas) as writer:
+        for one in recording.records:
+            if one.node != "controller" and one.stamp_ns < 10**9:
+                envelope = Envelope(one.node, one.boot, one.sequence, 0, one.stamp_ns, one.publish_ns)
+                writer.message(one.topic, envelope, one.payload)
+        writer.close(complete=False, reason="killed")
+    assert recorded_boots(path, plan_of(SCENARIO))["controller"] == "inline"
+    assert main(["resume", str(path), "--runner", "inline", "--no-page"]) == 0
+    assert content_digest(read_recording(path)) == content_digest(recording)
 
 
 def test_only_a_stopped_run_is_reopened(whole: Path, tmp_path: Path) -> None:
