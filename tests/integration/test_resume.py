@@ -36,6 +36,7 @@ def test_everything_is_killed_and_the_run_is_resumed_with_the_same_bytes(tmp_pat
     with watch_run(tmp_path, run) as watched:
         watched.await_ticks(30)
     assert service_of(tmp_path, "recorder") is not None
+    os.kill(run.popen.pid, signal.SIGSTOP)  # else it starts the first ones again before the last are killed
     for process in processes_of(tmp_path):
         os.kill(process.pid, signal.SIGKILL)
     run.popen.kill()

@@ -42,7 +42,7 @@ def git_status(table: Table) -> str:
     Outside of a checkout there is nothing that could be uncommitted. Raises UsageError without git.
     """
     written = (table.path, table.report, *map(table.recording, table.rows))
-    excluded = [*(f":(exclude,literal){path.name}" for path in written), ":(exclude,glob)**/__pycache__/**"]
+    excluded = [*(f":(exclude,literal){path.name}" for path in written), ":(top,exclude,glob)**/__pycache__/**"]
     command = ["git", "status", "--porcelain", "--untracked-files=all", "--", ":/", *excluded]
     folder = table.path.parent
     try:
