@@ -9,7 +9,7 @@ from dynpf_formats.recording.reader import Recording
 from dynpf_protocol.printable import printable
 
 from dynpf_experiments.pictures.drawing import Track
-from dynpf_experiments.pictures.estimates import Span, estimates_of, position_errors, verdicts
+from dynpf_experiments.pictures.estimates import Span, estimates_of, position_errors, shares, verdicts
 from dynpf_experiments.pictures.event import Event
 from dynpf_experiments.pictures.events import events_of
 from dynpf_experiments.pictures.source import Budget, RunSource
@@ -56,11 +56,11 @@ def explanation(recording: Recording) -> Explanation:
     seconds = (end_ns - begin_ns) * 1e-9
     estimates = estimates_of(source)
     tracks = [*tracks_of(source), *(each.track for each in estimates)]
-    found, shares = [], {}
+    found, of_time = [], {}
     for each in estimates:
         spans = verdicts(each, seconds)
         if spans:
-            shares[each.track.name] = _shares(spans)
+            of_time[each.track.name] = shares((span.status, span.end - span.begin) for span in spans)
         found += [Verdict(each.track.name, *span, _error(each.track, tracks, span)) for span in spans]
     recorded, in_all = events_of(source)
     own = [event for event in recorded if not event.text.startswith(_OWN_WORDS)]
@@ -71,7 +71,7 @@ def explanation(recording: Recording) -> Explanation:
         complete=end is not None and end.complete and not recording.truncated,
         ended=printable(ended(end.reason, end.outcome)) if end is not None else "its end was never written",
         seconds=seconds,
-        shares=shares,
+        shares=of_time,
         verdicts=sorted(found, key=lambda verdict: verdict.begin),
         events=own,
         events_in_all=in_all - (len(recorded) - len(own)),
@@ -82,8 +82,8 @@ def in_words(story: Explanation) -> list[str]:
     """Return the story as lines for a person: verdicts and events in the order of time."""
     state = "complete" if story.complete else "INCOMPLETE"
     lines = [f"{story.title} (seed {story.seed}): {state}, {story.ended}, {story.seconds:.1f} s"]
-    for node, shares in story.shares.items():
-        told = ", ".join(f"{100.0 * share:.0f} % {_spoken(status)}" for status, share in shares.items())
+    for node, of_time in story.shares.items():
+        told = ", ".join(f"{100.0 * share:.0f} % {_spoken(status)}" for status, share in of_time.items())
         lines.append(f"{printable(node)}: {told} of the time")
     if not story.shares:
         lines.append("no node of this run says how far its estimate is to be relied on")
@@ -109,16 +109,6 @@ def _verdict_in_words(verdict: Verdict) -> list[str]:
 
 def _spoken(status: str) -> str:
     return status.replace("_", " ")
-
-
-def _shares(spans: Sequence[Span]) -> dict[str, float]:
-    """Return the share of the time in each status, the largest first."""
-    length = sum(span.end - span.begin for span in spans)
-    shares: dict[str, float] = {}
-    for span in spans:
-        share = (span.end - span.begin) / length if length > 0.0 else 1.0 / len(spans)
-        shares[span.status] = shares.get(span.status, 0.0) + share
-    return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
 
 def _error(track: Track, tracks: Sequence[Track], span: Span) -> float | None:

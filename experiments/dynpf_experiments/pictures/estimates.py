@@ -1,6 +1,6 @@
 """The estimates of a run: path, covariance, particles' effective number, health, and errors against the truth."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from dynpf_experiments.pictures.drawing import Line, Plot, Track
 from dynpf_experiments.pictures.source import RunSource, robot_of
 from dynpf_experiments.pictures.tracks import columns_of
 
-__all__ = ["Estimated", "Span", "error_plots", "estimates_of", "filter_plots", "position_errors", "verdicts"]
+__all__ = ["Estimated", "Span", "error_plots", "estimates_of", "filter_plots", "position_errors", "shares", "verdicts"]
 
 STATE = "/state"
 MAX_GAP_S = 0.5
@@ -78,6 +78,21 @@ def verdicts(estimated: Estimated, end: float) -> list[Span]:
             before = []
         before.append(health.figures)
     return spans
+
+
+def shares(lasted: Iterable[tuple[str, float]]) -> dict[str, float]:
+    """Return the share of the time in each status, the largest first, by statuses and how long each lasted, in order.
+
+    Where no time has passed, all of it is in the last status.
+    """
+    told = list(lasted)
+    length = sum(seconds for _, seconds in told)
+    if length <= 0.0:
+        return {status: 1.0 for status, _ in told[-1:]}
+    found: dict[str, float] = {}
+    for status, seconds in told:
+        found[status] = found.get(status, 0.0) + seconds / length
+    return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
 def position_errors(track: Track, truth: Track) -> tuple[FloatArray, FloatArray]:

@@ -29,18 +29,28 @@ def reopen(path: Path) -> None:
     if recording.truncated or not is_stopped(recording.end):
         return
     entries = [entry for node, boot in recording.journals() for entry in recording.journal(node, boot)]
+    if not entries:
+        return
     last = max(entry.tick for entry in entries)
     stamp_ns = min(entry.stamp_ns for entry in entries if entry.tick == last)
-    draft = path.with_name(f".{path.name}.draft")
-    with RecordingWriter(
-        path, recording.header, recording.attachments, draft=draft, boot="reopened", schemas=recording.schemas
-    ) as writer:
+    writer = RecordingWriter(
+        path,
+        recording.header,
+        recording.attachments,
+        draft=path.with_name(f".{path.name}.draft"),
+        boot="reopened",
+        schemas=recording.schemas,
+    )
+    try:
         for record in recording.records:
             if record.topic != _GAP_TOPIC and _is_before(recording, record, last, stamp_ns):
                 envelope = Envelope(record.node, record.boot, record.sequence, 0, record.stamp_ns, record.publish_ns)
                 writer.message(record.topic, envelope, record.payload)
-        writer.place(replace=True)
-        writer.close(complete=False, reason="reopened, to go on")
+    except BaseException:
+        writer.discard()  # the recording stays as it is
+        raise
+    writer.place(replace=True)
+    writer.close(complete=False, reason="reopened, to go on")
 
 
 def _is_before(recording: Recording, record: Recorded, last: int, stamp_ns: int) -> bool:

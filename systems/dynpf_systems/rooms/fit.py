@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from dynpf_experiments.messages import RunMessages, of_type
+from dynpf_experiments.pictures.columns import evenly
 from dynpf_protocol.errors import DynpfError
 from dynpf_protocol.messages import Estimate, FilterHealth, LaserScan, Scanner
 from dynpf_services.scenario.context import Context
@@ -20,7 +21,7 @@ from dynpf_systems.rooms.localization.readings import reading_of
 from dynpf_systems.rooms.maps import maps_of
 from dynpf_systems.rooms.wall_fit import WallFit
 
-__all__ = ["TimedScan", "fit_of", "fit_where_tracking", "poses_at"]
+__all__ = ["TimedScan", "estimated_path", "fit_of", "fit_where_tracking", "poses_at", "tracking"]
 
 NEAR_M = 0.1
 """A beam of a run ends near a wall up to this distance, m."""
@@ -52,7 +53,7 @@ def fit_of(run: RunMessages, estimator: str = "estimator") -> dict[str, float]:
     if grid is None:
         return found
     walls = WallFit(grid, NEAR_M)
-    poses, inside = poses_at(_path(run, estimator), np.array([timed.stamp for timed in scans]))
+    poses, inside = poses_at(estimated_path(run, estimator), np.array([timed.stamp for timed in scans]))
     shares = {
         "near_walls_fraction": walls.share([scans[index].scan for index in inside], poses) if inside.size else math.nan,
         "near_walls_by_chance_fraction": walls.by_chance([timed.scan for timed in scans]),
@@ -65,13 +66,13 @@ def fit_where_tracking(run: RunMessages, scans: Sequence[TimedScan], walls: Wall
 
     NaN where no scan has an estimate.
     """
-    path = _path(run, "estimator")
+    path = estimated_path(run, "estimator")
     poses, inside = poses_at(path, np.array([timed.stamp for timed in scans]))
     if not inside.size:
         return math.nan
-    tracking = np.array([health is not UNSET and health.status == "tracking" for health in _healths(run, "estimator")])
+    on_track = tracking(run, "estimator")
     newest = np.searchsorted(path.stamps, [scans[index].stamp for index in inside], side="right") - 1
-    chosen = tracking[newest] if tracking[newest].any() else np.ones(inside.size, dtype=np.bool_)
+    chosen = on_track[newest] if on_track[newest].any() else np.ones(inside.size, dtype=np.bool_)
     return walls.share([scans[index].scan for index in inside[chosen]], poses[:, chosen])
 
 
@@ -85,10 +86,16 @@ def poses_at(path: Trajectory, stamps: FloatArray) -> tuple[FloatArray, NDArray[
     return np.stack([np.interp(stamps[inside], path.stamps, row) for row in rows]), inside
 
 
-def _path(run: RunMessages, estimator: str) -> Trajectory:
+def estimated_path(run: RunMessages, estimator: str) -> Trajectory:
+    """Return the estimates of an estimator as a path."""
     timed = run.topic(f"{estimator}/state")
     poses = np.array([(state.x, state.y, state.theta) for state in of_type(timed, Estimate)]).reshape(-1, 3).T
     return Trajectory(np.array([message.stamp_ns * 1e-9 for message in timed]), poses)
+
+
+def tracking(run: RunMessages, estimator: str) -> NDArray[np.bool_]:
+    """Return at which estimates an estimator says that it is on its track, (T,)."""
+    return np.array([health is not UNSET and health.status == "tracking" for health in _healths(run, estimator)], bool)
 
 
 def _healths(run: RunMessages, estimator: str) -> list[FilterHealth | UnsetType]:
@@ -103,10 +110,8 @@ def _scans(run: RunMessages, robot: str) -> list[TimedScan]:
         return []
     scanners, scans = run.topic(announcements[0]), run.topic(topics[0])
     stamps = [timed.stamp_ns for timed in scanners]
-    wanted = np.unique(np.linspace(0, len(scans) - 1, min(SCANS, len(scans))).astype(int)) if scans else ()
     found = []
-    for index in wanted:
-        timed = scans[index]
+    for timed in (scans[index] for index in evenly(len(scans), SCANS)):
         number = max(int(np.searchsorted(stamps, timed.stamp_ns, side="right")) - 1, 0)
         found.append(TimedScan(timed.stamp_ns * 1e-9, reading_of(timed.message, Scan, scanners[number].message)))
     return found

@@ -12,7 +12,6 @@ import numpy as np
 from dynpf_experiments.measures import Measures
 from dynpf_experiments.messages import RunMessages, Timed, of_type, planar_poses, seconds
 from dynpf_protocol.messages import Estimate, PoseInFrame, RobotState
-from msgspec import UNSET
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
@@ -20,7 +19,7 @@ from dynpf.metrics.alignment import Alignment, alignment, moved_into
 from dynpf.metrics.consistency import mean_square, nees
 from dynpf.metrics.trajectory import Trajectory, pose_errors, score, thin
 from dynpf.types import FloatArray
-from dynpf_systems.rooms.fit import fit_of
+from dynpf_systems.rooms.fit import estimated_path, fit_of, tracking
 
 __all__ = [
     "FOUND_M",
@@ -142,7 +141,7 @@ def aligned(run: RunMessages) -> RunMessages:
         if truth is None or len(run.topic(truth)) < 2:
             continue
         reference, _ = reference_path(run, truth)
-        path = _estimated_path(run, name)
+        path = estimated_path(run, name)
         found = alignment(path, pose_errors(path, reference, max_gap=_longest_gap(run.topic(truth))))
         if found is not None:
             offsets.setdefault(truth, found.offset)
@@ -158,12 +157,6 @@ def aligned(run: RunMessages) -> RunMessages:
         return [timed._replace(message=replace(state, x=x, y=y, theta=theta)) for timed, state, (x, y, theta) in states]
 
     return RunMessages(lambda: run.scenario, run.with_files, read, run.topics)
-
-
-def _estimated_path(run: RunMessages, estimator: str) -> Trajectory:
-    estimated = run.topic(f"{estimator}{STATE}")
-    poses = np.array([(state.x, state.y, state.theta) for state in of_type(estimated, Estimate)]).reshape(-1, 3).T
-    return Trajectory(seconds(estimated), poses)
 
 
 def _longest_gap(truth: list[Timed]) -> float:
@@ -265,7 +258,7 @@ def _recorded(run: RunMessages) -> dict[str, Any]:
             errors = pose_errors(path, reference, heading_valid=valid, max_gap=gap)
             found |= _alignment(scored.position_median_m, alignment(path, errors))
     elif run.topic(f"estimator{STATE}"):
-        apart = pose_errors(path, _estimated_path(run, "estimator"), max_gap=_MAX_GAP_S)
+        apart = pose_errors(path, estimated_path(run, "estimator"), max_gap=_MAX_GAP_S)
         distance = np.hypot(*apart.errors[:2])[apart.position_valid]
         found = {"from_ours_median_m": float(np.median(distance))} if distance.size else {}
     else:
@@ -321,10 +314,8 @@ def wrong_share(run: RunMessages, estimator: str = "estimator") -> float:
     if truth is None or len(run.topic(truth)) < 2 or not run.topic(f"{estimator}{STATE}"):
         return 0.0
     reference, _ = reference_path(run, truth)
-    errors = pose_errors(_estimated_path(run, estimator), reference, max_gap=_longest_gap(run.topic(truth)))
-    states = of_type(run.topic(f"{estimator}{STATE}"), Estimate)
-    tracking = np.array([state.health is not UNSET and state.health.status == "tracking" for state in states])
-    wrong = (np.hypot(*errors.errors[:2]) > LOST_M) & tracking
+    errors = pose_errors(estimated_path(run, estimator), reference, max_gap=_longest_gap(run.topic(truth)))
+    wrong = (np.hypot(*errors.errors[:2]) > LOST_M) & tracking(run, estimator)
     return float(np.mean(wrong[errors.position_valid])) if errors.position_valid.any() else 0.0
 
 

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from dynpf_experiments.messages import RunMessages, of_type
+from dynpf_experiments.pictures.estimates import shares
 from dynpf_protocol.messages import Estimate
 
 from dynpf.filters.health import Status
@@ -79,40 +80,29 @@ def verdict_of(spans: list[Span], wrong: float, fit: Fit) -> Verdict:
     ``wrong`` is the share of the estimates that are wrong while the filter says that it is on its track; where the
     reference is in another frame than the map, after alignment.
     """
-    shares = _shares(spans)
-    tracking = shares.get(Status.TRACKING, 0.0)
-    told = _told(shares)
+    of_time = shares((span.status, span.end_s - span.start_s) for span in spans)
+    tracking = of_time.get(Status.TRACKING, 0.0)
+    told = _told(of_time)
     contradiction = _contradiction(wrong, fit)
     if not spans:
-        return Verdict(False, "not localized: there is no estimate", shares, spans)
+        return Verdict(False, "not localized: there is no estimate", of_time, spans)
     last = spans[-1]
     if last.status in LOST:
         before = f" (before that {told})" if len(spans) > 1 else ""
         text = f"{_in_words(last.status)} from {_since(spans):.1f} s on, to the end: {last.reason}{before}"
-        return Verdict(False, text, shares, spans)
+        return Verdict(False, text, of_time, spans)
     if contradiction:
-        return Verdict(False, f"not localized, whatever the filter says ({told}): {contradiction}", shares, spans)
+        return Verdict(False, f"not localized, whatever the filter says ({told}): {contradiction}", of_time, spans)
     if tracking < LEAST_TRACKING and last.status != Status.TRACKING:
-        return Verdict(False, f"not localized for long: {told}", shares, spans)
+        return Verdict(False, f"not localized for long: {told}", of_time, spans)
     text = f"localized: {told}{_lost_in(spans)}"
-    return Verdict(True, text, shares, spans)
+    return Verdict(True, text, of_time, spans)
 
 
 def _told(shares: Mapping[str, float]) -> str:
     """Return the shares in words: 94 % of the time tracking, 6 % uncertain."""
     parts = [f"{100.0 * share:.0f} % {{}}{status.replace('_', ' ')}" for status, share in shares.items()]
     return ", ".join(part.format("" if index else "of the time ") for index, part in enumerate(parts))
-
-
-def _shares(spans: list[Span]) -> dict[str, float]:
-    """Return the share of the time in each status, the largest first."""
-    length = sum(span.end_s - span.start_s for span in spans)
-    if length <= 0.0:
-        return {span.status: 1.0 for span in spans[-1:]}
-    shares: dict[str, float] = {}
-    for span in spans:
-        shares[span.status] = shares.get(span.status, 0.0) + (span.end_s - span.start_s) / length
-    return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
 
 def _since(spans: list[Span]) -> float:

@@ -86,6 +86,25 @@ def test_a_node_of_which_all_is_lost_is_known_by_who_has_read_its_messages(whole
     assert content_digest(read_recording(path)) == content_digest(recording)
 
 
+def test_a_stopped_run_stays_as_it_is_when_it_cannot_be_reopened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, asked = tmp_path / "run.mcap", itertools.count()
+    record_inline(SCENARIO, path, stopped=lambda: "stopped by the user" if next(asked) >= 20 else "")
+    before = path.read_bytes()
+
+    def interrupted(*_: object) -> None:
+        if next(asked) > 500:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(RecordingWriter, "message", interrupted)
+    asked = itertools.count(450)
+    with pytest.raises(KeyboardInterrupt):
+        reopen(path)
+    assert path.read_bytes() == before
+    assert [*tmp_path.iterdir()] == [path]
+
+
 def test_only_a_stopped_run_is_reopened(whole: Path, tmp_path: Path) -> None:
     for path in (shutil.copy(whole, tmp_path / "whole.mcap"), cut(whole, tmp_path / "cut.mcap", 0.5)):
         before = Path(path).read_bytes()

@@ -10,6 +10,8 @@ from dynpf_experiments.messages import recorded as messages_of
 from dynpf_experiments.pictures.whole import Whole, whole
 from dynpf_experiments.plots.figures import FIGURES, figure, save
 from dynpf_lab.cli.main import main
+from dynpf_lab.cli.plot import NAMES
+from dynpf_lab.plots import Plots
 from dynpf_protocol.errors import UsageError
 from dynpf_protocol.messages import RobotState
 
@@ -31,6 +33,11 @@ def test_the_true_path_is_drawn_where_it_was(room: Whole) -> None:
     assert np.allclose(line.get_xydata(), expected)
     low, high = axes.get_xlim()
     assert low < expected[:, 0].min() < expected[:, 0].max() < high
+
+
+def test_the_command_and_the_notebook_have_every_figure() -> None:
+    assert tuple(FIGURES) == NAMES
+    assert {*FIGURES} <= {name for name in vars(Plots) if not name.startswith("_")}
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -63,6 +70,8 @@ def test_the_same_run_gives_the_same_file(room: Whole, tmp_path: Path, suffix: s
         save(room, "trajectory", path)
     assert first.read_bytes().startswith(magic)
     assert first.read_bytes() == second.read_bytes()
+    save(whole(short_run("room-scan", 61)), "trajectory", second)
+    assert first.read_bytes() != second.read_bytes(), "one tick more is another picture"
 
 
 @pytest.mark.parametrize("suffix", [".gif", ".mp4"])
