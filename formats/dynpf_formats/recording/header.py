@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple, TypeVar
 
 import msgspec
+from dynpf_protocol.control import Outcome
 from dynpf_protocol.messages import Gap
 from dynpf_protocol.version import SCHEMA_VERSION
 
@@ -113,6 +114,11 @@ class RunEnd(msgspec.Struct, frozen=True, kw_only=True):
     header: str  # SHA-256 of the metadata of the run
     attachments: tuple[SealedAttachment, ...]
     seal: str = ""  # seal_of this end
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a complete run ended because somebody stopped it, though its task and its time were not over."""
+        return self.complete and self.outcome == Outcome.STOPPED
 
 
 _T = TypeVar("_T", RunHeader, RunEnd)

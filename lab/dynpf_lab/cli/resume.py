@@ -42,7 +42,6 @@ def run(options: argparse.Namespace) -> int:
     """Execute ``dynpf resume`` and return its exit code."""
     # A snapshot in a file may be anybody's work: no index in it leads a kernel out of an array. Read with numba.
     os.environ["NUMBA_BOUNDSCHECK"] = "1"
-    from dynpf_formats.recording.reopen import reopen
     from dynpf_services.scenario.build import plan_of
     from dynpf_services.scenario.resume import resumable
     from dynpf_services.scenario.user_code import add_folders, code_folders
@@ -53,7 +52,6 @@ def run(options: argparse.Namespace) -> int:
         scenario = resumable(options.recording, log, options.allow_code)
         for spec in plan_of(scenario).graph.specs.values():
             spec.build()  # errors are reported here, before any process is started
-    reopen(options.recording)
     try:
         if options.runner == "inline":
             _inline(options, scenario, log)

@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--resume",
         action="store_true",
-        help="recorder: go on with the run of the recording that is there, of which all processes are gone",
+        help="recorder: go on with the run of the recording there, which was stopped, or whose processes are all gone",
     )
     add_sign(parser)
     parser.add_argument(

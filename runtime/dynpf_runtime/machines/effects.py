@@ -86,9 +86,13 @@ class Tell(NamedTuple):
 
 
 class Open(NamedTuple):
-    """Open the recording; Found follows if it is to be gone on with, and there is one."""
+    """Open the recording; Found follows if it is to be gone on with, and there is one that is not whole.
+
+    If ``anew``, all processes of its run are gone, and it follows, too, if the run was stopped.
+    """
 
     again: bool = False
+    anew: bool = False
 
 
 class Mend(NamedTuple):

@@ -349,6 +349,8 @@ class Membership:
             return
         if was_before(beat.boot, known[beat.node]):  # it had not taken over when it said this
             return
+        if was_before(known[beat.node], beat.boot):  # it has taken over, and who knows of whom is still to say so
+            return
         if self.inherited and beat.node in self.peers - self.present:  # it does not know yet that it takes over
             return
         check_boot(beat.node, beat.boot, known)

@@ -31,15 +31,20 @@ def rebuilt(
     topics: Mapping[str, Topic],
     boots: Mapping[str, str],
     starts: dict[str, str],
+    *,
+    anew: bool,
 ) -> Iterator[Effect]:
     """Give the messages of a recording to an empty ledger, and yield what is to be written again.
 
     ``starts`` takes the last start of each node that the recording tells. Raises RunError if it is not of the nodes
     with these ``boots``.
+
+    If ``anew``, all nodes are gone, and make their last steps anew, too: the run may have been stopped there, and is to
+    go on. If it was over, it is over again.
     """
     ledger.patient = True  # what the file lacks is said again, and what comes after it, too
     steps: Counter[str] = Counter()  # the recording keeps no ticks but in the journal
-    source = ledger.source
+    source, over = ledger.source, set[str]()
     for message in found:
         topic, envelope, payload = message
         node = source if envelope.node == LOG_NODE else envelope.node
@@ -55,9 +60,14 @@ def rebuilt(
                 f"the recording has messages of another start of {node} ({envelope.boot}) than this run's "
                 f"({boots[node]}): it is of another run; choose another name"
             )
+        if node in over:
+            continue
         try:
             if topic == JOURNAL_PREFIX + node:
                 entry = decode_entry(payload)
+                if entry.last and anew:
+                    over.add(node)
+                    continue
                 placed = msgspec.structs.replace(envelope, tick=entry.tick)
                 yield from ledger.end(end_of(placed, entry))
                 yield from ledger.entry(placed, entry, payload)

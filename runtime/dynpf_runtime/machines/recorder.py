@@ -117,7 +117,7 @@ class RecorderMachine:
         if again:
             self._stage, self._ledger.rebuilt = _Stage.RECORDING, True
             self._member.caught_up = self._member.began = True
-        return Subscribe(f"{RUN}**"), Open(again)
+        return Subscribe(f"{RUN}**"), Open(again, anew=self._member.inherited)
 
     @property
     def wake_ns(self) -> int:
@@ -219,7 +219,7 @@ class RecorderMachine:
         """Go on with the recording of another start of the recorder."""
         member, ledger = self._member, self._ledger
         starts: dict[str, str] = {}
-        yield from rebuilt(found.messages, ledger, self._plan.graph.topics, member.boots, starts)
+        yield from rebuilt(found.messages, ledger, self._plan.graph.topics, member.boots, starts, anew=member.inherited)
         member.ticks = ledger.ticks
         self._again_until_ns = now.monotonic_ns + AGAIN_NS
         if member.inherited:

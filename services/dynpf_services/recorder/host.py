@@ -114,8 +114,8 @@ class RecorderFile:
         match effect:
             case Record():
                 self._open.message(*effect)
-            case Open(again):
-                return self._begin(again=again)
+            case Open():
+                return self._begin(again=effect.again, anew=effect.anew)
             case Mend():
                 self._place(replace=True)
                 return Flushed()
@@ -131,9 +131,10 @@ class RecorderFile:
                 raise TypeError(f"a recorder's file does not carry out {effect!r}")
         return None
 
-    def _begin(self, *, again: bool) -> Event | None:
+    def _begin(self, *, again: bool, anew: bool) -> Event | None:
         """Open the recording, or go on with the one that another start of the recorder has begun."""
-        if again and (end := _whole_end(self._path, self._plan)) is not None:
+        end = _whole_end(self._path, self._plan) if again else None
+        if end is not None and not (anew and end.stopped):
             self.end = end
             return Closed(end)
         exists = self._path.exists()

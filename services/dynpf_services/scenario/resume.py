@@ -8,7 +8,6 @@ from collections.abc import Callable, Container, Mapping
 from pathlib import Path
 
 from dynpf_formats.recording.reader import Recording, load
-from dynpf_formats.recording.reopen import is_stopped
 from dynpf_formats.recording.signature import signature_file
 from dynpf_formats.regular_files import exists, is_claimed
 from dynpf_protocol.codec import encode
@@ -42,14 +41,14 @@ RESTART = "recorder/restart"
 
 
 def resumable(path: Path, log: PlayedLog | None, allow_code: Container[str]) -> Scenario:
-    """Return the scenario of the run that a recording has begun, ready to go on; of a stopped one after ``reopen``.
+    """Return the scenario of the run that a recording has begun, ready to go on.
 
     Raises UsageError, with a sentence, for a run that cannot go on; RecordingError for what is no recording, and
     ScenarioError for code that is not allowed.
     """
     recording, damage = load(path)
     end = recording.end
-    if end is not None and end.complete and not damage and not is_stopped(end):
+    if end is not None and end.complete and not damage and not end.stopped:
         raise UsageError(f"{path}: the run is whole ({end.reason}): there is nothing to resume")
     if is_claimed(path):
         raise UsageError(f"{path}: a recorder is still writing it: the run goes on, and cannot be resumed")
@@ -100,15 +99,15 @@ class _Rest:
 
 
 class _Stop:
-    """Whether the next tick of a resumed run is its last: as it was before, or by the user after all recorded ticks."""
+    """Whether the next tick of a resumed run is its last: by the user, after all recorded ticks."""
 
-    def __init__(self, tick: int, recorded: int, last: int | None, stopped: Callable[[], str]) -> None:
-        self._tick, self._recorded, self._last, self._stopped = tick, recorded, last, stopped
+    def __init__(self, tick: int, recorded: int, stopped: Callable[[], str]) -> None:
+        self._tick, self._recorded, self._stopped = tick, recorded, stopped
 
     def next(self) -> bool:
         """Return whether the next tick is the last."""
         tick, self._tick = self._tick, self._tick + 1
-        return tick == self._last or (tick >= self._recorded and bool(self._stopped()))
+        return tick >= self._recorded and bool(self._stopped())
 
 
 def resume_inline(
@@ -129,20 +128,19 @@ def resume_inline(
     attachments = attachments_of(scenario, () if log is None else log.attachments)
     with RecorderFile(plan, start, path, attachments, durable=durable) as file:
         ledger = Ledger(plan, Roles(plan, boots))
-        found = file.perform(Open(again=True))
+        found = file.perform(Open(again=True, anew=True))
         assert isinstance(found, Found), "a whole recording is not resumed"
-        for effect in rebuilt(found.messages, ledger, graph.topics, boots, {}):
+        for effect in rebuilt(found.messages, ledger, graph.topics, boots, {}, anew=True):
             file.perform(effect)
         written = {name: ledger.place(name).written for name in graph.nodes}
-        last = ledger.place(graph.source).last
-        tick = ledger.ticks if last is None else min(ledger.ticks, last)
+        tick = ledger.ticks
         told = Restart(node=RECORDER, before=boots[RECORDER], start=start, tick=tick, absent_s=0.0)
         envelope = Envelope(RECORDER, start, 0, tick, ledger.stamp_ns, 0)
         file.perform(Record(RESTART, envelope, encode(RESTART, told)))
         recording, _ = load(path)
         first = {name: Seat(spec, plan, boots[name]) for name, spec in graph.specs.items()}
         begun = brought(recording, plan, tick) if tick else Begun(0, first)
-        stop = _Stop(tick, max(written.values()), last, stopped)
+        stop = _Stop(tick, max(written.values()), stopped)
         rest = _Rest(file, written, graph.source)
         ran = run_inline(plan, () if log is None else log.records, rest, stopped=stop.next, begun=begun)
         file.perform(Close(True, stopped() or "finished", ran.outcome))

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.reader import read_recording
-from dynpf_formats.recording.reopen import reopen
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_lab.cli.main import main
 from dynpf_protocol.envelope import Envelope
@@ -86,30 +85,22 @@ def test_a_node_of_which_all_is_lost_is_known_by_who_has_read_its_messages(whole
     assert content_digest(read_recording(path)) == content_digest(recording)
 
 
-def test_a_stopped_run_stays_as_it_is_when_it_cannot_be_reopened(
+def test_a_stopped_run_stays_as_it_is_until_all_of_it_is_written_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, asked = tmp_path / "run.mcap", itertools.count()
     record_inline(SCENARIO, path, stopped=lambda: "stopped by the user" if next(asked) >= 20 else "")
-    before = path.read_bytes()
+    before, written = path.read_bytes(), itertools.count()
 
     def interrupted(*_: object) -> None:
-        if next(asked) > 500:
+        if next(written) > 50:
             raise KeyboardInterrupt
 
     monkeypatch.setattr(RecordingWriter, "message", interrupted)
-    asked = itertools.count(450)
     with pytest.raises(KeyboardInterrupt):
-        reopen(path)
+        resume_inline(path, resumable(path, None, ()), None)
     assert path.read_bytes() == before
     assert [*tmp_path.iterdir()] == [path]
-
-
-def test_only_a_stopped_run_is_reopened(whole: Path, tmp_path: Path) -> None:
-    for path in (shutil.copy(whole, tmp_path / "whole.mcap"), cut(whole, tmp_path / "cut.mcap", 0.5)):
-        before = Path(path).read_bytes()
-        reopen(Path(path))
-        assert Path(path).read_bytes() == before
 
 
 def test_what_was_recorded_is_kept_when_the_run_cannot_go_on(whole: Path, tmp_path: Path) -> None:

@@ -7,7 +7,10 @@ import pytest
 from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.info import restarts
 from dynpf_formats.recording.reader import load, read_recording
+from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_lab.cli.main import main
+from dynpf_protocol.envelope import Envelope
+from dynpf_protocol.journal import JOURNAL_PREFIX, decode_entry
 from dynpf_protocol.keys import RECORDER
 from dynpf_runtime import snapshot
 from dynpf_runtime.plan import Plan
@@ -42,6 +45,31 @@ def run_until_killed(plan: Plan, path: Path, seed: int, happenings: int) -> None
     path.write_bytes(left)  # nobody has closed the recording
 
 
+def stop_and_kill(plan: Plan, path: Path, ended: int | None) -> None:
+    """Stop a run, and kill everything when so many nodes have made their last step, or never."""
+    with ExitStack() as files:
+        simulation = simulated(files, plan, path, 1, network=NETWORK, patience_ns=PATIENCE_NS)
+        simulation.run(until=lambda: len(simulation.story) >= 900, limit_ns=LIMIT_NS)
+        simulation.ask_to_stop(plan.graph.source, "dynpf run, which had started it, was killed")
+        simulation.run(limit_ns=LIMIT_NS)
+    stopped = read_recording(path)
+    assert stopped.end is not None
+    assert stopped.end.stopped
+    if ended is None:
+        return
+    left = path.with_name("left.mcap")
+    with RecordingWriter(left, stopped.header, stopped.attachments) as writer:
+        last = 0
+        for one in stopped.records:
+            envelope = Envelope(one.node, one.boot, one.sequence, 0, one.stamp_ns, one.publish_ns)
+            writer.message(one.topic, envelope, one.payload)
+            last += one.topic.startswith(JOURNAL_PREFIX) and decode_entry(one.payload).last
+            if last == ended:
+                break
+        writer.close(complete=False, reason="killed")
+    left.replace(path)
+
+
 def resume(plan: Plan, path: Path, seed: int) -> Simulation:
     with ExitStack() as files:
         simulation = simulated(files, plan, path, seed, network=NETWORK, patience_ns=PATIENCE_NS, resume=True)
@@ -69,3 +97,24 @@ def test_everything_is_killed_and_the_run_goes_on_from_its_recording(
     assert {told.node for told in restarts(recording)} == {RECORDER, *PLAN.graph.nodes}
     assert main(["doctor", str(path)]) == 0
     assert main(["replay", str(path)]) == 0
+
+
+@pytest.mark.parametrize("runner", ["bus", "inline"])
+@pytest.mark.parametrize("ended", [1, 2, 4, None])
+def test_a_run_that_was_being_stopped_when_all_was_killed_goes_on_beyond_the_tick_that_was_to_be_its_last(
+    ended: int | None, runner: str, tmp_path: Path, undisturbed: str
+) -> None:
+    path = tmp_path / "run.mcap"
+    stop_and_kill(PLAN, path, ended)
+    if runner == "bus":
+        simulation = resume(PLAN, path, 3)
+        told = [text for name in simulation.processes for text in simulation.notices(name)]
+        assert not [text for text in told if "refused" in text]
+        assert any("recorder is back" in text for text in told)
+    else:
+        assert main(["resume", str(path), "--runner", "inline", "--no-page"]) == 0
+    recording = read_recording(path)
+    assert recording.end is not None
+    assert (recording.end.complete, recording.end.outcome) == (True, "budget spent")
+    assert content_digest(recording) == undisturbed
+    assert main(["doctor", str(path)]) == 0
