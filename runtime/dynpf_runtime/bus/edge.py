@@ -16,6 +16,7 @@ from dynpf_runtime.bus.pulse import Pulse, Reading
 from dynpf_runtime.bus.session import Bus
 from dynpf_runtime.bus.terminal import StopSignal, say
 from dynpf_runtime.machines.effects import (
+    NEVER_NS,
     Answer,
     Ask,
     Count,
@@ -49,7 +50,9 @@ _LATE_NS = 750_000_000
 
 _STAND_IN_S = 0.25
 
-_OF_THE_BUS = (Subscribe, Watch, Declare, Answer, Ask, Count)
+_ASK_AGAIN_NS = 100_000_000
+
+_OF_THE_BUS = (Subscribe, Watch, Declare, Answer)
 
 
 def new_boot() -> str:
@@ -85,16 +88,18 @@ def drive(name: str, machine: Machine, bus: Bus, stop: StopSignal, perform: Perf
         edge.handle(Started())
         stop_requests = 0
         while edge.ended is None:
-            event: Event | None = bus.receive((machine.wake_ns - time.monotonic_ns()) * 1e-9)
+            wake_ns = min(machine.wake_ns, edge.wake_ns)
+            event: Event | None = bus.receive((wake_ns - time.monotonic_ns()) * 1e-9)
             if stop.requested and stop_requests < 1 + stop.at_once:
                 stop_requests = 1 + stop.at_once
                 edge.handle(StopAsked(stop.reason, stop.at_once))
             if event is not None:
                 edge.handle(event)
-            elif not bus.waiting and time.monotonic_ns() >= machine.wake_ns:
+            elif not bus.waiting and time.monotonic_ns() >= wake_ns:
                 if edge.cut or not bus.connected:
                     edge.cut = False
                     edge.handle(RouterGone())
+                edge.ask_again()
                 edge.handle(Woke())
     pulse.now(Doing.ENDED)
     if edge.ended.error is not None:
@@ -125,12 +130,14 @@ class _Edge:
     def __init__(self, name: str, machine: Machine, bus: Bus, pulse: Pulse, perform: Perform) -> None:
         self.ended: Ended | None = None
         self.cut = False  # whether the bus has refused a message, because the router is gone
+        self.wake_ns = NEVER_NS  # when to ask again what the bus has refused to ask
         self._name = name
         self._machine = machine
         self._bus = bus
         self._pulse = pulse
         self._perform = perform
         self._answers: deque[Event] = deque()
+        self._unasked: list[Ask | Count] = []
         self._beat: Put | None = None  # the machine's last heartbeat
 
     def handle(self, event: Event) -> None:
@@ -144,13 +151,22 @@ class _Edge:
                 if type(effect) is Put:
                     pulse.now(Doing.BUS)
                     self._put(effect)
+                elif isinstance(effect, Ask | Count):
+                    pulse.now(Doing.BUS)
+                    self._question(effect)
                 elif type(effect) in _OF_THE_BUS:
                     pulse.now(Doing.BUS)
-                    self._ask(effect)
+                    self._declare(effect)
                 else:
                     pulse.now(Doing.FILE)
                     self._do(effect)
                 pulse.now(Doing.TURNING)
+
+    def ask_again(self) -> None:
+        """Ask what the bus has refused to ask: the machine waits for the answer, and does nothing without it."""
+        unasked, self._unasked, self.wake_ns = self._unasked, [], NEVER_NS
+        for question in unasked:
+            self._question(question)
 
     def beat_if_late(self) -> None:
         """Publish the last heartbeat again, with what the main loop does instead of publishing the next one."""
@@ -173,8 +189,8 @@ class _Edge:
         except zenoh.ZError:
             self.cut = True
 
-    def _ask(self, effect: Effect) -> None:
-        """Carry out an effect that concerns the bus, and that it may answer."""
+    def _declare(self, effect: Effect) -> None:
+        """Carry out an effect that concerns the bus."""
         bus = self._bus
         with self._noticed():
             match effect:
@@ -186,10 +202,19 @@ class _Edge:
                     bus.declare(key)
                 case Answer(key, payload):
                     bus.answer(key, payload)
-                case Ask(key, wanted):
-                    self._answers.append(Answered(bus.ask(key, wanted)))
-                case Count(key):
-                    self._answers.append(Counted(tuple(sorted(set(bus.tokens(key))))))
+
+    def _question(self, question: Ask | Count) -> None:
+        """Ask the bus; a question that it refuses, as without a router, stays: the machine waits for the answer."""
+        bus = self._bus
+        try:
+            if isinstance(question, Ask):
+                self._answers.append(Answered(bus.ask(*question)))
+            else:
+                self._answers.append(Counted(tuple(sorted(set(bus.tokens(question.key))))))
+        except zenoh.ZError:
+            self.cut = True
+            self._unasked.append(question)
+            self.wake_ns = time.monotonic_ns() + _ASK_AGAIN_NS
 
     def _do(self, effect: Effect) -> None:
         match effect:
