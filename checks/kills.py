@@ -206,12 +206,12 @@ def _disturbed(
         time.sleep(after_s)
         sent_s = time.monotonic()
         _send(run, run.popen.pid if target == SUPERVISOR else pid, number)
-        if then is not None:
-            time.sleep(then[1])
-            _send(run, run.await_process(then[0]), signal.SIGKILL)
-        named_s = None
+        named_s, next_ = None, then
         while (left := run.processes()) or run.popen.poll() is None:
             waited_s = time.monotonic() - sent_s
+            if next_ is not None and waited_s >= next_[1] and next_[0] in left.values():
+                _send(run, next(pid for pid, name in left.items() if name == next_[0]), signal.SIGKILL)
+                next_ = None
             if named_s is None and any(text in run.errors for text in _names(target)):
                 named_s = waited_s
             if waited_s > PATIENCE_S:

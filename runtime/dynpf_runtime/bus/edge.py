@@ -210,7 +210,7 @@ class _Edge:
             if isinstance(question, Ask):
                 self._answers.append(Answered(bus.ask(*question)))
             else:
-                self._answers.append(Counted(tuple(sorted(set(bus.tokens(question.key))))))
+                self._answers.append(Counted(question.key, tuple(sorted(set(bus.tokens(question.key))))))
         except zenoh.ZError:
             self.cut = True
             self._unasked.append(question)

@@ -71,8 +71,9 @@ class Answered(NamedTuple):
 
 
 class Counted(NamedTuple):
-    """The answer to Count: the liveliness tokens present."""
+    """The answer to Count of ``key``: the liveliness tokens present."""
 
+    key: str
     keys: tuple[str, ...]
 
 

@@ -142,8 +142,10 @@ class Membership:
             case Answered(payload):
                 if self._admission.answered(payload, now_ns):
                     yield Count(f"{ALIVE}{self.name}/*")
-            case Counted(keys):
-                yield from self._counted(keys, now_ns)
+            case Counted(key, keys) if key.startswith(READY):
+                yield from self._counted_ready(keys, now_ns)
+            case Counted(_, keys):
+                yield from self._counted_alive(keys, now_ns)
             case Token():
                 yield from self._token(event, now_ns)
             case Arrived(key) if key.startswith((BEAT, CONTROL)):
@@ -183,20 +185,22 @@ class Membership:
             due_ns = min(due_ns, self._missing.wake_ns)
         return min(due_ns, self.absence.due_ns())
 
-    def _counted(self, keys: Sequence[str], now_ns: int) -> Iterator[Effect]:
+    def _counted_ready(self, keys: Sequence[str], now_ns: int) -> Iterator[Effect]:
+        """Listen to those who are ready, or become alive if nobody is."""
+        if self._stage is not Stage.LISTENING:
+            return  # a heartbeat has already told from whom it takes over
+        if any(holder(Token(key, True))[0] in self.peers for key in keys) or (self._listens and not self._inherits):
+            self._listening.begin(now_ns)
+            return
+        self.before = self._inherits
+        self.successor = self.inherited = self.absence.resumed = bool(self._inherits)
+        yield from self._join()
+
+    def _counted_alive(self, keys: Sequence[str], now_ns: int) -> Iterator[Effect]:
         """Become alive if the name is free; then look again, because a rival may have joined at the same moment.
 
         Each of two rivals declares itself before it looks again, so at least one sees the other.
         """
-        if self._stage is Stage.LISTENING:
-            others_there = any(holder(Token(key, True))[0] in self.peers for key in keys)
-            if others_there or (self._listens and not self._inherits):
-                self._listening.begin(now_ns)
-            else:
-                self.before = self._inherits
-                self.successor = self.inherited = self.absence.resumed = bool(self._inherits)
-                yield from self._join()
-            return
         others = [start for key in keys if (start := key.rpartition("/")[2]) not in self._starts]
         if self._stage is Stage.ASKING:
             if others:
@@ -295,7 +299,7 @@ class Membership:
 
     def _beat(self, now_ns: int) -> Iterator[Effect]:
         self._next_beat_ns = now_ns + BEAT_NS
-        starts = {**self.starts, self.name: self.start} if self._stage >= Stage.READY else {}
+        starts = {**self.starts, self.name: self.start} if self._stage >= Stage.READY else self._roster.due
         beat = Beat(self.name, self.start, self.ticks, kept=dict(self.kept), starts=starts)
         yield Put(f"{BEAT}{self.name}", encode_control(beat))
         if not self.leaving:

@@ -94,6 +94,11 @@ class Roster:
         return {name for name, start in self.starts.items() if (name, start) in self._ready}
 
     @property
+    def due(self) -> dict[str, str]:
+        """The counting starts that the run needs: whoever is started again has to take over from them."""
+        return {name: start for name, start in self.starts.items() if self._is_due(name, start)}
+
+    @property
     def present(self) -> set[str]:
         """The processes whose counting start is alive."""
         return {name for name, alive in self._alive.items() if self.starts.get(name) in alive}
@@ -138,11 +143,12 @@ class Roster:
             back = not known and (name, start) in self._gone
             self._gone.discard((name, start))
             return Change.BACK if back else Change.NONE
-        if not self._is_due(name, counting):
-            return Change.NONE
-        if follows(start, counting) and (counting not in alive or _own(start) == _own(counting)):
+        takes_over = follows(start, counting) and (counting not in alive or _own(start) == _own(counting))
+        if was_before(counting, start) or (takes_over and self._is_due(name, counting)):
             self._count(name, start)
             return Change.BACK
+        if not self._is_due(name, counting):
+            return Change.NONE
         self._seconds[name] += 1
         return Change.SECOND if self._seconds[name] <= _TOLD else Change.NONE
 

@@ -38,6 +38,7 @@ class Connections:
         router: str,
         agenda: Agenda,
         random: Random,
+        answer_ns: int,
         *,
         arrive: Callable[[Process, Event], None],
         tell: Callable[[str, str], None],
@@ -50,6 +51,7 @@ class Connections:
         self._router = router
         self._agenda = agenda
         self._random = random
+        self._answer_ns = answer_ns
         self._arrive = arrive
         self._tell = tell
         self._count = 0  # of connections
@@ -165,7 +167,8 @@ class Connections:
 
         def answered() -> None:
             event = reply()
-            self._agenda.at(process.from_router.arrival_ns(self._agenda.now_ns), lambda: answer(event))
+            late_ns = self._agenda.draw(self._answer_ns)
+            self._agenda.at(process.from_router.arrival_ns(self._agenda.now_ns) + late_ns, lambda: answer(event))
 
         self.send(process, answered)
         self._agenda.at(self._agenda.now_ns + _ANSWER_NS, lambda: answer(none))

@@ -38,6 +38,7 @@ class Network(NamedTuple):
     delay_ns: int = 2_000_000  # from a process to the router, or back
     work_ns: int = 200_000  # to handle an event
     start_ns: int = 100_000_000  # until a process has started
+    answer_ns: int = 0  # until the answer to a query has come, beyond the delay
 
 
 class Link:

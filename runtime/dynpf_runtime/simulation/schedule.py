@@ -198,5 +198,10 @@ def draw(seed: int, number: int, size: Size) -> Schedule:
     for kind, (one, most) in KINDS.items():
         if random.random() < _SHARE and not (gentle and kind in _HARSH):
             faults += [one(drawing) for _ in range(random.randint(1, most))]
-    network = Network(drawing.ns(MS // 100, 10 * MS), drawing.ns(MS // 1000, 1 * MS), drawing.ns(MS, 300 * MS))
+    network = Network(
+        delay_ns=drawing.ns(MS // 100, 10 * MS),
+        work_ns=drawing.ns(MS // 1000, 1 * MS),
+        start_ns=drawing.ns(MS, 300 * MS),
+        answer_ns=drawing.ns(MS // 100, 300 * MS),
+    )
     return Schedule(seed, number, tuple(faults), network, random.choice(_CARES))

@@ -64,7 +64,7 @@ class Asking:
 @pytest.mark.parametrize("refused", [0, 2])
 @pytest.mark.parametrize(
     ("question", "answer"),
-    [(Ask("scenario", b"?"), Answered(b"scenario?")), (Count("alive/*"), Counted(("alive/*",)))],
+    [(Ask("scenario", b"?"), Answered(b"scenario?")), (Count("alive/*"), Counted("alive/*", ("alive/*",)))],
 )
 def test_what_the_bus_refuses_to_ask_is_asked_again_until_it_is_answered(
     question: Ask | Count, answer: Event, refused: int, tmp_path: Path

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from dynpf_protocol.keys import DATA, OBSERVER, OPERATOR, RECORDER, SCENARIO, data_key
+from dynpf_protocol.keys import ALIVE, DATA, OBSERVER, OPERATOR, RECORDER, SCENARIO, data_key
 from dynpf_protocol.topics import TOPICS
 from dynpf_runtime.bus.access import PLAYER, Grant, access_control, grants
 from dynpf_runtime.graph import Graph
@@ -49,7 +49,8 @@ def is_granted(effect: Effect, grant: Grant) -> bool:
 def joining(name: str, plan: Plan) -> Iterator[Effect]:
     """All that the process of a node does on the bus until it is alive, and the messages that its node declares."""
     host = NodeHost(name, ToyNode(name), plan, "boot", endpoint="", log=[], gauges=Still())
-    events: list[Event] = [Started(), Answered(plan.text.encode()), Counted(()), Counted(())]
+    nobody = Counted(f"{ALIVE}{name}/*", ())
+    events: list[Event] = [Started(), Answered(plan.text.encode()), nobody, nobody]
     for event in events:
         yield from host.handle(event, Now(0, 0))
     for row in plan.graph.specs[name].writes.values():

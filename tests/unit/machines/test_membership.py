@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from dynpf_protocol.control import Beat, Doing, Recorded, Stop, encode_control
+from dynpf_protocol.control import Beat, Doing, Recorded, Stop, decode_control, encode_control
 from dynpf_protocol.errors import BrokenOffError, DynpfError, UsageError
 from dynpf_protocol.keys import ALIVE, BEAT, READY, RECORDED, ROUTER, SCENARIO, STOP
 from dynpf_runtime.machines.absence import LAST_WORD_NS, SURE_NS
@@ -21,6 +21,7 @@ PEERS = ("sensors", "estimator", "controller", "recorder")
 SCENARIO_HERE = load_scenario("landmark-room")
 TEXT = resolved_json(SCENARIO_HERE)
 PREPARED = Subscribe("what it needs")
+_OWN = f"{ALIVE}simulator/*"
 
 
 class Scripted:
@@ -41,7 +42,7 @@ class Scripted:
         return new
 
     def joined(self) -> "Scripted":
-        self.give(Started(), Answered(TEXT.encode()), Counted(()), Counted((f"{ALIVE}simulator/mine",)))
+        self.give(Started(), Answered(TEXT.encode()), Counted(_OWN, ()), Counted(_OWN, (f"{ALIVE}simulator/mine",)))
         return self
 
     def assembled(self) -> "Scripted":
@@ -73,7 +74,7 @@ def test_it_asks_for_the_scenario_and_its_name_before_it_does_anything_else() ->
     one.now_ns = one.machine.wake_ns
     assert one.give(Woke()) == [ask]
     assert one.give(Answered(TEXT.encode())) == [Count(f"{ALIVE}simulator/*")]
-    assert one.give(Counted(()))[0] == PREPARED
+    assert one.give(Counted(_OWN, ()))[0] == PREPARED
 
 
 def test_nobody_who_answers_is_told_after_five_seconds() -> None:
@@ -153,8 +154,8 @@ def test_a_second_start_of_a_peer_is_not_believed_once_the_run_has_begun() -> No
 def test_of_two_that_join_at_the_same_moment_the_one_with_the_smaller_boot_stays() -> None:
     for boot, other in (("a", "b"), ("b", "a")):
         one = Scripted(boot)
-        one.give(Started(), Answered(TEXT.encode()), Counted(()))
-        both = Counted((f"{ALIVE}simulator/a", f"{ALIVE}simulator/b"))
+        one.give(Started(), Answered(TEXT.encode()), Counted(_OWN, ()))
+        both = Counted(_OWN, (f"{ALIVE}simulator/a", f"{ALIVE}simulator/b"))
         if boot == "b":
             with pytest.raises(UsageError, match=r"simulator already runs at tcp/here:1 \(boot a\); stop it first"):
                 one.give(both)
@@ -169,7 +170,7 @@ def test_who_is_ready_stays_and_the_other_gives_way_whatever_its_boot() -> None:
     ready = Scripted("mine").assembled()
     ready.give(token(ALIVE, "simulator", boot="a"))
     late = Scripted("a")
-    late.give(Started(), Answered(TEXT.encode()), Counted(()), Counted((f"{ALIVE}simulator/mine",)))
+    late.give(Started(), Answered(TEXT.encode()), Counted(_OWN, ()), Counted(_OWN, (f"{ALIVE}simulator/mine",)))
     with pytest.raises(UsageError, match="simulator already runs"):
         late.give(token(READY, "simulator", boot="mine"))
 
@@ -311,7 +312,7 @@ def test_a_strangers_scenario_is_refused_and_nothing_that_it_names_is_touched(
     assert not mark.exists()
     assert not one.machine.joined
     other = Scripted()  # the control: the router's own is taken, also after a stranger's
-    other.give(Started(), Answered(answer), Answered(TEXT.encode()), Counted(()))
+    other.give(Started(), Answered(answer), Answered(TEXT.encode()), Counted(_OWN, ()))
     assert other.machine.joined
 
 
@@ -352,12 +353,50 @@ def test_who_takes_over_is_no_stranger_by_the_name_that_it_had_before() -> None:
     assert ["refused" in one.told[-1] for one in (early, late)] == [True, True]
 
 
+@pytest.mark.parametrize("ready", [False, True])
+def test_who_learns_that_it_takes_over_is_the_same_though_its_predecessor_was_not_known_to_be_ready(
+    ready: bool,
+) -> None:
+    """Others have seen the predecessor ready; by then its successor may be ready itself."""
+    one = Scripted().joined()
+    one.give(token(ALIVE, "sensors", boot="first"), token(ALIVE, "sensors", boot="first", present=False))
+    one.give(token(ALIVE, "sensors", boot="own"), *([token(READY, "sensors", boot="own")] if ready else []))
+    one.give(token(ALIVE, "sensors", boot="first.1.own"))
+    assert one.machine.starts["sensors"] == "first.1.own"
+    assert one.machine.boots["sensors"] == "first"
+    assert one.told == []
+
+
+def test_who_is_not_ready_yet_tells_from_whom_a_process_has_to_take_over() -> None:
+    """If nobody else was ready when it was killed, nobody else says so."""
+    one = Scripted(patience_ns=30 * 10**9)
+    one.give(Started(), Answered(TEXT.encode()), Counted(_OWN, ()), Counted(f"{READY}**", ()))
+    one.give(Counted(_OWN, (f"{ALIVE}simulator/mine",)))
+    one.give(token(ALIVE, "recorder"), token(READY, "recorder"), token(ALIVE, "sensors"))
+    one.give(token(ALIVE, "recorder", present=False), token(ALIVE, "sensors", present=False))
+    one.now_ns = BEAT_NS
+    (beat,) = [effect for effect in one.give(Woke()) if type(effect) is Put]
+    assert decode_control(beat.payload, Beat).starts == {"recorder": "boot"}
+
+
+def test_an_answer_about_who_is_ready_that_comes_after_a_heartbeat_names_no_rivals() -> None:
+    script = Scripted(patience_ns=30 * 10**9)
+    script.give(Started(), Answered(TEXT.encode()), Counted(_OWN, ()))
+    script.give(*(token(prefix, node) for prefix in (ALIVE, READY) for node in PEERS))
+    script.give(control(f"{BEAT}sensors", Beat("sensors", "boot", 0, starts={"simulator": "first"})))
+    assert script.tokens == [f"{ALIVE}simulator/first.1.mine"]
+    script.give(Counted(f"{READY}**", tuple(f"{READY}{node}/boot" for node in PEERS)))
+    assert not script.machine.alive
+    script.give(Counted(_OWN, (f"{ALIVE}simulator/first.1.mine",)))
+    assert script.machine.alive
+
+
 @pytest.mark.parametrize("noticed", [True, False])
 def test_who_listens_whether_it_was_there_before_listens_anew_once_the_router_is_back(noticed: bool) -> None:
     """Without the router it hears nobody, and would take itself for the first."""
     script = Scripted(patience_ns=30 * 10**9)
-    script.give(Started(), Answered(TEXT.encode()), Counted(()))
-    script.give(Counted(tuple(f"{READY}{node}/a" for node in PEERS)))
+    script.give(Started(), Answered(TEXT.encode()), Counted(_OWN, ()))
+    script.give(Counted(f"{READY}**", tuple(f"{READY}{node}/a" for node in PEERS)))
     script.now_ns = 2 * 10**9
     if noticed:
         script.give(RouterGone())

@@ -84,6 +84,18 @@ def test_two_that_are_killed_one_in_the_others_recovery_do_not_change_the_run(
     assert_whole(tmp_path / "run.mcap", undisturbed)
 
 
+@pytest.mark.parametrize("seed", range(16))
+def test_two_that_are_killed_while_all_join_do_not_change_the_run(seed: int, tmp_path: Path, undisturbed: str) -> None:
+    """Answers are slow: some take themselves for ready long before others do."""
+    random = Random(seed)
+    kills = [
+        Kill(random.choice(EVERYBODY), random.randrange(10, 40)),
+        Kill(random.choice(EVERYBODY), random.randrange(60)),
+    ]
+    recovered(PLAN, tmp_path / "run.mcap", seed, kills, network=NETWORK._replace(answer_ns=2 * 10**8))
+    assert_whole(tmp_path / "run.mcap", undisturbed)
+
+
 @pytest.mark.parametrize(("name", "after"), [("estimator", 80), (RECORDER, 200), (ROUTER, 15)])
 def test_the_recording_tells_who_was_started_again_and_what_it_has_cost(name: str, after: int, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
