@@ -21,6 +21,7 @@ from dynpf_protocol.messages import Restart
 from dynpf_protocol.topics import is_compared
 
 from dynpf_runtime.machines.effects import Ended, Put, Record, Tell
+from dynpf_runtime.machines.events import Arrived
 from dynpf_runtime.replay import replay_node
 from dynpf_runtime.replay_hosts import replay_hosts
 from dynpf_runtime.simulation.faults import (
@@ -151,8 +152,8 @@ def _ends(trial: Trial) -> Iterator[str]:
 
 
 def _began(trial: Trial) -> bool:
-    """Return whether the run has begun; before, it waits for a process that is not there."""
-    return any(key.startswith(TICK) for key in trial.simulation.published)
+    """Return whether anybody has heard that the run has begun; before, it waits for a process that is not there."""
+    return any(type(what) is Arrived and what.key.startswith(TICK) for _, _, what in trial.simulation.story)
 
 
 def _may_stand_still(trial: Trial) -> bool:

@@ -9,7 +9,7 @@ from dynpf_runtime.machines.events import Token
 from dynpf_runtime.machines.roster import Change, Roster
 from dynpf_runtime.simulation import invariants
 from dynpf_runtime.simulation.campaign import Campaign
-from dynpf_runtime.simulation.faults import Crash, Cut, Drop, Fault, Tear
+from dynpf_runtime.simulation.faults import Crash, Cut, Drop, Fault, Freeze, Tear
 from dynpf_runtime.simulation.process import Network
 from dynpf_runtime.simulation.schedule import Care, Schedule
 from dynpf_services.scenario.load import load_scenario
@@ -100,6 +100,14 @@ def test_who_waits_for_a_router_that_never_comes_says_so(campaign: Campaign) -> 
     verdict, trial = campaign.judge(Schedule(1, 44, (Crash("router", 0),), Network(), Care.ALONE), replay=False)
     assert (verdict.whole, verdict.broken, trial.asked) == (False, (), True)
     assert trial.simulation.notices("sensors") == ["waiting for the router"]
+
+
+def test_a_source_that_is_dropped_before_it_was_ready_is_told_to_be_waited_for(campaign: Campaign) -> None:
+    for event in range(10, 14):
+        schedule = Schedule(1, 44, (Freeze("simulator", event, 3_400_000_000),), Network(), Care.ALONE)
+        verdict, trial = campaign.judge(schedule, replay=False)
+        assert (verdict.whole, verdict.broken, trial.asked) == (False, (), True)
+        assert trial.simulation.notices(RECORDER)[:1] == ["waiting for simulator"]
 
 
 def test_a_last_message_that_is_lost_is_not_in_a_replay_either(campaign: Campaign) -> None:
