@@ -28,6 +28,7 @@ class Plan(NamedTuple):
     state_digest_ticks: int  # steps between two digests of a node's state
     faults: tuple[Fault, ...]
     text: str
+    snapshot_digests: int = 0  # of so many digests of a state one has a snapshot; 0: as a budget allows
     left_out: tuple[LeftOut, ...] = ()  # of a branch, and no part of the scenario
 
 

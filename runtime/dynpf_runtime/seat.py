@@ -40,7 +40,7 @@ class Seat:
         self._gaps = GapWatch()
         link = FaultyLink(plan.faults, spec.name, plan.seed, plan.left_out)
         self.inbox = LockstepInbox(plan.graph, spec.name, link)
-        self._snapshots = Snapshots(self._executor, self._gaps, self.inbox)
+        self._snapshots = Snapshots(self._executor, self._gaps, self.inbox, plan.snapshot_digests)
 
     def take(self, stamp_ns: int = 0) -> Ready:
         """Return the next step's inputs, which are complete at the node's turn in the tick."""

@@ -50,11 +50,15 @@ class _Inbox(Protocol):
 
 
 class Snapshots:
-    """Takes the snapshots of one node and its host: executor, gap watch and inbox."""
+    """Takes the snapshots of one node and its host: executor, gap watch and inbox.
 
-    def __init__(self, executor: Executor, gaps: GapWatch, inbox: _Inbox) -> None:
+    With ``digests`` one is taken at every so many digests of the state, whatever it costs.
+    """
+
+    def __init__(self, executor: Executor, gaps: GapWatch, inbox: _Inbox, digests: int = 0) -> None:
         self._executor, self._gaps, self._inbox = executor, gaps, inbox
-        self._steps = self._bytes = 0  # made and sent since the last snapshot
+        self._every = digests
+        self._steps = self._bytes = self._digests = 0  # made and sent since the last snapshot
         self._tried = False  # whether one was made, or would have been too large
 
     def after(self, entry: JournalEntry, sent: Sequence[Sent], publish_ns: int, now_ns: int = 0) -> Sent | None:
@@ -68,7 +72,7 @@ class Snapshots:
             self._bytes += len(message.payload)
         if entry.last or not self._due():
             return None
-        self._steps = self._bytes = 0
+        self._steps = self._bytes = self._digests = 0
         self._tried = True
         snapshot = freeze_host(self._executor, self._gaps, self._inbox, entry, now_ns)
         topic = SNAPSHOT_PREFIX + self._executor.spec.name
@@ -85,6 +89,9 @@ class Snapshots:
         size = len(self._executor.frozen)  # known in steps with a digest, and then compressing it is all that is left
         if size == 0:
             return False
+        self._digests += 1
+        if self._every:
+            return self._digests >= self._every
         first = not self._tried and SNAPSHOT_PREFIX + self._executor.spec.name not in self._executor.sequences()
         enough = (_FIRST_SENT_PER_BYTE if first else _SENT_PER_BYTE) * (size + _OVERHEAD)
         return (first or self._steps >= _OFTEN) and self._bytes >= enough

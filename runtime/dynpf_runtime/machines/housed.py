@@ -34,7 +34,7 @@ class Housed:
         self.gaps = GapWatch()
         link = FaultyLink(plan.faults, name, plan.seed)
         self.inbox = (LockstepInbox if plan.clock == "lockstep" else RealtimeInbox)(graph, name, link)
-        self.snapshots = Snapshots(self.executor, self.gaps, self.inbox)
+        self.snapshots = Snapshots(self.executor, self.gaps, self.inbox, plan.snapshot_digests)
         self.intake = Intake(Roles(plan, boots), self.inbox)
 
     def go_on_from(self, payload: bytes) -> int:

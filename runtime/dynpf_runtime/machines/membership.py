@@ -163,6 +163,8 @@ class Membership:
             yield from self._beat(now_ns)
         if Stage.ALIVE <= self._stage < Stage.RUNNING:
             yield from self._assemble(now_ns)
+        elif self.running and not self.ticks and self.name == RECORDER:  # who left before it was ready may be replaced
+            yield from self._missing.tell("waiting for", self.peers - self.starts.keys(), now_ns)
         self.wake_ns = self._due_ns(now_ns)
 
     def _look(self, now_ns: int) -> Iterator[Effect]:
@@ -351,10 +353,8 @@ class Membership:
         known = self.starts | self.others.starts
         if beat.node not in known or follows(beat.boot, known[beat.node]):  # its first beat may come before its token
             return
-        if was_before(beat.boot, known[beat.node]):  # it had not taken over when it said this
-            return
-        if was_before(known[beat.node], beat.boot):  # it has taken over, and who knows of whom is still to say so
-            return
+        if was_before(beat.boot, known[beat.node]) or was_before(known[beat.node], beat.boot):
+            return  # it had not taken over when it said this; or it has, and this process does not know from whom
         if self.inherited and beat.node in self.peers - self.present:  # it does not know yet that it takes over
             return
         check_boot(beat.node, beat.boot, known)

@@ -16,11 +16,12 @@ from dynpf_formats.recording.reader import Recording, load
 from dynpf_protocol.codec import decode
 from dynpf_protocol.control import Beat, decode_control
 from dynpf_protocol.errors import DynpfError, RunError, UsageError
-from dynpf_protocol.keys import BEAT, RECORDER, ROUTER, TICK
+from dynpf_protocol.keys import BEAT, RECORDED, RECORDER, ROUTER, TICK
 from dynpf_protocol.messages import Restart
 from dynpf_protocol.topics import is_compared
 
 from dynpf_runtime.machines.effects import Ended, Put, Record, Tell
+from dynpf_runtime.machines.events import Arrived
 from dynpf_runtime.replay import replay_node
 from dynpf_runtime.replay_hosts import replay_hosts
 from dynpf_runtime.simulation.faults import (
@@ -106,7 +107,7 @@ def broken(run: Run, reference: Reference | None, trial: Trial, *, replay: bool)
         if harmless:
             found.append("the run is not whole, though nothing befell it that could harm it")
     elif harmless:
-        if nodes := [name for name in trial.waited if name in run.plan.graph.nodes]:
+        if nodes := [name for name in trial.waited if name in run.plan.graph.nodes and _heard_the_end(name, trial)]:
             found.append(f"the run is whole, and {', '.join(nodes)} had to be killed in the end")
         found += [
             f"the run is whole, and {name} ends: {error}"
@@ -151,8 +152,8 @@ def _ends(trial: Trial) -> Iterator[str]:
 
 
 def _began(trial: Trial) -> bool:
-    """Return whether the run has begun; before, it waits for a process that is not there."""
-    return any(key.startswith(TICK) for key in trial.simulation.published)
+    """Return whether anybody has heard that the run has begun; before, it waits for a process that is not there."""
+    return any(type(what) is Arrived and what.key.startswith(TICK) for _, _, what in trial.simulation.story)
 
 
 def _may_stand_still(trial: Trial) -> bool:
@@ -173,6 +174,17 @@ def _told(trial: Trial) -> bool:
         if type(what) is Put and what.key.startswith(TICK):
             return False
     return False
+
+
+def _heard_the_end(name: str, trial: Trial) -> bool:
+    """Return whether the recorder has said that the recording is closed since the last start of a node."""
+    simulation = trial.simulation
+    said = (
+        at_ns
+        for at_ns, process, what in simulation.story
+        if process == RECORDER and isinstance(what, Put) and what.key == RECORDED
+    )
+    return max(said, default=0) > simulation.processes[name].began_ns
 
 
 def _called_whole(trial: Trial) -> Iterator[str]:

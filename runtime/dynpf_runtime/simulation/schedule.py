@@ -57,13 +57,17 @@ class Care(Enum):
 
 
 class Schedule(NamedTuple):
-    """The faults of one simulated run, the seed and the size of its network, and who looks after its processes."""
+    """The faults of one simulated run, the seed and the size of its network, and who looks after its processes.
+
+    At every so many digests of a node's state a snapshot is taken; with 0 as the budget of longer runs allows.
+    """
 
     seed: int
     number: int
     faults: tuple[Fault, ...]
     network: Network
     care: Care
+    snapshot_digests: int = 0
 
     @property
     def network_seed(self) -> int:
@@ -73,6 +77,8 @@ class Schedule(NamedTuple):
     def __str__(self) -> str:
         network = ", ".join(f"{name} {value / MS:g} ms" for name, value in self.network._asdict().items())
         head = f"schedule {self.number} of seed {self.seed}: {self.care.value}; at most {network.replace('_ns', '')}"
+        if self.snapshot_digests:
+            head += f"; a snapshot of a node at every {self.snapshot_digests} digests of a state"
         return "\n".join([head, *(f"  {index}  {text_of(fault)}" for index, fault in enumerate(self.faults))])
 
 
@@ -186,6 +192,8 @@ _HARSH = frozenset({"crash", "drop", "full-disk", "tear", "power-loss"})
 """What gentle schedules have none of: then the run has to be whole."""
 
 
+_SNAPSHOT_DIGESTS = (0, 0, 1, 2)
+
 _CARES = (Care.ALONE, Care.WATCHED, Care.KEPT, Care.KEPT)
 
 
@@ -204,4 +212,5 @@ def draw(seed: int, number: int, size: Size) -> Schedule:
         start_ns=drawing.ns(MS, 300 * MS),
         answer_ns=drawing.ns(MS // 100, 300 * MS),
     )
-    return Schedule(seed, number, tuple(faults), network, random.choice(_CARES))
+    care, digests = random.choice(_CARES), random.choice(_SNAPSHOT_DIGESTS)
+    return Schedule(seed, number, tuple(faults), network, care, digests)

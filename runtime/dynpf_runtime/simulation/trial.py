@@ -165,6 +165,7 @@ def resume(run: Run, trial: Trial) -> Trial:
 
 
 def _play(run: Run, schedule: Schedule, disk: Disk, resumes: Mapping[str, str] | None = None) -> Trial:
+    run = run._replace(plan=run.plan._replace(snapshot_digests=schedule.snapshot_digests))
     simulation = Simulation(schedule.network_seed, ROUTER, schedule.network)
     cast = _Cast(run, simulation, disk, PATIENCE_NS if schedule.care is Care.KEPT else 0, resumes)
     for name in (ROUTER, RECORDER, *run.plan.graph.nodes):

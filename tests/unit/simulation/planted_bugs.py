@@ -13,8 +13,9 @@ from dynpf_runtime.machines.intake import Intake, Refusal
 from dynpf_runtime.machines.ledger import Ledger
 from dynpf_runtime.machines.recorder import RecorderMachine
 from dynpf_runtime.machines.unconfirmed import Unconfirmed
+from dynpf_runtime.machines.window import Part, Window
 
-__all__ = ["BUGS"]
+__all__ = ["BUGS", "wrong_bound"]
 
 
 def lost_confirmation(patch: pytest.MonkeyPatch) -> None:
@@ -66,6 +67,17 @@ def swallowed_duplicate(patch: pytest.MonkeyPatch) -> None:
 def forgotten_timer(patch: pytest.MonkeyPatch) -> None:
     """A node forgets to say again what somebody who was gone may have missed."""
     patch.setattr(Unconfirmed, "rouse", lambda *_: None)
+
+
+def wrong_bound(patch: pytest.MonkeyPatch) -> None:
+    """Who goes on from a snapshot is not told what was said in the snapshot's tick, which the next one may read."""
+    part = Window.part
+
+    def later(self: Window, name: str, tick: int) -> Part:
+        found = part(self, name, tick)
+        return found._replace(next_tick=found.next_tick + 1) if found.snapshot else found
+
+    patch.setattr(Window, "part", later)
 
 
 BUGS: dict[str, Callable[[pytest.MonkeyPatch], None]] = {

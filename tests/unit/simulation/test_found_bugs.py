@@ -7,10 +7,13 @@ from dynpf_runtime.bus.pulse import Reading
 from dynpf_runtime.bus.supervision import Asked, Finish, Seen, Supervision
 from dynpf_runtime.machines.events import Token
 from dynpf_runtime.machines.roster import Change, Roster
+from dynpf_runtime.simulation import invariants
 from dynpf_runtime.simulation.campaign import Campaign
-from dynpf_runtime.simulation.faults import Crash, Cut, Drop, Fault, Tear
+from dynpf_runtime.simulation.faults import Crash, Cut, Drop, Fault, Freeze, Tear
 from dynpf_runtime.simulation.process import Network
 from dynpf_runtime.simulation.schedule import Care, Schedule
+from dynpf_services.scenario.load import load_scenario
+from dynpf_services.scenario.simulate import campaign_of
 
 
 def test_a_start_that_took_over_and_was_killed_before_it_was_ready_has_an_heir() -> None:
@@ -99,8 +102,27 @@ def test_who_waits_for_a_router_that_never_comes_says_so(campaign: Campaign) -> 
     assert trial.simulation.notices("sensors") == ["waiting for the router"]
 
 
+def test_a_source_that_is_dropped_before_it_was_ready_is_told_to_be_waited_for(campaign: Campaign) -> None:
+    for event in range(10, 14):
+        schedule = Schedule(1, 44, (Freeze("simulator", event, 3_400_000_000),), Network(), Care.ALONE)
+        verdict, trial = campaign.judge(schedule, replay=False)
+        assert (verdict.whole, verdict.broken, trial.asked) == (False, (), True)
+        assert trial.simulation.notices(RECORDER)[:1] == ["waiting for simulator"]
+
+
 def test_a_last_message_that_is_lost_is_not_in_a_replay_either(campaign: Campaign) -> None:
     last = campaign.size.messages[RECORDER] - 1
     for message in range(last - 20, last):
         schedule = Schedule(1, 44, (Drop(RECORDER, message),), Network(), Care.WATCHED)
         assert campaign.judge(schedule, replay=True)[0].broken == ()
+
+
+def test_who_is_started_after_the_recorders_last_word_cannot_know_that_the_run_is_over(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with campaign_of(load_scenario("landmark-room", overrides=["max_ticks=40"]), 81) as campaign:
+        schedule = campaign.schedule(182)
+        verdict, _ = campaign.judge(schedule, replay=False)
+        assert (verdict.whole, verdict.broken) == (True, ())
+        monkeypatch.setattr(invariants, "_heard_the_end", lambda *_: True)
+        assert campaign.judge(schedule, replay=False)[0].broken, "the control: somebody is killed in the end"

@@ -8,8 +8,10 @@ from dynpf_runtime.simulation.faults import Clock, Crash, Delay, Duplicate, Faul
 from dynpf_runtime.simulation.process import Network
 from dynpf_runtime.simulation.schedule import Care, Schedule
 from dynpf_runtime.simulation.shrink import shrunk
+from dynpf_services.scenario.load import load_scenario
+from dynpf_services.scenario.simulate import campaign_of
 
-from tests.unit.simulation.planted_bugs import BUGS
+from tests.unit.simulation.planted_bugs import BUGS, wrong_bound
 
 HARMLESS: tuple[Fault, ...] = (
     Clock("router", 5, -(10**9)),
@@ -43,3 +45,13 @@ def test_a_planted_bug_is_found_and_shrunk_to_few_faults(
     few = shrunk(faults, breaks)
     assert 0 < len(few) <= 3
     assert BRINGS_IT_ABOUT[name] in few
+
+
+def test_a_planted_bug_of_those_who_go_on_from_snapshots_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    with campaign_of(load_scenario("landmark-room", overrides=["max_ticks=40"]), 81) as campaign:
+        whole, enough = campaign.schedule(396), campaign.schedule(396, [3])
+        assert whole.snapshot_digests
+        assert not campaign.judge(whole, replay=False)[0].broken, "the control: without the bug nothing is wrong"
+        wrong_bound(monkeypatch)
+        assert campaign.judge(whole, replay=False)[0].broken
+        assert campaign.judge(enough, replay=False)[0].broken
