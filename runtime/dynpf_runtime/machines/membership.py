@@ -301,14 +301,19 @@ class Membership:
 
     def _beat(self, now_ns: int) -> Iterator[Effect]:
         self._next_beat_ns = now_ns + BEAT_NS
-        starts = {**self.starts, self.name: self.start} if self._stage >= Stage.READY else self._roster.due
-        beat = Beat(self.name, self.start, self.ticks, kept=dict(self.kept), starts=starts)
+        beat = Beat(self.name, self.start, self.ticks, kept=dict(self.kept), starts=self._known())
         yield Put(f"{BEAT}{self.name}", encode_control(beat))
         if not self.leaving:
             patience_ns = self.absence.patience_ns
             for text in self.heartbeats.look({**self.starts, **self.others.starts}, now_ns, patience_ns):
                 if self.name == RECORDER:  # once is enough, and it is never in a step itself
                     yield Tell(text)
+
+    def _known(self) -> dict[str, str]:
+        """Return the starts that this process tells of: before it is ready, those from which others have to take over."""
+        if self._stage >= Stage.READY:
+            return {**self.starts, self.name: self.start}
+        return self._roster.due if self.alive and not self.successor else {}
 
     def _token(self, token: Token, now_ns: int) -> Iterator[Effect]:
         node, start, ready = holder(token)
@@ -322,12 +327,16 @@ class Membership:
                 self._listening.again(now_ns)
         elif node in self.peers:
             change = self._roster.take(token)
-            if change is Change.SECOND and not (self.inherited or was_before(self.starts[node], start)):
+            if change is Change.SECOND and not (self._learns(node) or was_before(self.starts[node], start)):
                 yield Tell(f"a second {node} (boot {start}) is refused; this run's is {self.starts[node]}")
             elif change is Change.GONE and not self._may_go(node):
                 self.absence.left(node, now_ns)
             elif change is Change.BACK or (change is Change.ANOTHER and self._stage >= Stage.READY):
                 self.absence.back(node)
+
+    def _learns(self, peer: str) -> bool:
+        """Return whether a peer that is there may not know yet that it takes over: others were lost with this process."""
+        return self.successor and peer in self.peers - self.present
 
     def _may_go(self, node: str) -> bool:
         return self.recorded is not None if node == RECORDER else self.leaving or node in self.over
@@ -355,7 +364,7 @@ class Membership:
             return
         if was_before(beat.boot, known[beat.node]) or was_before(known[beat.node], beat.boot):
             return  # it had not taken over when it said this; or it has, and this process does not know from whom
-        if self.inherited and beat.node in self.peers - self.present:  # it does not know yet that it takes over
+        if self._learns(beat.node):
             return
         check_boot(beat.node, beat.boot, known)
         self.heartbeats.take(beat, now_ns)
