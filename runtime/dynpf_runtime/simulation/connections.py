@@ -167,7 +167,7 @@ class Connections:
 
         def answered() -> None:
             event = reply()
-            late_ns = self._agenda.draw(self._answer_ns)
+            late_ns = self._agenda.draw(self._answer_ns) if self._answer_ns else 0
             self._agenda.at(process.from_router.arrival_ns(self._agenda.now_ns) + late_ns, lambda: answer(event))
 
         self.send(process, answered)

@@ -107,7 +107,7 @@ def broken(run: Run, reference: Reference | None, trial: Trial, *, replay: bool)
         if harmless:
             found.append("the run is not whole, though nothing befell it that could harm it")
     elif harmless:
-        if nodes := [name for name in trial.waited if name in run.plan.graph.nodes and _heard_the_end(name, trial)]:
+        if nodes := [name for name in trial.waited if name in run.plan.graph.nodes and _may_know(name, trial)]:
             found.append(f"the run is whole, and {', '.join(nodes)} had to be killed in the end")
         found += [
             f"the run is whole, and {name} ends: {error}"
@@ -176,15 +176,14 @@ def _told(trial: Trial) -> bool:
     return False
 
 
-def _heard_the_end(name: str, trial: Trial) -> bool:
-    """Return whether the recorder has said that the recording is closed since the last start of a node."""
-    simulation = trial.simulation
-    said = (
+def _may_know(name: str, trial: Trial) -> bool:
+    """Return whether a node may know that the run is over: not if the recorder last said so before the node started."""
+    said = [
         at_ns
-        for at_ns, process, what in simulation.story
+        for at_ns, process, what in trial.simulation.story
         if process == RECORDER and isinstance(what, Put) and what.key == RECORDED
-    )
-    return max(said, default=0) > simulation.processes[name].began_ns
+    ]
+    return not said or said[-1] > trial.simulation.processes[name].began_ns
 
 
 def _called_whole(trial: Trial) -> Iterator[str]:

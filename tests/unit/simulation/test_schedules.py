@@ -108,6 +108,7 @@ def test_a_schedule_is_told_by_its_faults(campaign: Campaign) -> None:
     schedule = campaign.schedule(5)
     assert campaign.schedule(5, numbers).faults == (schedule.faults[1], schedule.faults[0])
     assert str(of(Care.KEPT, Crash("estimator", 30, 2, 1))).splitlines() == [
-        "schedule 0 of seed 1: who is killed or hangs is started again; at most delay 2 ms, work 0.2 ms, start 100 ms",
+        "schedule 0 of seed 1: who is killed or hangs is started again; at most delay 2 ms, work 0.2 ms, start 100 ms, "
+        "answer 0 ms",
         "  0  Crash(process=estimator, event=30, effects=2, unsent=1)",
     ]
