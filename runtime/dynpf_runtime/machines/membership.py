@@ -142,10 +142,9 @@ class Membership:
             case Answered(payload):
                 if self._admission.answered(payload, now_ns):
                     yield Count(f"{ALIVE}{self.name}/*")
-            case Counted(key, keys) if key.startswith(READY):
-                yield from self._counted_ready(keys, now_ns)
-            case Counted(_, keys):
-                yield from self._counted_alive(keys, now_ns)
+            case Counted(key, keys):
+                counted = self._counted_ready if key.startswith(READY) else self._counted_alive
+                yield from counted(keys, now_ns)
             case Token():
                 yield from self._token(event, now_ns)
             case Arrived(key) if key.startswith((BEAT, CONTROL)):
@@ -310,7 +309,7 @@ class Membership:
                     yield Tell(text)
 
     def _known(self) -> dict[str, str]:
-        """Return the starts that this process tells of: before it is ready, those from which others have to take over."""
+        """Return the starts to tell of: before this process is ready, those from which others have to take over."""
         if self._stage >= Stage.READY:
             return {**self.starts, self.name: self.start}
         return self._roster.due if self.alive and not self.successor else {}
@@ -335,7 +334,7 @@ class Membership:
                 self.absence.back(node)
 
     def _learns(self, peer: str) -> bool:
-        """Return whether a peer that is there may not know yet that it takes over: others were lost with this process."""
+        """Return whether a peer may not know yet that it takes over, as this process does: both were lost."""
         return self.successor and peer in self.peers - self.present
 
     def _may_go(self, node: str) -> bool:
