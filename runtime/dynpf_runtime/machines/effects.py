@@ -123,6 +123,7 @@ class Show(NamedTuple):
 
     ticks: int
     messages: int
+    paused: bool
 
 
 class Ended(NamedTuple):
