@@ -19,7 +19,7 @@ from dynpf_experiments.pictures.scenes import scenes_of
 from dynpf_experiments.pictures.source import Budget, RunSource
 from dynpf_experiments.pictures.tracks import Clouds, clouds_of, tracks_of
 
-__all__ = ["Whole", "whole"]
+__all__ = ["Whole", "whole", "whole_of"]
 
 
 class Whole(NamedTuple):
@@ -42,7 +42,11 @@ class Whole(NamedTuple):
 
 def whole(recording: Recording, budget: Budget | None = None) -> Whole:
     """Return what can be drawn of a recording, within a budget."""
-    source = RunSource(recording, budget or Budget())
+    return whole_of(RunSource(recording, budget or Budget()))
+
+
+def whole_of(source: RunSource) -> Whole:
+    """Return what can be drawn of the messages of a source."""
     estimates = estimates_of(source)
     drawing = _drawing(source)
     tracks = [*tracks_of(source), *(estimated.track for estimated in estimates), *drawing.tracks]
