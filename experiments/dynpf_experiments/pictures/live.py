@@ -7,7 +7,17 @@ from typing import Any, NamedTuple, cast
 
 from dynpf_formats.recording.reader import Recording
 from dynpf_protocol.envelope import Envelope
-from dynpf_protocol.messages import Command, Estimate, Odometry, OdometryPose, PoseInFrame, RobotState
+from dynpf_protocol.messages import (
+    CompressedImage,
+    LandmarkReadings,
+    LaserScan,
+    LineReadings,
+    Odometry,
+    OdometryPose,
+    PosesInFrame,
+    PositionFix,
+    SceneUpdate,
+)
 from dynpf_protocol.printable import printable
 from dynpf_protocol.topics import Topic
 from dynpf_runtime.plan import Plan, written_topics
@@ -22,11 +32,11 @@ from dynpf_experiments.pictures.whole import whole_of
 
 __all__ = ["LiveRun"]
 
-OFTEN = (RobotState, Estimate, PoseInFrame, Command)
-"""What a frame shows all of that has come since the last one; of all else it shows the newest."""
+NEWEST = (CompressedImage, LandmarkReadings, LaserScan, LineReadings, PosesInFrame, PositionFix, SceneUpdate)
+"""Of what a frame shows the newest; of all else, such as poses, it shows what has come since the last frame."""
 
 MOST_OFTEN, OVERLAP = 60, 3
-"""Messages of such a topic in a frame, and those of the frame before among them: errors take two true poses."""
+"""Messages of a topic in a frame, and those of the frame before among them: errors take two true poses."""
 
 NOT_SHOWN = (Odometry, OdometryPose)
 """What tells of a path only if all of it is there: where no node tells the path by odometry, a frame has none."""
@@ -106,8 +116,8 @@ class LiveRun:
             return
         heard = self._moment.schemas.get(topic)
         if heard is None:
-            often = self._plan.graph.topics[topic].type in OFTEN
-            heard = self._moment.schemas[topic] = deque(maxlen=MOST_OFTEN if often else 1)
+            newest = self._plan.graph.topics[topic].type in NEWEST
+            heard = self._moment.schemas[topic] = deque(maxlen=1 if newest else MOST_OFTEN)
         node, boot, sequence, stamp_ns = envelope.node, envelope.boot, envelope.sequence, envelope.stamp_ns
         heard.append(_Heard(topic, node, boot, sequence, stamp_ns, envelope.publish_ns, payload))
         self._origin_ns = stamp_ns if self._origin_ns is None else self._origin_ns
