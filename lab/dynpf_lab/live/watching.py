@@ -11,6 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from dynpf_experiments.pictures.event import act_in_words
 from dynpf_experiments.pictures.live import LiveRun
 from dynpf_protocol.codec import decode
 from dynpf_protocol.control import Act, Beat, Pace, Recorded, decode_control, encode_control
@@ -134,8 +135,8 @@ class Watching:
             return
         self._live.hear(topic, envelope, arrived.payload)
         if is_act(topic):
-            text = bytes(arrived.payload).decode("utf-8", "replace")
-            self._tell("act", envelope.stamp_ns, f"{topic} in tick {envelope.tick}: {text}")
+            told = act_in_words(topic, decode(topic, arrived.payload, self._acts))
+            self._tell("act", envelope.stamp_ns, f"{told}, in tick {envelope.tick}")
 
     def _tell(self, level: str, stamp_ns: int, text: str) -> None:
         self._told += 1
