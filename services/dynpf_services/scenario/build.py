@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 from dynpf_formats.shipped import known_topics, load
 from dynpf_protocol.errors import ScenarioError
-from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, TOPIC_NAME, Topic
+from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, TOPIC_NAME, Topic, is_act
 from dynpf_runtime.graph import Graph, NodeSpec
 from dynpf_runtime.node import Node
 from dynpf_runtime.plan import Plan
@@ -192,7 +192,7 @@ def _check_writers(graph: Graph) -> None:
                 which = "by two of its own names" if other == spec.name else f"which {other} writes already"
                 raise ScenarioError(f"{key_of(spec.name)}: writes {row.name}, {which}")
             writers[row.name] = spec.name
-            if first in {LOG_NODE, "event", "journal", "recorder", "diagnostics", "snapshot"}:
+            if is_act(row.name) or first in {LOG_NODE, "event", "journal", "recorder", "diagnostics", "snapshot"}:
                 raise ScenarioError(f"{key_of(spec.name)}: writes {row.name}, which nodes must not write")
 
 
