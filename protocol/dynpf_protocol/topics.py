@@ -154,6 +154,13 @@ _ROWS = (
         description="A person opens or closes a door of a simulated world",
     ),
     Topic(
+        name="operator/map",
+        type=messages.HoldMap,
+        publishers=(OPERATOR,),
+        most_bytes=_FEW_BYTES,
+        description="A person has another map of a changing world hold",
+    ),
+    Topic(
         name="truth/robot",
         type=messages.RobotState,
         publishers=("simulator",),

@@ -95,7 +95,7 @@ def _stage() -> Iterator[str]:
 
 def _hand(*, may_act: bool) -> Iterator[str]:
     """Yield what a person does to the world; parts for which the run has no acts stay hidden."""
-    yield f'<section data-act="drive move place body door"{"" if may_act else " hidden"}><h2>By hand</h2>'
+    yield f'<section data-act="drive move place body door map"{"" if may_act else " hidden"}><h2>By hand</h2>'
     yield '<p class="quiet">Drag the robot, or a body, to put it elsewhere; the wheel turns what is dragged.</p>'
     yield '<div id="hand">'
     yield '<div class="drive" data-act="drive move">'
@@ -110,6 +110,8 @@ def _hand(*, may_act: bool) -> Iterator[str]:
     yield '<form id="door" data-act="door">' + _number("door-number", "door", 1, 1)
     yield '<button value="closed">close</button><button value="open">open</button>'
     yield '<button value="scheduled">as planned</button></form>'
+    yield '<form id="map" data-act="map"><label>map <input id="map-name" type="text" maxlength="64" size="8"></label>'
+    yield '<button type="submit">holds</button></form>'
     yield '</div><output id="status" role="status"></output></section>'
 
 

@@ -5,7 +5,7 @@ them; types named ``dynpf.*`` are dynpf's own. Lengths, ranges and signs are par
 These are the messages that any robot may have; each system has its own.
 """
 
-from dynpf_protocol.messages.acts import Drive, Move, Place, PlaceBody, SetDoor
+from dynpf_protocol.messages.acts import Drive, HoldMap, Move, Place, PlaceBody, SetDoor
 from dynpf_protocol.messages.base import Message, Piece
 from dynpf_protocol.messages.estimates import (
     Estimate,
@@ -84,6 +84,7 @@ __all__ = [
     "FrameTransforms",
     "Gap",
     "HealthFigures",
+    "HoldMap",
     "HostEvent",
     "KeyValuePair",
     "LandmarkReading",

@@ -6,7 +6,7 @@ from msgspec import Meta
 
 from dynpf_protocol.messages.base import Angle, Message
 
-__all__ = ["Drive", "Move", "Place", "PlaceBody", "SetDoor"]
+__all__ = ["Drive", "HoldMap", "Move", "Place", "PlaceBody", "SetDoor"]
 
 Coordinate = Annotated[float, Meta(ge=-1e7, le=1e7)]
 Speed = Annotated[float, Meta(ge=-100.0, le=100.0)]
@@ -56,3 +56,10 @@ class SetDoor(Message, frozen=True, kw_only=True):
     schema_name = "dynpf.SetDoor"
     door: Index  # its number, from 0 on
     to: Literal["open", "closed", "scheduled"]
+
+
+class HoldMap(Message, frozen=True, kw_only=True):
+    """Another of the maps that a changing world has holds from now on; "" is the one that the scenario has then."""
+
+    schema_name = "dynpf.HoldMap"
+    map: Annotated[str, Meta(max_length=64)]

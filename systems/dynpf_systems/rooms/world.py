@@ -115,9 +115,6 @@ class RoomSimulator:
             self._obey(step)
         else:
             self._drive(self.config.driver)
-        if self._driven is not None:
-            speed = _clip(self._driven.vx, self.config.max_speed)
-            self._command = speed, _clip(self._driven.w, self.config.max_turn_rate)
         self._twist = self._perturbed(step.number)
         x, y, theta = self._pose
         v, w, _ = self._twist
@@ -200,6 +197,9 @@ class RoomSimulator:
 
     def _perturbed(self, number: int) -> tuple[float, float, float]:
         v, w = self._command
+        if self._driven is not None:
+            v, w = self._driven.vx, self._driven.w
+            v, w = _clip(v, self.config.max_speed), _clip(w, self.config.max_turn_rate)
         v2, w2 = v * v, w * w
         a1, a2, a3, a4, a5, a6 = self.config.alpha
         noise = generator(self.seed, self.name, number, "motion").standard_normal(3).tolist()

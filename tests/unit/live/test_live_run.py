@@ -57,7 +57,7 @@ def test_the_page_loads_nothing_from_elsewhere_and_escapes_its_title() -> None:
 
 
 def test_whoever_may_not_act_sees_no_hands() -> None:
-    marked = 'data-act="drive move place body door" hidden'
+    marked = 'data-act="drive move place body door map" hidden'
     assert [marked in live_document("t", [], may_act=may_act)[0] for may_act in (True, False)] == [False, True]
 
 

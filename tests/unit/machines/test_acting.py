@@ -190,5 +190,6 @@ def test_a_killed_simulator_does_again_what_a_person_did(tmp_path: Path, clock: 
     assert recording.end is not None
     assert recording.end.complete
     assert len(acts_of(recording)) > 5
+    assert [*recording.messages("recorder/restart")]
     assert same(path)
     assert altered(recording) == []

@@ -266,6 +266,11 @@ function connectHand() {
     const track = bodies(scene)[number("#body-number")];
     if (track) ask(placed(scene, track, number("#body-x"), number("#body-y"), 0), `${track.name} moved`);
   });
+  find("#map").addEventListener("submit", (event) => {
+    event.preventDefault();
+    const robot = scene.tracks.find((track) => track.role === "truth")?.robot;
+    ask({ topic: topicOf(robot, "map"), act: { map: find("#map-name").value } }, "another map");
+  });
   for (const button of document.querySelectorAll("#door button")) {
     button.addEventListener("click", (event) => {
       event.preventDefault();
