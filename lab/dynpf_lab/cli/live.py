@@ -23,6 +23,7 @@ __all__ = ["run_live"]
 PAGE_S = 120.0
 """How long the finished page may take to be there after the end of the run."""
 
+TELL_S = 2.0
 LOOK_S = 0.1
 
 
@@ -65,7 +66,7 @@ def run_live(options: argparse.Namespace) -> int:
             watching.begin(bus)
             watching.follow(bus, lambda: stop.requested)
             watching.show()
-            _see_off(page, watching.ended, stop)
+            _see_off(page, watching.ended, options, stop)
     return 0
 
 
@@ -92,23 +93,28 @@ def _scenario_text(bus: "Bus", endpoint: str, stop: "StopSignal") -> str:
     return answer.decode(errors="replace")
 
 
-def _see_off(page: "Page", recorded: "Recorded | None", stop: "StopSignal") -> None:
+def _see_off(page: "Page", recorded: "Recorded | None", options: argparse.Namespace, stop: "StopSignal") -> None:
     """Tell browsers that the run is over and where its page is, and wait for them to leave."""
+    from dynpf_runtime.bus.terminal import say
+
     from dynpf_lab.page import page_of
 
-    end = {"complete": False, "reason": "the run is gone", "page": False}
+    end = {"complete": False, "reason": "the run is gone"}
     path: Path | None = None
     if recorded is not None:
-        path = page_of(Path(recorded.path))
-        end = {"complete": recorded.complete, "reason": recorded.reason, "page": False}
-    page.audience.end(end)
-    began_s, since = time.monotonic(), time.time()
+        end = {"complete": recorded.complete, "reason": recorded.reason}
+        recording = Path(recorded.path)
+        path = page_of(recording) if recording.is_file() and not options.no_page else None
+    page.audience.end({**end, "page": "none" if path is None else "waits"})
+    began_s, since, told = time.monotonic(), time.time(), False
     while len(page.audience) and not stop.requested:
-        if page.finished is None and path is not None and _is_new(path, since):
-            page.finished = path
-            page.audience.end({**end, "page": True})
-        if page.finished is None and time.monotonic() > began_s + PAGE_S:
-            path = None
+        passed_s = time.monotonic() - began_s
+        if path is not None and (_is_new(path, since) or passed_s > PAGE_S):
+            page.finished, path = path if passed_s <= PAGE_S else None, None
+            page.audience.end({**end, "page": "none" if page.finished is None else "there"})
+        if not told and path is None and passed_s > TELL_S:
+            told = True
+            say("run" if options.beside_run else "view", "the live page is still open in a browser; Ctrl-C ends it")
         time.sleep(LOOK_S)
 
 

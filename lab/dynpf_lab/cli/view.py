@@ -36,6 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_keys(parser)
     add_allow_code(parser, "the run")
     parser.add_argument("--beside-run", action="store_true", help=argparse.SUPPRESS)  # dynpf run --watch has started it
+    parser.add_argument(
+        "--no-page", action="store_true", help=argparse.SUPPRESS
+    )  # which makes no page of the whole run
     parser.set_defaults(run=run)
 
 

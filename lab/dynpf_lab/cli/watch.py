@@ -60,8 +60,9 @@ def watcher(options: argparse.Namespace) -> "Companion | None":
 
     def words(folder: Path, endpoint: str, guests: Path | None) -> list[str]:
         keys = ["--insecure"] if guests is None else ["--keys", str(guests)]
+        page = ["--no-page"] if options.no_page else []
         port = ["--port", str(options.watch_port)] if options.watch_port else []
-        return ["view", "--live", str(folder), "--connect", endpoint, *keys, *port, "--beside-run"]
+        return ["view", "--live", str(folder), "--connect", endpoint, *keys, *port, "--beside-run", *page]
 
     return Companion(main, words)
 

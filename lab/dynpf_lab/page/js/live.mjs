@@ -169,8 +169,8 @@ function onEnd({ complete, reason, page }) {
   takeState({ ...state, paused: false });
   find("#over").hidden = false;
   find("#reason").textContent = `The run has ended: ${reason || "complete"}.`;
-  find("#page-link").hidden = !page;
-  find("#page-waits").hidden = page;
+  find("#page-link").hidden = page !== "there";
+  find("#page-waits").hidden = page !== "waits";
   for (const control of document.querySelectorAll("[data-paces], #hand button, #hand input, #hand select")) {
     control.disabled = true;
   }
