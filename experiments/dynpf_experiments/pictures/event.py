@@ -24,5 +24,5 @@ class Event(NamedTuple):
 
 def act_in_words(topic: str, act: Message) -> str:
     """Return what a person did, in a few words."""
-    told = ", ".join(f"{name} {value}" for name, value in structs.asdict(act).items() if value != 0.0)
+    told = ", ".join(f"{name} {value}" for name, value in structs.asdict(act).items())
     return printable(f"{topic}: {told}", 200)

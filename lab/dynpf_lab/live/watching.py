@@ -95,7 +95,7 @@ class Watching:
             arrived = bus.receive(LOOK_S)
             while isinstance(arrived, Arrived):
                 self._hear(arrived)
-                if time.monotonic() - self._shown_s >= FRAME_S:
+                if not self._wishes.empty() or time.monotonic() - self._shown_s >= FRAME_S:
                     break
                 arrived = bus.receive(0.0)
             self._ask(bus)
