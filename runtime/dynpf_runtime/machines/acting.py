@@ -29,9 +29,6 @@ __all__ = ["Acting", "Entered", "told"]
 MOST_WAITING = 64
 """How many acts may wait for the next tick."""
 
-MOST_BOOTS = 64
-"""Of how many operators it is remembered what they have asked for."""
-
 
 class Entered(NamedTuple):
     """The acts that enter a run in a tick, those among them that its source reads, and why others do not."""
@@ -137,7 +134,10 @@ def _refused(executor: Executor, topic: str, message: Message) -> str:
     own = executor.spec.reads.get(topic)
     if own is None or not isinstance(executor.node, Refusing):
         return ""
-    return executor.node.refuses(message)
+    try:
+        return executor.node.refuses(message)
+    except Exception as error:  # a run does not end because a person has asked for something
+        return f"the node cannot tell whether it can be done: {type(error).__name__}: {error}"
 
 
 def told(pace: Pace) -> str:

@@ -11,6 +11,7 @@ from dynpf_formats.recording.reader import Recording, read_recording
 from dynpf_lab.cli.main import main
 from dynpf_protocol.codec import decode
 from dynpf_protocol.control import Act, Pace, TickDone, decode_control, encode_control
+from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.keys import ACT, ALIVE, OPERATOR, TICK
 from dynpf_protocol.messages import Log, RobotState
 from dynpf_runtime.machines.effects import NEVER_NS, Declare, Effect, Put, Subscribe
@@ -20,6 +21,7 @@ from dynpf_runtime.simulation import Simulation
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import load_scenario
 from dynpf_services.scenario.played_log import acts_of
+from dynpf_systems.rooms.world import RoomSimulator
 
 from tests.unit.machines.recovering import Kill, recovered
 from tests.unit.machines.simulated_run import simulated
@@ -193,3 +195,18 @@ def test_a_killed_simulator_does_again_what_a_person_did(tmp_path: Path, clock: 
     assert [*recording.messages("recorder/restart")]
     assert same(path)
     assert altered(recording) == []
+
+
+def test_a_world_that_fails_to_judge_an_act_goes_on_without_it(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(RoomSimulator, "refuses", lambda *_: 1 / 0)
+    recording = run(plan(), [place(20, 1.0, -0.5)])
+    assert recording.end is not None
+    assert recording.end.complete
+    assert acts_of(recording) == {}
+    assert any("ZeroDivisionError" in message.message for message in logs(recording))
+
+
+def test_no_fault_of_the_network_befalls_an_act() -> None:
+    fault = 'faults=[{topic="operator/place", to="simulator", loss=1.0}]'
+    with pytest.raises(ScenarioError, match=r"simulator does not read operator/place; it reads controller/command$"):
+        plan_of(load_scenario("landmark-room", overrides=[fault]))
