@@ -117,6 +117,8 @@ def rates(scenario: str, rounds: int, seconds: float, browsers: int) -> dict[str
         path = Path(folder) / "run.mcap"
         with watched(scenario, path, "--speed", "0") as address:
             time.sleep(5 * BEGIN_S)
+            with looking_on(address, 1):  # from the first browser on the server listens to the run
+                time.sleep(BEGIN_S)
             for _ in range(rounds):
                 time.sleep(BEGIN_S)
                 turns.append((False, time.time(), time.time() + seconds))

@@ -69,6 +69,7 @@ class Watching:
         self._ticks = 0
         self._shown_s = 0.0
         self._told = 0
+        self._listens = False
 
     def act(self, body: bytes) -> None:
         """Take what a person asks for, in any thread; raises ProtocolError if it cannot be."""
@@ -79,12 +80,9 @@ class Watching:
             raise TooLargeError("too many requests wait already") from None
 
     def begin(self, bus: "Bus") -> None:
-        """Listen to the run, and be there as an operator."""
+        """Listen to how the run goes, and be there as an operator."""
         for key in (f"{BEAT}{self._plan.graph.source}", RECORDED, data_keys("log")):
             bus.subscribe(key)
-        for topic in self._plan.graph.topics:
-            if self._live.wants(topic):
-                bus.subscribe(DATA + topic)
         if self._boot:
             bus.declare(f"{ALIVE}{OPERATOR}/{self._boot}")
 
@@ -98,6 +96,7 @@ class Watching:
                 if not self._wishes.empty() or time.monotonic() - self._shown_s >= FRAME_S:
                     break
                 arrived = bus.receive(0.0)
+            self._listen(bus)
             self._ask(bus)
             now_s = time.monotonic()
             if now_s - self._shown_s >= FRAME_S:
@@ -113,6 +112,15 @@ class Watching:
             moving, staying = self._live.frame()
             state = {"paused": self._pace.paused, "rate": self._pace.rate, "ticks": self._ticks}
             self._audience.show({**moving, "state": state}, staying)
+
+    def _listen(self, bus: "Bus") -> None:
+        """Listen to what the run says from when somebody looks on: before, it costs the router nothing."""
+        if self._listens or not len(self._audience):
+            return
+        self._listens = True
+        for topic in self._plan.graph.topics:
+            if self._live.wants(topic):
+                bus.subscribe(DATA + topic)
 
     def _hear(self, arrived: Arrived) -> None:
         try:
