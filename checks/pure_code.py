@@ -28,6 +28,7 @@ PURE = (
     "runtime/dynpf_runtime/sequence_numbers.py",
     "runtime/dynpf_runtime/snapshot.py",
     "runtime/dynpf_runtime/source.py",
+    "services/dynpf_services/driven.py",
     "services/dynpf_services/estimates.py",
     "services/dynpf_services/nodes.py",
     "services/dynpf_services/sensors",

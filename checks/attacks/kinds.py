@@ -9,8 +9,11 @@ from enum import Enum
 from random import Random
 from typing import NamedTuple
 
+from dynpf_protocol.control import Act as Asked
+from dynpf_protocol.control import Pace, encode_control
 from dynpf_protocol.journal import Consumed, Produced
 from dynpf_protocol.keys import (
+    ACT,
     AGAIN,
     ALIVE,
     BEAT,
@@ -210,6 +213,19 @@ def _operator(spy: Spy) -> Iterator[Act]:
     yield spy.stop("operator", "x")
 
 
+def _acts(_spy: Spy) -> Iterator[Act]:
+    """What an operator would ask for, by nobody who is there."""
+    place = b'{"x":0,"y":0,"theta":0}'
+    for said in (
+        Asked("operator", "x", 0, "operator/place", place),
+        Asked("operator", "x", 1, pace=Pace(paused=True)),
+        Asked(SOURCE, "x", 2, "operator/place", place),
+    ):
+        yield Put(ACT + said.node, encode_control(said))
+    yield Put(f"{ACT}operator", b"?")
+    yield Put(f"{ACT}operator", bytes(2**20))
+
+
 _THROUGHOUT = When.THROUGHOUT
 _FORGED = (
     Kind("the next data, forged", _each(lambda spy, topic: spy.data(topic)), _THROUGHOUT, forged=True),
@@ -234,6 +250,7 @@ _FORGED = (
     Kind("stop in the source's name", lambda spy: [spy.stop(SOURCE)]),
     Kind("stop in a node's name", lambda spy: [spy.stop("estimator", reason=ESC)], forged=True),
     Kind("stop as an operator", _operator, forged=True),
+    Kind("acts of no operator", _acts),
     Kind("recorded, incomplete", lambda spy: [spy.recorded(False, reason=ESC)]),
     Kind("recorded, complete", lambda spy: [spy.recorded(True)]),
     Kind("recorded, at each message", lambda spy: [spy.recorded(True)], _THROUGHOUT, forged=True),

@@ -25,6 +25,7 @@ __all__ = [
     "Route",
     "Run",
     "blown",
+    "is_free",
     "moved",
     "read_ranges",
     "simulate",
@@ -156,12 +157,13 @@ def blown(pose: FloatArray, motion: CapsuleMotion, capsule: Capsule, grid: Occup
     aimed = moved(pose, motion)
     for _ in range(20):
         there = aimed + sigmas * random.standard_normal(3)
-        if _is_free(grid, there):
+        if is_free(grid, there):
             return there
     return aimed
 
 
-def _is_free(grid: OccupancyGrid, pose: FloatArray) -> bool:
+def is_free(grid: OccupancyGrid, pose: FloatArray) -> bool:
+    """Return whether a pose (3,), or a place (2,), lies inside the tube of a map."""
     column, row = (int(cell) for cell in grid.to_cells(pose[0], pose[1]))
     height, width = grid.cells.shape
     return 0 <= row < height and 0 <= column < width and bool(grid.free[row, column])

@@ -9,7 +9,18 @@ from msgspec import Meta
 from dynpf_protocol.errors import BadMessageError, TooLargeError
 from dynpf_protocol.numbers import Count63
 
-__all__ = ["Beat", "Doing", "Outcome", "Recorded", "Stop", "TickDone", "decode_control", "encode_control"]
+__all__ = [
+    "Act",
+    "Beat",
+    "Doing",
+    "Outcome",
+    "Pace",
+    "Recorded",
+    "Stop",
+    "TickDone",
+    "decode_control",
+    "encode_control",
+]
 
 
 class Outcome(StrEnum):
@@ -50,6 +61,17 @@ class Doing(IntEnum):
     ENDED = 5  # its loop is over
 
 
+class Pace(msgspec.Struct, frozen=True, array_like=True):
+    """How the source goes on: ``paused`` after ``steps`` more ticks, or at a rate of logical to wall-clock time.
+
+    A rate of 0 is as fast as possible; in realtime it is 1.
+    """
+
+    paused: bool = False
+    steps: Annotated[int, Meta(ge=0, le=10**6)] = 0
+    rate: Annotated[float, Meta(ge=0.0, le=1e4)] = 1.0
+
+
 class Beat(msgspec.Struct, frozen=True, array_like=True):
     """A heartbeat: the process has ended ``ticks`` ticks, and its main loop has been ``doing`` this for ``for_ns``.
 
@@ -64,6 +86,7 @@ class Beat(msgspec.Struct, frozen=True, array_like=True):
     for_ns: Count63 = 0
     kept: dict[Name, Count63] = {}
     starts: dict[Name, Name] = {}
+    pace: Pace | None = None  # of the source
 
 
 class Recorded(msgspec.Struct, frozen=True, array_like=True):
@@ -83,12 +106,26 @@ class Stop(msgspec.Struct, frozen=True, array_like=True):
     reason: Text
 
 
-Control = TypeVar("Control", bound=TickDone | Beat | Recorded | Stop)
+class Act(msgspec.Struct, frozen=True, array_like=True):
+    """An operator's request to the source: a message for a topic of acts, or another ``pace`` of the run.
+
+    ``number`` counts the requests of a ``boot``, so that none counts twice.
+    """
+
+    node: Name
+    boot: Name
+    number: Count63
+    topic: Annotated[str, Meta(max_length=128)] = ""
+    payload: Annotated[bytes, Meta(max_length=4096)] = b""
+    pace: Pace | None = None
+
+
+Control = TypeVar("Control", bound=TickDone | Beat | Recorded | Stop | Act)
 
 _ENCODER = msgspec.msgpack.Encoder()
 
 
-def encode_control(message: TickDone | Beat | Recorded | Stop) -> bytes:
+def encode_control(message: TickDone | Beat | Recorded | Stop | Act) -> bytes:
     """Return the control message as bytes."""
     return _ENCODER.encode(message)
 

@@ -1,6 +1,7 @@
 """Keys of messages, tokens and queries on the bus."""
 
 __all__ = [
+    "ACT",
     "AGAIN",
     "ALIVE",
     "BEAT",
@@ -34,6 +35,7 @@ TICK = "dynpf/run/tick/"  # + node
 AGAIN = "dynpf/run/again/"  # + node that says again, to the recorder alone, what was lost with another process
 RECALL = "dynpf/run/recall/"  # + node that asks the recorder for what it has read
 RECALLED = "dynpf/recalled/"  # + node that has asked, by the recorder alone
+ACT = "dynpf/act/"  # + the operator, who asks the source for something
 BEAT = "dynpf/beat/"  # + process
 CONTROL = "dynpf/control/"
 STOP = "dynpf/control/stop/"  # + process that asks for the end of the run
@@ -45,7 +47,7 @@ SCENARIO = "dynpf/scenario"
 ROUTER = "router"
 RECORDER = "recorder"
 OBSERVER = "observer"  # looks on, and sends nothing
-OPERATOR = "operator"  # a person who may end the run
+OPERATOR = "operator"  # a person who may act on a simulated world, pause the run and end it
 
 SHARED = frozenset({"log", "diagnostics"})
 """The topics that several processes write. Their keys name the process, so that nobody can speak in another's name."""

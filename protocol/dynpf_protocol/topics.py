@@ -12,10 +12,12 @@ import msgspec
 
 from dynpf_protocol import messages
 from dynpf_protocol.errors import UnknownTopicError
+from dynpf_protocol.keys import OPERATOR
 from dynpf_protocol.messages import Message
 from dynpf_protocol.snapshots import SNAPSHOT_PREFIX
 
 __all__ = [
+    "ACT_PREFIX",
     "EVENT_PREFIX",
     "HOST_NODES",
     "LOG_NODE",
@@ -25,6 +27,7 @@ __all__ = [
     "TOPIC_NAME",
     "Delivery",
     "Topic",
+    "is_act",
     "is_compared",
     "is_record",
     "topic",
@@ -35,6 +38,9 @@ NODES = ("simulator", "vision", "sensors", "estimator", "controller")
 
 LOG_NODE = "log"
 """The sender of the records of an imported log, which the source's host publishes."""
+
+ACT_PREFIX = "operator/"
+"""What a person does to a simulated world; the source's host publishes it, in the tick in which it enters."""
 
 HOST_NODES = (*NODES, LOG_NODE)
 """Every sender whose messages a node may consume."""
@@ -111,6 +117,48 @@ _ROWS = (
         publishers=(LOG_NODE,),
         wakes=False,
         description="Pose in the map by the localization that ran on the robot: amcl_pose, or map to odom",
+    ),
+    Topic(
+        name="operator/drive",
+        type=messages.Drive,
+        publishers=(OPERATOR,),
+        most_bytes=_FEW_BYTES,
+        description="A person drives the robot of a simulated world for a moment",
+    ),
+    Topic(
+        name="operator/move",
+        type=messages.Move,
+        publishers=(OPERATOR,),
+        most_bytes=_FEW_BYTES,
+        description="A person moves the robot of a simulated world, in any direction, for a moment",
+    ),
+    Topic(
+        name="operator/place",
+        type=messages.Place,
+        publishers=(OPERATOR,),
+        most_bytes=_FEW_BYTES,
+        description="A person carries the robot of a simulated world elsewhere",
+    ),
+    Topic(
+        name="operator/body",
+        type=messages.PlaceBody,
+        publishers=(OPERATOR,),
+        most_bytes=_FEW_BYTES,
+        description="A person moves a thing of a simulated world, such as a part",
+    ),
+    Topic(
+        name="operator/door",
+        type=messages.SetDoor,
+        publishers=(OPERATOR,),
+        most_bytes=_FEW_BYTES,
+        description="A person opens or closes a door of a simulated world",
+    ),
+    Topic(
+        name="operator/map",
+        type=messages.HoldMap,
+        publishers=(OPERATOR,),
+        most_bytes=_FEW_BYTES,
+        description="A person has another map of a changing world hold",
     ),
     Topic(
         name="truth/robot",
@@ -304,6 +352,12 @@ def is_record(name: str) -> bool:
     return row is not None and row.publishers == (LOG_NODE,) and (not robot or robot.endswith("/"))
 
 
+def is_act(name: str) -> bool:
+    """Return whether a topic is one of a person's acts, on the world of any robot."""
+    robot, _, act = name.rpartition(ACT_PREFIX)
+    return f"{ACT_PREFIX}{act}" in _ACTS and (not robot or robot.endswith("/"))
+
+
 def is_compared(name: str) -> bool:
     """Return whether a topic is part of "the same run"; topics of hosts and the recorder are not."""
     return name not in _UNCOMPARED and not name.startswith((EVENT_PREFIX, SNAPSHOT_PREFIX))
@@ -316,3 +370,5 @@ EVENT_PREFIX = "event/"
 """The host of node NODE reports missing inputs to it on event/NODE."""
 
 _UNCOMPARED = frozenset(row.name for row in _ROWS if not row.compared)
+
+_ACTS = frozenset(row.name for row in _ROWS if row.publishers == (OPERATOR,))

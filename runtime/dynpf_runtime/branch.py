@@ -5,7 +5,7 @@ what they did. Then the run goes on in this process as the inline runner goes on
 """
 
 from collections import Counter
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from dynpf_formats.recording.journals import messages_of
@@ -19,7 +19,7 @@ from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry, chain_after, de
 from dynpf_protocol.messages import Snapshot
 from dynpf_protocol.restoring import agreed, decode_snapshot
 from dynpf_protocol.snapshots import SNAPSHOT_PREFIX, pack, unpack
-from dynpf_protocol.topics import LOG_NODE
+from dynpf_protocol.topics import is_act
 from msgspec.structs import replace
 
 from dynpf_runtime.executor import Sent
@@ -27,7 +27,7 @@ from dynpf_runtime.inline import Begun, Ran, run_inline
 from dynpf_runtime.node import Received, Takeover
 from dynpf_runtime.plan import Plan
 from dynpf_runtime.seat import Made, Seat
-from dynpf_runtime.source import LogRecord
+from dynpf_runtime.source import LogRecord, is_fed
 
 __all__ = ["Branch", "Past", "branch", "brought"]
 
@@ -46,11 +46,13 @@ def branch(
     at: int,
     *,
     log: Iterable[LogRecord],
+    acts: Mapping[int, Sequence[LogRecord]],
     writer: RecordingWriter,
 ) -> Branch:
     """Write the run of ``plan`` up to the tick ``at``, which is the first of another plan, and run that to its end.
 
-    ``changed`` has the other plan and the names of the nodes that are others in it. Such a node keeps the state of the
+    ``changed`` has the other plan and the names of the nodes that are others in it; ``acts`` are what a
+    person did, by tick. Such a node keeps the state of the
     one before it if it can, else it begins in its first state.
 
     Raises UsageError if there is no such tick, RunError if the nodes do not do again what they did.
@@ -62,7 +64,7 @@ def branch(
         for name in plan.graph.nodes
     }
     seats, fresh = past.seats(snapshots, *changed)
-    ran = run_inline(changed[0], log, writer, begun=Begun(at, seats))
+    ran = run_inline(changed[0], log, writer, begun=Begun(at, seats), acts=acts)
     return Branch(ran, fresh)
 
 
@@ -221,9 +223,12 @@ class Past:
             if tick >= lag:
                 self._hear(seat, other, tick - lag)
         hosted = [self._find(name, made.node, made.topic, made.sequence) for made in entry.hosted]
-        records = [record for record in hosted if record.node == LOG_NODE]
-        fed = tuple(_sent(record, tick) for record in records)
-        inputs = [self._received(record) for record in records if record.topic in seat.reads]
+        records = [record for record in hosted if is_fed(record)]
+        acts = [LogRecord(record.topic, record.stamp_ns, record.payload) for record in records if is_act(record.topic)]
+        let_in, read = seat.let_in(acts, tick, entry.stamp_ns)
+        records = [record for record in records if not is_act(record.topic)]
+        fed = (*let_in, *(_sent(record, tick) for record in records))
+        inputs = [*read, *(self._received(record) for record in records if record.topic in seat.reads)]
         ready = seat.take(entry.stamp_ns)
         made = seat.step(ready._replace(inputs=[*inputs, *ready.inputs]), entry.stamp_ns, fed, last=False)
         found = [self._find(name, *place) for place in _messages(name, entry)]

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
+from dynpf_protocol.keys import OPERATOR
 from dynpf_protocol.snapshots import SNAPSHOT_PREFIX
 from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, TOPICS, Topic
 from msgspec import structs
@@ -79,6 +80,12 @@ class Graph:
         return [topic for topic in reads if {*self._publishers(topic)} - {name}]
 
     @cached_property
+    def acts(self) -> frozenset[str]:
+        """The topics of a person's acts that some node reads, and that the source's host publishes."""
+        read = [topic for spec in self.specs.values() for topic, own in spec.reads.items() if own in _ACT_TOPICS]
+        return frozenset(read)
+
+    @cached_property
     def waking_records(self) -> frozenset[str]:
         """The topics of a log whose records begin a tick, because a node that reads them steps on them."""
         read = [self.topics[topic] for topic in self.awaited if topic in self.topics]
@@ -115,6 +122,9 @@ def topic_table(specs: Sequence[NodeSpec]) -> dict[str, Topic]:
     for own, row in _LOG_TOPICS.items():
         read = {name for spec in specs for name, own_name in spec.reads.items() if own_name == own}
         rows.update({name: structs.replace(row, name=name) for name in sorted({own, *read})})
+    for own, row in _ACT_TOPICS.items():
+        read = {name for spec in specs for name, own_name in spec.reads.items() if own_name == own}
+        rows.update({name: structs.replace(row, name=name, publishers=(specs[0].name,)) for name in sorted(read)})
     written = [
         ((_RANK.get(own, len(_RANK)), rank, row.name), structs.replace(row, publishers=(spec.name,)))
         for rank, spec in enumerate(specs)
@@ -134,5 +144,6 @@ def topic_table(specs: Sequence[NodeSpec]) -> dict[str, Topic]:
 
 _RANK = {name: rank for rank, name in enumerate(TOPICS)}
 _LOG_TOPICS = {name: row for name, row in TOPICS.items() if row.publishers == (LOG_NODE,)}
+_ACT_TOPICS = {name: row for name, row in TOPICS.items() if row.publishers == (OPERATOR,)}
 _HOST_TOPICS = {name: TOPICS[name] for name in ("log", "diagnostics", "recorder/gap", "recorder/restart")}
 _OF_EACH_NODE = {prefix: TOPICS[prefix + NODES[0]] for prefix in (EVENT_PREFIX, SNAPSHOT_PREFIX)}

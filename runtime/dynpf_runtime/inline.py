@@ -3,7 +3,7 @@
 With a sink the run becomes a recording. Without one nothing is encoded; an observer gets the nodes' messages.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import NamedTuple, Protocol
 
@@ -64,12 +64,13 @@ def run_inline(
     observe: Observer | None = None,
     stopped: Callable[[], bool] = lambda: False,
     begun: Begun | None = None,
+    acts: Mapping[int, Sequence[LogRecord]] = {},
 ) -> Ran:
     """Run ``plan`` to its end and return how many ticks it had, and why it ended.
 
     The messages, their order and every state equal those of the same plan on the bus. ``sink`` gets the encoded
     messages and the journal; without it nothing is encoded or journalled. A tick before which ``stopped`` returns true
-    is the last. With ``begun`` the run goes on instead of beginning.
+    is the last. With ``begun`` the run goes on instead of beginning. ``acts`` has what a person does, by tick.
     """
     cv2.setNumThreads(1)
     graph = plan.graph
@@ -80,10 +81,11 @@ def run_inline(
     ticks, outcome = begun.ticks, Outcome.BUDGET
     for feed in islice(_feeds(plan, log, source.boot), begun.ticks, None):
         ready = source.take(feed.stamp_ns)
-        inputs = [*feed.inputs, *ready.inputs]
+        fed, read = source.let_in(acts.get(ready.tick, ()), ready.tick, feed.stamp_ns)
+        inputs = [*read, *feed.inputs, *ready.inputs]
         asked = stopped()
         last = feed.last or asked
-        done = run.step(source, ready._replace(inputs=inputs), feed.stamp_ns, feed.sent, last=last)
+        done = run.step(source, ready._replace(inputs=inputs), feed.stamp_ns, (*fed, *feed.sent), last=last)
         for name in graph.nodes[1:]:
             ready = run.seats[name].take()
             run.step(run.seats[name], ready, ready.stamp_ns, last=ready.last)

@@ -21,6 +21,7 @@ __all__ = [
     "Node",
     "Output",
     "Received",
+    "Refusing",
     "Rehearsing",
     "Result",
     "State",
@@ -107,6 +108,14 @@ class Adopting(Protocol):
 
     def adopt(self, state: State) -> None:
         """Go on from a state of a node with other settings; raises an exception if there is no way to."""
+
+
+@runtime_checkable
+class Refusing(Protocol):
+    """A node of a simulated world that takes a person's acts, and not each of them."""
+
+    def refuses(self, act: Message) -> str:
+        """Return why an act cannot be done now, "" if it can. Changes no state."""
 
 
 @runtime_checkable

@@ -21,12 +21,12 @@ class Progress:
     def __init__(self) -> None:
         self._next = time.monotonic() + PERIOD_S
 
-    def show(self, ticks: int, messages: int) -> None:
-        """Update the line, unless that was done a moment ago."""
+    def show(self, ticks: int, messages: int, before: str = "") -> None:
+        """Update the line, unless that was done a moment ago; ``before`` stands before it."""
         now = time.monotonic()
         if now >= self._next:
             self._next = now + PERIOD_S
-            show_progress(f"tick {ticks}, {messages} messages")
+            show_progress(f"{before}tick {ticks}, {messages} messages")
 
     def clear(self) -> None:
         """Erase the line."""

@@ -13,7 +13,7 @@ from dynpf_protocol.codec import encode
 from dynpf_protocol.control import TickDone
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry
 from dynpf_protocol.messages import Command, HostEvent
-from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE
+from dynpf_protocol.topics import EVENT_PREFIX
 
 from dynpf_runtime.faults import FaultyLink
 from dynpf_runtime.gaps import GapWatch
@@ -21,6 +21,7 @@ from dynpf_runtime.inbox import LockstepInbox
 from dynpf_runtime.node import Received
 from dynpf_runtime.plan import Plan
 from dynpf_runtime.replay import Mismatch
+from dynpf_runtime.source import is_fed
 
 __all__ = ["replay_hosts"]
 
@@ -81,7 +82,7 @@ class _Host:
 
     def compare(self, entry: JournalEntry, stamp_ns: int) -> Iterator[Mismatch]:
         """Yield where an entry is not what follows from the inputs."""
-        records = [record for record in self._hosted(entry) if record.node == LOG_NODE] if entry.hosted else []
+        records = [record for record in self._hosted(entry) if is_fed(record)] if entry.hosted else []
         inputs = [*(_received(record) for record in records if record.topic in self._spec.reads), *self._inputs]
         reports = self._reports(inputs)
         event = EVENT_PREFIX + self._name

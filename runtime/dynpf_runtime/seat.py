@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from dynpf_protocol.codec import decode
 from dynpf_protocol.control import Outcome, TickDone
 from dynpf_protocol.journal import JournalEntry, genesis
 from dynpf_protocol.messages import Snapshot
@@ -13,9 +14,10 @@ from dynpf_runtime.faults import FaultyLink
 from dynpf_runtime.gaps import GapWatch, notice_gaps
 from dynpf_runtime.graph import NodeSpec
 from dynpf_runtime.inbox import LockstepInbox, Ready
-from dynpf_runtime.node import Takeover
+from dynpf_runtime.node import Received, Takeover
 from dynpf_runtime.plan import Plan
 from dynpf_runtime.snapshot import Snapshots, freeze_host, thaw_host
+from dynpf_runtime.source import LogRecord
 
 __all__ = ["Made", "Seat"]
 
@@ -47,6 +49,19 @@ class Seat:
         ready = self.inbox.take(stamp_ns)
         assert ready is not None, f"{self.name} lacks an input of tick {self.inbox.tick}"
         return ready
+
+    def let_in(
+        self, acts: Sequence[LogRecord], tick: int, stamp_ns: int
+    ) -> tuple[tuple[Sent, ...], tuple[Received, ...]]:
+        """Return what a person does in a tick as messages of the source, and those that its node reads."""
+        found = [(act.topic, decode(act.topic, act.payload, self.topics)) for act in acts]
+        sent = [self._executor.stamp(topic, message, tick, stamp_ns, 0) for topic, message in found]
+        read = [
+            Received(one.topic, self.name, self.boot, one.envelope.sequence, stamp_ns, message)
+            for one, (topic, message) in zip(sent, found, strict=True)
+            if topic in self.reads
+        ]
+        return tuple(sent), tuple(read)
 
     def step(self, ready: Ready, stamp_ns: int, fed: Sequence[Sent], *, last: bool) -> Made:
         """Run a step; ``fed`` are the records of a log that the source publishes in it."""

@@ -7,13 +7,13 @@ from typing import NamedTuple, Protocol
 from dynpf_protocol.codec import decode
 from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.messages import HostEvent
-from dynpf_protocol.topics import LOG_NODE
+from dynpf_protocol.topics import LOG_NODE, is_act
 
 from dynpf_runtime.executor import Sent
 from dynpf_runtime.graph import Graph
 from dynpf_runtime.node import Received
 
-__all__ = ["Feed", "LiveBatch", "LiveFeeds", "LiveSource", "LogRecord", "feed_log", "feed_ticks"]
+__all__ = ["Feed", "LiveBatch", "LiveFeeds", "LiveSource", "LogRecord", "feed_log", "feed_ticks", "is_fed"]
 
 
 class Feed(NamedTuple):
@@ -32,6 +32,19 @@ class LogRecord(NamedTuple):
     topic: str
     stamp_ns: int
     payload: bytes
+
+
+class _Named(Protocol):
+    @property
+    def node(self) -> str: ...
+
+    @property
+    def topic(self) -> str: ...
+
+
+def is_fed(message: _Named) -> bool:
+    """Return whether a message that a host has published was given to its node: a log's record, or a person's act."""
+    return message.node == LOG_NODE or is_act(message.topic)
 
 
 def feed_ticks(tick_ns: int, max_ticks: int) -> Iterator[Feed]:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from dynpf_protocol.messages import RobotState
 from dynpf_protocol.printable import printable
+from dynpf_protocol.topics import is_act
 
 from dynpf_experiments.pictures.event import Event
 from dynpf_experiments.pictures.source import RunSource
@@ -27,7 +28,7 @@ _HEARD_BY_FEW = ("truth/", "snapshot/", "log", "diagnostics", "recorder/")
 def silences(source: RunSource) -> Iterator[Event]:
     """Yield when topics that come at a steady rate did not come, each at its last message before."""
     for topic in sorted(source.recording.schemas):
-        if topic.startswith(_HEARD_BY_FEW):
+        if topic.startswith(_HEARD_BY_FEW) or is_act(topic):
             continue
         seconds = source.seconds(source.records(topic))
         periods = np.diff(seconds)

@@ -3,9 +3,10 @@
 from dynpf_formats.recording.info import ended
 from dynpf_protocol.messages import Gap, HostEvent, Log, LogLevel
 from dynpf_protocol.printable import printable
+from dynpf_protocol.topics import TOPICS, is_act
 
 from dynpf_experiments.pictures.disturbances import leaps, silences
-from dynpf_experiments.pictures.event import Event
+from dynpf_experiments.pictures.event import Event, act_in_words
 from dynpf_experiments.pictures.source import RunSource
 
 __all__ = ["events_of", "faults_of"]
@@ -14,10 +15,13 @@ MOST_EVENTS = 200
 MOST_TOLD = 2000
 """Messages of a topic that are looked through."""
 
+ACTS_S = 1.0
+_ACT_TYPES = tuple(row.type for name, row in TOPICS.items() if is_act(name))
+
 
 def events_of(source: RunSource) -> tuple[list[Event], int]:
     """Return the events of a run in order of time, at most MOST_EVENTS, and how many there are in all."""
-    found = [*_gaps(source), *_logs(source), *_restarts(source), *silences(source), *leaps(source)]
+    found = [*_gaps(source), *_logs(source), *_restarts(source), *_acts(source), *silences(source), *leaps(source)]
     found.sort(key=lambda event: event.seconds)
     return [*found[: MOST_EVENTS - 1], _end(source)], len(found) + 1
 
@@ -61,6 +65,18 @@ def _logs(source: RunSource) -> list[Event]:
         for at, message in source.messages(topic, MOST_TOLD)
         if isinstance(message, Log) and message.level in levels
     ]
+
+
+def _acts(source: RunSource) -> list[Event]:
+    """Return what a person did to the world; of acts that follow each other closely, as in driving, the first."""
+    found = []
+    for topic in source.carrying(*_ACT_TYPES):
+        before = -ACTS_S
+        for at, message in source.messages(topic, MOST_TOLD) if is_act(topic) else ():
+            if at - before >= ACTS_S:
+                found.append(Event(at, "act", "info", "operator", act_in_words(topic, message)))
+            before = at
+    return found
 
 
 def _restarts(source: RunSource) -> list[Event]:

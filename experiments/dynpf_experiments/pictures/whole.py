@@ -19,7 +19,7 @@ from dynpf_experiments.pictures.scenes import scenes_of
 from dynpf_experiments.pictures.source import Budget, RunSource
 from dynpf_experiments.pictures.tracks import Clouds, clouds_of, tracks_of
 
-__all__ = ["Whole", "whole"]
+__all__ = ["Whole", "whole", "whole_of"]
 
 
 class Whole(NamedTuple):
@@ -42,11 +42,15 @@ class Whole(NamedTuple):
 
 def whole(recording: Recording, budget: Budget | None = None) -> Whole:
     """Return what can be drawn of a recording, within a budget."""
-    source = RunSource(recording, budget or Budget())
+    return whole_of(RunSource(recording, budget or Budget()))
+
+
+def whole_of(source: RunSource) -> Whole:
+    """Return what can be drawn of the messages of a source."""
     estimates = estimates_of(source)
     drawing = _drawing(source)
     tracks = [*tracks_of(source), *(estimated.track for estimated in estimates), *drawing.tracks]
-    tracks = [each._replace(radius=each.radius or drawing.radii.get(each.robot, 0.0)) for each in tracks]
+    tracks = [each if each.role == "body" else _sized(each, drawing) for each in tracks]
     shapes, layers = scenes_of(source, drawing.replaced, drawing.unit.per_metre)
     drawing = drawing._replace(shapes=[*drawing.shapes, *shapes], layers=[*drawing.layers, *layers])
     clouds = clouds_of(source, drawing.unit.per_metre)
@@ -54,6 +58,11 @@ def whole(recording: Recording, budget: Budget | None = None) -> Whole:
     begin, end = source.span_ns
     health = {each.track.name: verdicts(each, (end - begin) * 1e-9) for each in estimates}
     return Whole(source, drawing, tracks, estimates, clouds, plots, health)
+
+
+def _sized(track: Track, drawing: Drawing) -> Track:
+    """Return a robot's track with the robot's size."""
+    return track._replace(radius=track.radius or drawing.radii.get(track.robot, 0.0))
 
 
 def _drawing(source: RunSource) -> Drawing:

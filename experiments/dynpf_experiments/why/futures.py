@@ -20,7 +20,7 @@ from dynpf_runtime.node import Received
 from dynpf_runtime.plan import Plan
 from dynpf_runtime.source import LogRecord
 from dynpf_services.scenario.build import plan_of
-from dynpf_services.scenario.played_log import log_records
+from dynpf_services.scenario.played_log import acts_of, log_records
 from dynpf_services.scenario.schema import Scenario
 
 from dynpf_experiments.why.causes import Cause, Event, Stretch, without
@@ -81,6 +81,10 @@ class Trunk:
         return log_records(self._recording)
 
     @cached_property
+    def _acts(self) -> dict[int, list[LogRecord]]:
+        return acts_of(self._recording)
+
+    @cached_property
     def _records(self) -> list[list[int]]:
         """The indices of the log's records that each tick plays."""
         numbers: dict[tuple[str, int], int] = {}
@@ -125,7 +129,8 @@ class Trunk:
             ticks += 1
             return failed
 
-        run_inline(self.plan._replace(max_ticks=len(self._stamps_ns)), self._log, observe=watch, stopped=looked)
+        plan = self.plan._replace(max_ticks=len(self._stamps_ns))
+        run_inline(plan, self._log, observe=watch, stopped=looked, acts=self._acts)
         watch.look(ticks - 1)
         if watch.failed is None:
             seen = ", ".join(f"{name} was {low:.4g} to {high:.4g}" for name, (low, high) in watch.extremes.items())
@@ -159,7 +164,8 @@ class Trunk:
 
         log = self._log if self.plan.plays_log else ()
         try:
-            run_inline(plan, self._left(future, log), observe=watch, stopped=looked, begun=Begun(future.tick, seats))
+            left, begun = self._left(future, log), Begun(future.tick, seats)
+            run_inline(plan, left, observe=watch, stopped=looked, begun=begun, acts=self._acts)
         except StepError:
             return True
         watch.look(ticks - 1)

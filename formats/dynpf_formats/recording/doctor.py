@@ -11,7 +11,7 @@ from dynpf_protocol.errors import BadMessageError
 from dynpf_protocol.journal import JOURNAL_PREFIX
 from dynpf_protocol.messages import Restart
 from dynpf_protocol.snapshots import SNAPSHOT_PREFIX
-from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, is_record
+from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, is_act, is_record
 
 from dynpf_formats.recording.attachments import changed_files, foreign_attachments
 from dynpf_formats.recording.code import recorded_code
@@ -115,10 +115,15 @@ def _senders(recording: Recording) -> Iterator[Finding]:
         if source.topic.startswith(JOURNAL_PREFIX):
             if source.node not in nodes or source.topic != JOURNAL_PREFIX + source.node:
                 yield error(f"a journal of unknown node {source.node!r}", source.topic)
-        elif not (expected := publishers.get(source.topic) or ((LOG_NODE,) if is_record(source.topic) else ())):
+        elif not (expected := publishers.get(source.topic) or _fed(source.topic, tuple(nodes))):
             yield error(f"this run has no topic {source.topic!r}", source.topic)
         elif source.node not in expected:
             yield error(f"sent by {source.node!r}; expected {', '.join(expected)}", source.topic)
+
+
+def _fed(topic: str, nodes: tuple[str, ...]) -> tuple[str, ...]:
+    """Return who publishes what comes from outside: the log its records, the run's source a person's acts."""
+    return (LOG_NODE,) if is_record(topic) else nodes[:1] if is_act(topic) else ()
 
 
 def _publishers(recording: Recording) -> dict[str, tuple[str, ...]]:

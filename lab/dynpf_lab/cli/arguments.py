@@ -7,6 +7,7 @@ from pathlib import Path
 
 __all__ = [
     "DEFAULT_PORT",
+    "SPEED",
     "add_clock",
     "add_connect",
     "add_durable",
@@ -18,9 +19,13 @@ __all__ = [
     "endpoint",
     "finite_number",
     "positive_count",
+    "speed",
 ]
 
 DEFAULT_PORT = 7447
+
+
+SPEED = "seconds of the run in a second, 0: as fast as it goes"
 
 
 def add_recording(parser: argparse.ArgumentParser, *, optional: bool = False, text: str | None = None) -> None:
@@ -98,3 +103,11 @@ def positive_count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r}: expected a number of at least 1")
     return int(text)
+
+
+def speed(text: str) -> float:
+    """Read a speed of at least 0; for argparse."""
+    value = finite_number(text)
+    if not 0.0 <= value <= 1000.0:
+        raise argparse.ArgumentTypeError(f"{text}: expected 0 to 1000")
+    return value

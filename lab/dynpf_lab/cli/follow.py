@@ -7,19 +7,18 @@ import os
 import time
 from collections.abc import Container, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-from dynpf_protocol.errors import DynpfError, RunError, UsageError
+from dynpf_protocol.errors import RunError, UsageError
 
 from dynpf_lab.cli.access import credentials_of, endpoint_of
-from dynpf_lab.cli.arguments import endpoint as checked_endpoint
+from dynpf_lab.cli.going import Target, scenario_of, target_of
 
 if TYPE_CHECKING:
     from dynpf_formats.recording.reader import Recording
     from dynpf_runtime.bus.listener import Frame, Listener
     from dynpf_runtime.bus.terminal import StopSignal
     from dynpf_runtime.follow import Divergence, Follower
-    from dynpf_services.scenario.schema import Scenario
 
 __all__ = ["follow"]
 
@@ -37,13 +36,6 @@ _FILE_S = 30.0
 
 _NICE = 10
 """What a run's own processes have to do comes first."""
-
-
-class _Target(NamedTuple):
-    """The run: its folder or its recording, which need not be there yet; either may be None."""
-
-    folder: Path | None
-    recording: Path | None
 
 
 def follow(options: argparse.Namespace) -> int:
@@ -65,33 +57,20 @@ def follow(options: argparse.Namespace) -> int:
     return _report(following.follower, ended, complete=following.complete, as_json=options.json)
 
 
-def _target(options: argparse.Namespace) -> _Target:
-    """Return what the command line names, and take address and keys from a run's folder."""
-    from dynpf_formats.regular_files import exists
-    from dynpf_runtime.bus.run_folder import GUEST_KEYS, read_place
-
-    path: Path | None = options.recording
+def _target(options: argparse.Namespace) -> Target:
+    """Return what the command line names; raises UsageError for an option that a run that goes on has no use for."""
     for option, given in (("--set", options.overrides), ("-o", options.output), ("--node", options.node)):
         if given:
             raise UsageError(f"{option}: a run that goes on is followed as it is, all of it; --follow goes without it")
     if options.at is not None or options.first is not None or options.last is not None:
         raise UsageError("--follow goes on to the end of the run: it goes without --from, --until and --at")
-    if path is None or not path.is_dir():
-        if path is not None and not exists(path):
-            raise UsageError(f"{path}: no such file; name the recording that is being written, or the run's folder")
-        return _Target(None, path)
-    place = read_place(path)
-    if options.connect is None:
-        options.connect = checked_endpoint(place.endpoint)
-    if options.keys is None and options.connect.startswith("tls/"):
-        options.keys = path / GUEST_KEYS
-    return _Target(path, Path(place.recording))
+    return target_of(options)
 
 
 class _Following:
     """A follower that is fed with what a listener hears, and with what a recording has of the time before."""
 
-    def __init__(self, listener: "Listener", stop: "StopSignal", target: _Target) -> None:
+    def __init__(self, listener: "Listener", stop: "StopSignal", target: Target) -> None:
         self.follower: Follower
         self.complete: str | None = None  # what the recorder says of the run, once it is over
         self._listener, self._stop, self._target = listener, stop, target
@@ -108,7 +87,7 @@ class _Following:
             if self._stop.requested:
                 return False
         text = self._content(frame, "scenario").payload.decode(errors="replace")
-        plan = plan_of(_scenario(self._target, text, endpoint, allow_code))
+        plan = plan_of(scenario_of(self._target, text, endpoint, allow_code, "a twin"))
         if plan.text != text:
             named = self._target.folder or self._target.recording
             raise UsageError(
@@ -250,29 +229,6 @@ def _steps(recording: "Recording", node: str) -> int:
     """Return how many steps of a node a recording has."""
     boots = [boot for name, boot in recording.journals() if name == node]
     return sum(1 for boot in boots for _ in recording.journal(node, boot))
-
-
-def _scenario(target: _Target, text: str, endpoint: str, allow_code: Container[str]) -> "Scenario":
-    """Return the scenario of the run, with the files that it names."""
-    from dynpf_formats.recording.reader import read_recording
-    from dynpf_runtime.bus.run_folder import SCENARIO_FILE
-    from dynpf_services.scenario.load import load_scenario
-    from dynpf_services.scenario.recorded import described_scenario
-    from dynpf_services.scenario.replay import scenario_of_replay
-    from dynpf_services.scenario.user_code import check_allowed
-
-    where = f"the run at {endpoint}"
-    if target.folder is not None:
-        scenario = load_scenario(str(target.folder / SCENARIO_FILE), allow_code=allow_code)
-    elif target.recording is not None:
-        return scenario_of_replay(read_recording(target.recording, allow_truncated=True), allow_code=allow_code)
-    else:
-        try:
-            scenario = described_scenario(text, (), where, allow_code=allow_code)
-        except DynpfError as error:
-            raise UsageError(f"{error}; name the recording that is being written, which has it: RUN.mcap") from error
-    check_allowed(scenario.user_classes, scenario.user_code, where, "a twin")
-    return scenario
 
 
 def _report(follower: "Follower", ended: str, *, complete: str | None, as_json: bool) -> int:

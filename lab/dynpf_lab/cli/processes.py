@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from dynpf_lab.cli.arguments import add_durable
 
 if TYPE_CHECKING:
+    from dynpf_runtime.bus.processes import Companion
     from dynpf_runtime.plan import Plan
     from dynpf_services.scenario.played_log import PlayedLog
     from dynpf_services.scenario.schema import Scenario
@@ -51,7 +52,14 @@ def _number(text: str) -> int:
 
 
 def run_processes(
-    scenario: "Scenario", plan: "Plan", path: Path, log: "PlayedLog | None", code: Sequence[Path], **how: Any
+    scenario: "Scenario",
+    plan: "Plan",
+    path: Path,
+    log: "PlayedLog | None",
+    code: Sequence[Path],
+    *,
+    companion: "Companion | None" = None,
+    **how: Any,
 ) -> None:
     """Run a scenario as processes into a recording; a signal ends it as a whole one. ``how`` is for ``run_on_bus``."""
     from dynpf_runtime.bus.processes import run_on_bus
@@ -72,5 +80,8 @@ def run_processes(
             stop=stop,
             log=log.path if log else None,
             code=code,
+            companion=companion,
             **how,
         )
+        if companion is not None:
+            companion.hurries = stop.requested

@@ -16,10 +16,12 @@ from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
 from dynpf_lab.cli.page import add_no_page, leave_page
 from dynpf_lab.cli.processes import add_runner, run_processes
 from dynpf_lab.cli.sign import add_sign, check_key, sign_recording
+from dynpf_lab.cli.watch import add_watch, begins_at, check_watch, seen_off, watcher
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from dynpf_runtime.bus.processes import Companion
     from dynpf_runtime.node import Node
     from dynpf_runtime.plan import Plan
     from dynpf_services.scenario.played_log import PlayedLog
@@ -41,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, metavar="RUN.mcap", help="the recording to write (default: runs/)")
     add_clock(parser)
     add_runner(parser)
+    add_watch(parser)
     add_sign(parser)
     add_no_page(parser)
     add_json(parser, "print the metrics of the run as JSON")
@@ -69,6 +72,7 @@ def run(options: argparse.Namespace) -> int:
     check_log(scenario, options.log)
     if options.runner == "inline" and scenario.clock == "realtime":
         raise UsageError("--runner inline goes in lockstep only; a realtime run needs --runner bus")
+    check_watch(options)
     path = options.output or default_output(Path(options.scenario).stem, scenario.seed)
     check_output(path)
     if options.sign is not None:
@@ -77,11 +81,23 @@ def run(options: argparse.Namespace) -> int:
         plan = plan_of(scenario)
         nodes = [spec.build() for spec in plan.graph.specs.values()]  # errors are reported here, before any process
     tell_doubts("run", nodes)
+    with seen_off(watcher(options)) as companion:
+        return _run(scenario, plan, (path, log), options, companion)
+
+
+def _run(
+    scenario: Scenario,
+    plan: "Plan",
+    files: "tuple[Path, PlayedLog | None]",
+    options: argparse.Namespace,
+    companion: "Companion | None",
+) -> int:
+    path, log = files
     try:
         if options.runner == "inline":
             run_in_process(scenario, path, log, durable=options.durable)
         else:
-            _run_on_bus(scenario, plan, path, log, options)
+            _run_on_bus(scenario, plan, files, options, companion)
     except DynpfError as error:
         if path.is_file():
             if isinstance(error, DiedAgainError):
@@ -151,20 +167,26 @@ def run_in_process(scenario: Scenario, path: Path, log: "PlayedLog | None", *, d
 
 
 def _run_on_bus(
-    scenario: Scenario, plan: "Plan", path: Path, log: "PlayedLog | None", options: argparse.Namespace
+    scenario: Scenario,
+    plan: "Plan",
+    files: "tuple[Path, PlayedLog | None]",
+    options: argparse.Namespace,
+    companion: "Companion | None",
 ) -> None:
     from dynpf_services.scenario.user_code import code_folders
 
+    speed = begins_at(options, plan.rate)
     run_processes(
         scenario,
         plan,
-        path,
-        log,
+        *files,
         code_folders(options.code, options.scenario),
         secure=not options.insecure,
         guests=options.keys,
         restarts=options.restarts,
         durable=options.durable,
+        further={} if speed is None else {plan.graph.source: ["--speed", f"{speed:g}"]},
+        companion=companion,
     )
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from dynpf_protocol.errors import BrokenOffError, RunError, UsageError
 
 from dynpf_lab.cli.access import credentials_of, endpoint_of
-from dynpf_lab.cli.arguments import add_clock, add_connect, add_durable, add_keys
+from dynpf_lab.cli.arguments import SPEED, add_clock, add_connect, add_durable, add_keys, speed
 from dynpf_lab.cli.options import add_scenario_options, load_log, scenario_from
 from dynpf_lab.cli.sign import add_sign, check_key, sign_recording
 
@@ -60,6 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="how long to wait for a process that is gone to be started again (default: %(default)g)",
     )
+    parser.add_argument("--speed", type=speed, metavar="X", help=f"source: {SPEED}")
     parser.add_argument("--quiet", action="store_true", help="print only errors of this process itself")
     parser.add_argument("--parent", type=int, help=argparse.SUPPRESS)  # end when this process is gone
     parser.add_argument("--pulse", type=Path, help=argparse.SUPPRESS)  # the file by which it watches this one
@@ -198,6 +199,9 @@ def _run(options: argparse.Namespace) -> int:
             from dynpf_runtime.bus.host import run_node
 
             plan, records = plan_of(scenario), log.records if log else []
+            if options.speed is not None and options.name != plan.graph.source:
+                raise UsageError(f"--speed: {options.name} follows; it is for the source, {plan.graph.source}, alone")
+            plan = plan if options.speed is None else plan._replace(rate=options.speed or None)
             live = None if options.robot is None else _robot(options.robot, plan, endpoint)
             run_node(options.name, plan, endpoint, records, stop, **shared, live=live)
     return 0

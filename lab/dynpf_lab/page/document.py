@@ -15,21 +15,22 @@ from dynpf_formats.shipped import systems
 from dynpf_lab.page import parts
 from dynpf_lab.page.bundle import bundled
 
-__all__ = ["document", "made_by"]
+__all__ = ["FOLDER", "document", "hash_of", "made_by", "modules", "plotting", "style_of"]
 
 FOLDER = Path(__file__).parent
+"""Where style sheets, modules and what comes along lie."""
 
 
 def document(runs: Sequence[RunPicture], apart: Apart | None, mark: str) -> str:
     """Return the page of one run, or of two and what sets them ``apart``; ``mark`` is a comment in its first lines."""
-    style, scripts = _style(), _scripts()
+    style, scripts = style_of(), _scripts()
     title = " against ".join(run.head.file for run in runs)
     policy = "; ".join(
         (
             "default-src 'none'",
             "img-src data:",
-            f"style-src {_hash(style)}",
-            f"script-src {' '.join(map(_hash, scripts))}",
+            f"style-src {hash_of(style)}",
+            f"script-src {' '.join(map(hash_of, scripts))}",
             "base-uri 'none'",
             "form-action 'none'",
         )
@@ -63,7 +64,7 @@ def document(runs: Sequence[RunPicture], apart: Apart | None, mark: str) -> str:
 def made_by() -> str:
     """Return a digest of all that makes pages besides the recording, so that an old page is made anew."""
     digest = hashlib.sha256()
-    for text in (_style(), *_scripts(), *(file.read_text("utf-8") for file in _sources())):
+    for text in (style_of(), *_scripts(), *(file.read_text("utf-8") for file in _sources())):
         digest.update(hashlib.sha256(text.encode()).digest())
     return digest.hexdigest()[:16]
 
@@ -83,16 +84,29 @@ def _data(runs: Sequence[RunPicture]) -> str:
 
 
 @cache
-def _style() -> str:
-    return "\n".join((FOLDER / name).read_text("utf-8") for name in ("vendor/uPlot.min.css", "page.css"))
+def style_of(*others: str) -> str:
+    """Return the style of pages, and ``others`` beside it."""
+    return "\n".join((FOLDER / name).read_text("utf-8") for name in ("vendor/uPlot.min.css", "page.css", *others))
+
+
+@cache
+def plotting() -> str:
+    """Return the script that draws plots."""
+    return (FOLDER / "vendor/uPlot.iife.min.js").read_text("utf-8").strip()
+
+
+@cache
+def modules() -> dict[str, str]:
+    """Return the modules of the pages' scripts by their names."""
+    return {file.stem: file.read_text("utf-8") for file in sorted((FOLDER / "js").glob("*.mjs"))}
 
 
 @cache
 def _scripts() -> tuple[str, str]:
-    modules = {file.stem: file.read_text("utf-8") for file in sorted((FOLDER / "js").glob("*.mjs"))}
-    return (FOLDER / "vendor/uPlot.iife.min.js").read_text("utf-8").strip(), bundled(modules, "main")
+    return plotting(), bundled(modules(), "main")
 
 
-def _hash(text: str) -> str:
+def hash_of(text: str) -> str:
+    """Return a text's digest as a policy names it."""
     digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
     return f"'sha256-{digest}'"

@@ -5,6 +5,7 @@ them; types named ``dynpf.*`` are dynpf's own. Lengths, ranges and signs are par
 These are the messages that any robot may have; each system has its own.
 """
 
+from dynpf_protocol.messages.acts import Drive, HoldMap, Move, Place, PlaceBody, SetDoor
 from dynpf_protocol.messages.base import Message, Piece
 from dynpf_protocol.messages.estimates import (
     Estimate,
@@ -75,6 +76,7 @@ __all__ = [
     "CubePrimitive",
     "CylinderPrimitive",
     "Diagnostics",
+    "Drive",
     "Duration",
     "Estimate",
     "FilterHealth",
@@ -82,6 +84,7 @@ __all__ = [
     "FrameTransforms",
     "Gap",
     "HealthFigures",
+    "HoldMap",
     "HostEvent",
     "KeyValuePair",
     "LandmarkReading",
@@ -94,9 +97,12 @@ __all__ = [
     "LogLevel",
     "Message",
     "ModelPrimitive",
+    "Move",
     "Odometry",
     "OdometryPose",
     "Piece",
+    "Place",
+    "PlaceBody",
     "Point3",
     "Pose",
     "PoseInFrame",
@@ -109,6 +115,7 @@ __all__ = [
     "SceneEntity",
     "SceneEntityDeletion",
     "SceneUpdate",
+    "SetDoor",
     "Snapshot",
     "SpherePrimitive",
     "TextPrimitive",

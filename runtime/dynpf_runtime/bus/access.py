@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 from dynpf_protocol.keys import (
+    ACT,
     AGAIN,
     ALIVE,
     BEAT,
@@ -50,7 +51,7 @@ class Grant(NamedTuple):
 
 _PRESENCE = (f"{ALIVE}**", f"{READY}**")
 _ALL = (f"{RUN}**", f"{BEAT}**", f"{CONTROL}**")
-_HEARD = (*_ALL, f"{RECALLED}**")
+_HEARD = (*_ALL, f"{RECALLED}**", f"{ACT}**")
 
 
 _RECORDS = [f"{DATA}**/{name}" for name, row in TOPICS.items() if row.publishers == (LOG_NODE,)]
@@ -73,7 +74,7 @@ def grants(graph: Graph) -> dict[str, Grant]:
     found[ROUTER] = Grant(subscribes=(f"{BEAT}**",), watches=_PRESENCE)
     found[OBSERVER] = Grant(subscribes=_ALL, watches=_PRESENCE, asks=(SCENARIO,))
     found[PLAYER] = Grant(puts=(f"{DATA}**",))
-    found[OPERATOR] = Grant((STOP + OPERATOR,), _ALL, (f"{ALIVE}{OPERATOR}/*",), _PRESENCE, (SCENARIO,))
+    found[OPERATOR] = Grant((STOP + OPERATOR, ACT + OPERATOR), _ALL, (f"{ALIVE}{OPERATOR}/*",), _PRESENCE, (SCENARIO,))
     return found
 
 
@@ -87,6 +88,7 @@ def _node(name: str, graph: Graph) -> Grant:
             *map(data_keys, graph.subscribed(name)),
             *(TICK + other for other in graph.lags[name]),
             RECALLED + name,
+            *((f"{ACT}**",) if name == graph.source else ()),
             f"{BEAT}**",
             f"{CONTROL}**",
         ),

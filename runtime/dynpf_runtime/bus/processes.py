@@ -27,7 +27,7 @@ from dynpf_runtime.bus.run_folder import GUEST_KEYS, SCENARIO_FILE, run_folder, 
 from dynpf_runtime.bus.supervision import Asked, Finish, Kill, Restart, Say, Seen, Supervision, Terminate
 from dynpf_runtime.bus.terminal import StopSignal, say
 
-__all__ = ["Command", "free_port", "may_fork", "reserved_port", "run_on_bus"]
+__all__ = ["Command", "Companion", "free_port", "may_fork", "reserved_port", "run_on_bus"]
 
 Command = Callable[[Sequence[str]], int]
 """The command line: called with the arguments after ``dynpf``, returns the exit code."""
@@ -52,6 +52,36 @@ class _Child(NamedTuple):
         return Seen(self.process.exitcode, _is_stopped(self.process), pulse)
 
 
+class Companion:
+    """A process beside those of a run, which is none of them, and outlives them; it may fail.
+
+    It calls ``command`` with the words of the command line that ``words`` makes of the run's folder, its endpoint, and
+    the folder of its guests' keys.
+    """
+
+    def __init__(self, command: Command, words: Callable[[Path, str, Path | None], Sequence[str]]) -> None:
+        self._command, self._words = command, words
+        self._process: BaseProcess | None = None
+        self.hurries = False  # a person has ended the run: nobody waits for long
+
+    def start(self, context: BaseContext, folder: Path, endpoint: str, guests: Path | None) -> None:
+        """Start it."""
+        arguments = self._command, self._words(folder, endpoint, guests)
+        with _signals_held(), _no_main():
+            process = context.Process(target=_serve, args=arguments, name="companion")  # type: ignore[attr-defined]
+            process.start()
+        self._process = process
+
+    def see_off(self, patience_s: float | None) -> None:
+        """Wait until it ends by itself, or end it after a time; at once if a person interrupts that."""
+        if self._process is None:
+            return
+        with contextlib.suppress(KeyboardInterrupt):
+            self._process.join(patience_s)
+        self._process.terminate()
+        self._process.join()
+
+
 def run_on_bus(
     command: Command,
     names: Sequence[str],
@@ -67,6 +97,7 @@ def run_on_bus(
     durable: bool = False,
     resume: bool = False,
     further: Mapping[str, Sequence[str]] | None = None,
+    companion: Companion | None = None,
 ) -> None:
     """Run the nodes ``names`` of a scenario, given as the text that its processes read, and record it into ``path``.
 
@@ -77,7 +108,8 @@ def run_on_bus(
     synced to disk before it is confirmed; with ``resume`` the run goes on that ``path`` is the recording of.
 
     A ``secure`` run has keys that live as long as it does: one for each process, and those of an observer and an
-    operator in the folder ``guests``, by default one of its own. ``further`` has words for single processes by name.
+    operator in the folder ``guests``, by default one of its own. ``further`` has words for single
+    processes by name; a ``companion`` is started beside them.
     """
     with run_folder() as folder, reserved_port() as port:
         resolved = folder / SCENARIO_FILE
@@ -95,9 +127,7 @@ def run_on_bus(
         services = {}
         for name in (ROUTER, RECORDER, *names):
             words = ["service", name, str(resolved), "--listen" if name == ROUTER else "--connect", endpoint, *shared]
-            words += ["--pulse", str(_pulse_path(folder, name))]
-            if not restarts:
-                words += ["--patience", "0"]
+            words += ["--pulse", str(_pulse_path(folder, name)), *([] if restarts else ["--patience", "0"])]
             if log is not None and name != ROUTER:
                 words += ["--log", str(log)]
             if name == RECORDER:
@@ -109,6 +139,8 @@ def run_on_bus(
         with keys, _guarded(context, folder, guests if secure else None), children.ended(stop):
             if secure:
                 say("run", f"observer and operator: --connect {endpoint} --keys {guests}")
+            if companion is not None:
+                companion.start(context, folder, endpoint, guests if secure else None)
             _supervise(children, stop, restarts)
 
 

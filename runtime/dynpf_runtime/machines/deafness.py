@@ -24,13 +24,14 @@ class Deafness:
         self._name, self._plan, self._member = name, plan, member
         self._noticed = -1  # the tick of which the notice was given
 
-    def notice(self, leads: bool, stepped_ns: int, now_ns: int) -> Iterator[Tell]:
+    def notice(self, leads: bool, paced: bool, stepped_ns: int, now_ns: int) -> Iterator[Tell]:
         """Tell if a tick does not begin though, by their heartbeats, all nodes that it waits for have ended theirs.
 
-        The node has made its last step at ``stepped_ns``; it ``leads`` if it is the run's source.
+        The node has made its last step at ``stepped_ns``; it ``leads`` if it is the run's source, which is ``paced`` if
+        its ticks have times.
         """
         tick, plan = self._member.ticks, self._plan
-        paced = leads and (plan.rate is not None or tick - self._member.behind(RECORDER) > AHEAD)
+        paced = leads and (paced or tick - self._member.behind(RECORDER) > AHEAD)
         if plan.clock != "lockstep" or paced or now_ns < stepped_ns + DEAF_NS:
             return
         awaited = {node: tick - lag for node, lag in plan.graph.lags[self._name].items() if tick >= lag}

@@ -127,6 +127,7 @@ class Show(NamedTuple):
 
     ticks: int
     messages: int
+    paused: bool
 
 
 class Ended(NamedTuple):

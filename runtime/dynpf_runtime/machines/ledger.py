@@ -15,6 +15,7 @@ from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import OrderError, ProtocolError, RepeatError, TooLargeError
 from dynpf_protocol.journal import JOURNAL_PREFIX, JournalEntry
 from dynpf_protocol.snapshots import SNAPSHOT_PREFIX
+from dynpf_protocol.topics import is_act
 from msgspec.structs import replace
 
 from dynpf_runtime.machines.consumption import Consumption
@@ -139,13 +140,14 @@ class Ledger:
         if not 0 <= envelope.sequence - node.next[name] < 2 * MOST_OF_A_TICK:
             raise OrderError(f"sequence {envelope.sequence}; expected {node.next[name]} or the next")
         step = node.open[envelope.tick]
-        here = step.messages
-        if place in here:
-            self._check_claim(name, sender, here[place], record)
+        if place in step.messages:
+            self._check_claim(name, sender, step.messages[place], record)
         if step.bytes + len(payload) > MOST_BYTES_OF_A_TICK:
             raise TooLargeError(f"{step.bytes} bytes in one tick already; at most {MOST_BYTES_OF_A_TICK} are allowed")
         step.bytes += len(payload)
-        here[place] = record
+        step.messages[place] = record
+        if is_act(name):
+            self.window.let_in(record)
         return ()
 
     def end(self, done: TickDone) -> Iterator[Record]:
@@ -215,9 +217,8 @@ class Ledger:
             if step is None or not step.entries:
                 break
             following[number] = done = done_of(step.entries[0], step.messages.values())
-            made = [(one.topic, one.sequence) for one in done.journal.hosted]
-            made += [(one.topic, one.sequence) for one in done.journal.produced]
-            numbers |= {topic: sequence + 1 for topic, sequence in made}
+            numbers |= {one.topic: one.sequence + 1 for one in done.journal.hosted}
+            numbers |= {one.topic: one.sequence + 1 for one in done.journal.produced}
         return following, numbers
 
     def forget_lost(self, name: str) -> None:
@@ -235,9 +236,8 @@ class Ledger:
 
     def lacking(self) -> dict[str, int]:
         """Return the nodes of whose run something is missing, and their last ticks."""
-        return {
-            name: last for name, last in self.over.items() if self._nodes[name].missing or not self._nodes[name].ended
-        }
+        steps = self._nodes
+        return {name: last for name, last in self.over.items() if steps[name].missing or not steps[name].ended}
 
     def missing(self) -> dict[str, int]:
         """Return how many messages were promised and have not come, by topic."""

@@ -9,7 +9,7 @@ is alive when those are gone, and ready when it has caught up with them; the pee
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
-from dynpf_protocol.control import Beat, Recorded, Stop, decode_control, encode_control
+from dynpf_protocol.control import Beat, Pace, Recorded, Stop, decode_control, encode_control
 from dynpf_protocol.errors import BrokenOffError, OrderError, ProtocolError, UnknownSenderError, UsageError
 from dynpf_protocol.keys import ALIVE, BEAT, CONTROL, OPERATOR, READY, RECORDED, RECORDER, ROUTER, STOP
 from dynpf_protocol.printable import printable
@@ -24,7 +24,7 @@ from dynpf_runtime.machines.missing import MissingNotice
 from dynpf_runtime.machines.refusals import Refusals, known_names
 from dynpf_runtime.machines.rivals import Rivals
 from dynpf_runtime.machines.roles import check_boot, check_named
-from dynpf_runtime.machines.roster import Change, Roster, boot_of, follows, holder, next_start, was_before
+from dynpf_runtime.machines.roster import Change, Operators, Roster, boot_of, follows, holder, next_start, was_before
 from dynpf_runtime.plan import Plan
 
 __all__ = ["Membership"]
@@ -56,8 +56,7 @@ class Membership:
         patience_ns: int = 0,
         listens: bool = False,
     ) -> None:
-        self.name = name
-        self.start = start
+        self.name, self.start = name, start
         self.recovers = patience_ns > 0
         self.before = ""  # the start from which this one has taken over
         self.successor = False  # whether it takes over from another start
@@ -71,6 +70,8 @@ class Membership:
         self.over: Collection[str] = ()  # peers of whose last step this process knows: they may go
         self.stop_reason = ""
         self.leaving = False  # the run is over: peers may go
+        self.pace: Pace | None = None  # of the source
+        self.operators = Operators()
         self.wake_ns = NEVER_NS
         self.refusals = Refusals(known_names(plan))
         self.absence = Absence(patience_ns, self._tells)
@@ -78,15 +79,14 @@ class Membership:
         self._starts = {start}  # all by which it has been known
         self._named: dict[str, str] = {}  # a peer -> the start by which it knows this process
         self._admission = Admission(name, plan.text, endpoint)
-        self._endpoint = endpoint
-        self._prepare = prepare
+        self._endpoint, self._prepare = endpoint, prepare
         self._inherits = ""  # its last start
         self._leads, self._listens = leads, listens
         self._stage = Stage.ASKING
         self._stop_sent = False
         self._roster = Roster(self.peers)
         self.starts, self.boots = self._roster.starts, self._roster.boots  # of each peer; they change in place
-        self.others = Roster({ROUTER, OPERATOR})
+        self.others = Roster({ROUTER})
         self._rivals = Rivals()
         self.heartbeats = Heartbeats()
         self._next_beat_ns = 0
@@ -300,7 +300,8 @@ class Membership:
 
     def _beat(self, now_ns: int) -> Iterator[Effect]:
         self._next_beat_ns = now_ns + BEAT_NS
-        beat = Beat(self.name, self.start, self.ticks, kept=dict(self.kept), starts=self._known())
+        kept = dict(self.kept)
+        beat = Beat(self.name, self.start, self.ticks, kept=kept, starts=self._known(), pace=self.pace)
         yield Put(f"{BEAT}{self.name}", encode_control(beat))
         if not self.leaving:
             patience_ns = self.absence.patience_ns
@@ -320,6 +321,8 @@ class Membership:
             self.absence.find_router()
         if node == self.name and start not in self._starts:
             self._rival(start, ready=ready, present=token.present)
+        elif node == OPERATOR:
+            self.operators.take(token)
         elif node in self.others.names:
             self.others.take(token)
             if node == ROUTER and token.present:
@@ -391,7 +394,8 @@ class Membership:
             self.absence.closed_early = printable(recorded.reason) or "no reason was given"
 
     def _take_stop(self, stop: Stop) -> None:
-        check_boot(stop.node, stop.boot, {**self.starts, **self.others.starts, self.name: self.start})
+        if stop.node != OPERATOR or stop.boot not in self.operators:
+            check_boot(stop.node, stop.boot, {**self.starts, **self.others.starts, self.name: self.start})
         if stop.node == self.name and not self._stop_sent:
             raise UnknownSenderError("it comes in this process's own name, and this process has not sent it")
         self.stop_reason = printable(stop.reason, 200)

@@ -7,12 +7,13 @@ from dynpf_protocol.control import Outcome, TickDone, encode_control
 from dynpf_protocol.envelope import Envelope, encode_envelope
 from dynpf_protocol.errors import DynpfError, OrderError, ProtocolError, RepeatError, RunError
 from dynpf_protocol.journal import JournalEntry, encode_entry
-from dynpf_protocol.keys import JOURNAL, RECALLED, RECORDER, RUN, TICK, data_keys
-from dynpf_protocol.messages import Diagnostics, Log, LogLevel, timestamp
+from dynpf_protocol.keys import ACT, JOURNAL, RECALLED, RECORDER, RUN, TICK, data_keys
+from dynpf_protocol.messages import LogLevel
 from dynpf_protocol.recall import Piece
 from dynpf_protocol.topics import is_record
 
 from dynpf_runtime.inbox import RealtimeInbox
+from dynpf_runtime.machines.acting import Acting, told
 from dynpf_runtime.machines.deafness import AHEAD, Deafness
 from dynpf_runtime.machines.effects import NEVER_NS, Effect, Ended, Put, Subscribe, Tell
 from dynpf_runtime.machines.events import Arrived, Dropped, Event, Now, Woke
@@ -22,6 +23,7 @@ from dynpf_runtime.machines.intake import Refusal
 from dynpf_runtime.machines.membership import Membership
 from dynpf_runtime.machines.recollection import Recollection
 from dynpf_runtime.machines.repeating import Repeating
+from dynpf_runtime.machines.reporting import Reporting
 from dynpf_runtime.machines.roster import boot_of
 from dynpf_runtime.machines.saying import Saying, StepSaid, put_of
 from dynpf_runtime.machines.turns import Beginning, FollowLockstep, LeadLockstep, Turn, Turns, turns_of
@@ -31,7 +33,6 @@ from dynpf_runtime.source import LiveSource, LogRecord
 
 __all__ = ["NodeHost"]
 
-REPORT_NS = 1_000_000_000
 RECORDED_NS = 30_000_000_000
 """How long the recorder may take, after the last step, to confirm the run."""
 
@@ -59,14 +60,12 @@ class NodeHost:
     ) -> None:
         graph = plan.graph
         self._spec = graph.specs[name]
-        self._plan = plan
-        self._awaited = graph.awaited
-        self._log = log
-        self._live = live
+        self._plan, self._awaited = plan, graph.awaited
+        self._log, self._live = log, live
         self._gauges = gauges
         self._leads = name == graph.source
         keys = [*map(data_keys, graph.subscribed(name)), *(TICK + other for other in graph.lags[name])]
-        self._keys = [*keys, RECALLED + name]
+        self._keys = [*keys, RECALLED + name, *([f"{ACT}**"] if self._leads else [])]
         self._member = Membership(
             name, plan, start, endpoint, self._prepare, leads=self._leads, patience_ns=patience_ns
         )
@@ -77,12 +76,12 @@ class NodeHost:
         self._saying = Saying(self._member, realtime=self._realtime)
         self._recollection = Recollection(self._member)
         self._repeating = Repeating(name, graph.topics)
+        self._acting = Acting(graph, self._member.operators, plan.rate, paced=live is None)
+        self._member.pace = self._acting.pace if self._leads else None
+        self._reporting = Reporting(self._member, gauges)
         self._recorded_by_ns = NEVER_NS
-        self._step_time_s = 0.0
-        self._report_at_ns = 0
         self._stepped_ns = 0  # when the last step was, or the run began
         self._deafness = Deafness(name, plan, self._member)
-        self._stamp_ns = 0
 
     @property
     def wake_ns(self) -> int:
@@ -121,6 +120,8 @@ class NodeHost:
     def _handle(self, event: Event, now: Now) -> Iterator[Effect]:
         member = self._member
         yield from member.handle(event, now.monotonic_ns)
+        if type(event) is Arrived and event.key.startswith(ACT):
+            yield from self._asked(event, now)
         if member.successor and not member.caught_up:
             yield from self._catch_up(event, now)
             return
@@ -137,7 +138,8 @@ class NodeHost:
         if self._running and member.running:
             yield from self._advance(now, self._turn(now, idle=type(event) is Woke))
             if type(event) is Woke:
-                yield from self._deafness.notice(self._leads, self._stepped_ns, now.monotonic_ns)
+                paced = self._plan.rate is not None or self._acting.paused
+                yield from self._deafness.notice(self._leads, paced, self._stepped_ns, now.monotonic_ns)
         elif self._turns is not None and not self._running:
             yield from self._await_recorded(now)
 
@@ -216,6 +218,8 @@ class NodeHost:
 
     def _take_piece(self, piece: Piece, now: Now) -> Iterator[Effect]:
         """In lockstep, take what the predecessor has read, and make the steps again of which all is here."""
+        if self._leads and self._acting.recall(Arrived(piece.key, piece.payload, piece.attachment), self._spec.name):
+            return
         refusal = self._housed.intake.take(Arrived(piece.key, piece.payload, piece.attachment), now.monotonic_ns)
         if refusal is not None and not isinstance(refusal.error, RepeatError):
             yield from self._refuse(refusal, now)
@@ -270,7 +274,7 @@ class NodeHost:
     def _turns_of(self, now: Now, begun: int = 0, numbers: Mapping[str, int] = {}) -> Turns:
         """Return the turns after the first ``begun`` ticks; ``numbers`` are the next ones of a live robot's records."""
         boot, inbox = self._housed.executor.boot if self._leads else None, self._housed.inbox
-        begins = Beginning(begun, self._stamp_ns, numbers)
+        begins = Beginning(begun, self._reporting.stamp_ns, numbers)
         return turns_of(self._plan, inbox, boot, begins, log=self._log, live=self._live, wall_ns=now.wall_ns)
 
     def _turn(self, now: Now, *, idle: bool) -> Turn | None:
@@ -278,6 +282,7 @@ class NodeHost:
         assert turns is not None
         held = not self._realtime and self._leads and member.ticks - member.behind(RECORDER) > AHEAD
         stopping = bool(member.stop_reason)
+        held = held or (self._leads and not stopping and self._acting.holds(member.ticks))
         if member.recovers:
             past, saying = self._recollection, self._saying
             held = held or saying.full
@@ -304,18 +309,20 @@ class NodeHost:
         """Run one step and publish its results."""
         (tick, _, inputs, _), stamp_ns = turn.ready, turn.stamp_ns
         name, executor = self._spec.name, self._housed.executor
-        self._stamp_ns, self._stepped_ns = stamp_ns, now.monotonic_ns
+        self._stepped_ns = now.monotonic_ns
+        again = self._saying.silent or tick < self._recollection.said
+        acts = self._acting.enter(executor, turn, now.wall_ns, again=again)
+        inputs[:0] = acts.read
         events = self._housed.reports(turn, now.wall_ns)
-        self._gauges.stepping(tick)
-        began_s = self._gauges.stopwatch_s()
+        self._reporting.begins(tick, stamp_ns)
         executed = executor.step(tick, stamp_ns, inputs, now.wall_ns)
-        self._step_time_s += self._gauges.stopwatch_s() - began_s
+        self._reporting.ends()
         last = turn.last or executed.finished
-        hosted = (*turn.fed, *events)
+        hosted = (*acts.sent, *turn.fed, *events)
         sent = (*hosted, *executed.sent)
         report = None
-        if not self._saying.silent and (last or now.monotonic_ns >= self._report_at_ns):
-            report = self._report(now)
+        if not self._saying.silent and (last or self._reporting.due(now.monotonic_ns)):
+            report = self._reporting.diagnostics(executor, now)
         outcome = self._outcome(finished=executed.finished) if last and self._leads else None
         counts = dict(Counter(message.topic for message in sent))
         done = TickDone(name, executor.boot, tick, tick, stamp_ns, counts, last, outcome)
@@ -333,10 +340,32 @@ class NodeHost:
         if (snapshot := self._housed.snapshots.after(entry, sent, now.wall_ns, now.monotonic_ns)) is not None:
             yield from self._saying.say(put_of(snapshot))
         self._member.ticks = tick + 1
+        for text in acts.refused:
+            yield from self._tell(LogLevel.WARNING, text, now)
         if last:
             self._running = False
             self._member.leaving = True
             self._recorded_by_ns = now.monotonic_ns + RECORDED_NS
+
+    def _asked(self, arrived: Arrived, now: Now) -> Iterator[Effect]:
+        """Take what an operator asks of the source."""
+        try:
+            pace = self._acting.hear(arrived, self._member.ticks)
+        except ProtocolError as error:
+            yield from self._refuse(Refusal(arrived.key, error), now)
+            return
+        if pace is not None:
+            self._plan = self._plan._replace(rate=pace.rate or None)
+            if self._turns is not None:
+                self._turns.pace(self._plan.rate)
+            if not (pace.paused and self._acting.paused):
+                yield from self._tell(LogLevel.INFO, told(pace), now)
+            self._member.pace = self._acting.pace = pace
+
+    def _tell(self, level: LogLevel, text: str, now: Now) -> Iterator[Effect]:
+        yield Tell(text)
+        if self._running:
+            yield from self._saying.say(self._reporting.text(level, text, self._housed.executor, now))
 
     def _outcome(self, *, finished: bool) -> Outcome:
         if finished:
@@ -358,27 +387,8 @@ class NodeHost:
         if isinstance(refusal.error, RepeatError) and self._member.absence.disturbed:
             return  # a peer says again what somebody may have missed
         text = self._member.refusals.note(*refusal, now.monotonic_ns)
-        if text is None:
-            return
-        yield Tell(text)
-        if self._running:
-            stamp = timestamp(self._stamp_ns)
-            message = Log(timestamp=stamp, level=LogLevel.WARNING, message=text, name=self._spec.name)
-            yield from self._saying.say(self._stamped("log", message, now))
-
-    def _report(self, now: Now) -> Put:
-        self._report_at_ns = now.monotonic_ns + REPORT_NS
-        message = Diagnostics(
-            node=self._spec.name,
-            steps=self._housed.executor.steps,
-            step_time_s=self._step_time_s,
-            refused=dict(self._member.refusals.counts),
-            queue=self._gauges.waiting(),
-        )
-        return self._stamped("diagnostics", message, now)
-
-    def _stamped(self, topic: str, message: Diagnostics | Log, now: Now) -> Put:
-        return put_of(self._housed.executor.stamp(topic, message, self._member.ticks, self._stamp_ns, now.wall_ns))
+        if text is not None:
+            yield from self._tell(LogLevel.WARNING, text, now)
 
     def _await_recorded(self, now: Now) -> Iterator[Effect]:
         """End when the recorder has confirmed the run; raises RunError if it does not in time."""

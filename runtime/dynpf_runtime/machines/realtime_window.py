@@ -53,7 +53,7 @@ class RealtimeWindow:
         self._messages: dict[_Place, Record] = {}  # in the order in which they were written
         self._readers: dict[str, list[str]] = {}
         for name in graph.nodes:
-            for topic in graph.specs[name].reads:
+            for topic in graph.specs[name].reads.keys() - (graph.acts if name == graph.source else ()):
                 self._readers.setdefault(topic, []).append(name)
         self._read: dict[tuple[str, str], int] = {}  # node and topic -> the number after the last that was read
         self._offers = Offers(graph.nodes)
@@ -73,6 +73,9 @@ class RealtimeWindow:
             self._offers.wrote(name, journal.tick, journal if journal.state else None)
         if self.size > MOST_BYTES:
             self._forget_oldest()
+
+    def let_in(self, record: Record) -> None:
+        """Do nothing: what a step has read its journal entry tells."""
 
     def found(self, record: Record, sender: str) -> None:  # noqa: ARG002
         """Add a message of a written step that has come late."""

@@ -249,7 +249,7 @@ class RecorderMachine:
         if now.monotonic_ns >= self._flush_at_ns:
             self._flush_at_ns = now.monotonic_ns + FLUSH_NS
             yield Flush(now.monotonic_ns)
-            yield Show(self._member.ticks, self._ledger.messages)
+            yield Show(self._member.ticks, self._ledger.messages, self._paused)
             self._watch_doubtful(now)
         member.ticks = ledger.ticks
         ledger.patient = member.absence.disturbed
@@ -277,6 +277,12 @@ class RecorderMachine:
             yield from self._ledger.rest()
             yield from self._sum_up(now)
             yield Close(False, self._lacking())
+
+    @property
+    def _paused(self) -> bool:
+        """Whether the source said last that an operator has paused the run."""
+        heard = self._member.heartbeats.heard(self._ledger.source)
+        return heard is not None and heard.beat.pace is not None and heard.beat.pace.paused
 
     def _all_sent(self) -> bool:
         """Return whether every node that lacks something says, by its heartbeat, that it has sent all, or is gone."""
@@ -360,7 +366,8 @@ class RecorderMachine:
 
     def _watch_doubtful(self, now: Now) -> None:
         """Break a doubtful run off that makes no step any more: a stranger may have driven nodes out of step."""
-        if self._standstill.lasts(self._ledger.written, now.monotonic_ns) and self._ledger.doubt:
+        still = self._standstill.lasts(self._ledger.written, now.monotonic_ns, paused=self._paused)
+        if still and self._ledger.doubt:
             self._break_off()
 
     def _refuse(self, key: str, error: ProtocolError, now: Now) -> Iterator[Effect]:

@@ -15,7 +15,7 @@ from dynpf_protocol.journal import Consumed, JournalEntry, decode_entry
 from dynpf_protocol.keys import JOURNAL, SHARED, TICK, topic_of
 from dynpf_protocol.messages import HostEvent
 from dynpf_protocol.recall import Piece
-from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, Topic
+from dynpf_protocol.topics import EVENT_PREFIX, Topic
 
 from dynpf_runtime.executor import Sent
 from dynpf_runtime.gaps import GapWatch
@@ -23,6 +23,7 @@ from dynpf_runtime.inbox import Ready
 from dynpf_runtime.machines.events import Arrived
 from dynpf_runtime.machines.turns import Turn
 from dynpf_runtime.node import Received
+from dynpf_runtime.source import is_fed
 
 __all__ = ["Again", "Repeating"]
 
@@ -81,7 +82,7 @@ class Repeating:
         fed, reports = [], []
         for made in entry.hosted:
             envelope, payload = self._here[made.node, made.topic, made.sequence]
-            if made.node == LOG_NODE:
+            if is_fed(made):
                 fed.append(Sent(made.topic, envelope, payload))
             else:
                 reports.append(decode(made.topic, payload, self._topics))

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import TypeVar
 
 import msgspec
-from dynpf_protocol.control import Beat, Stop, TickDone, decode_control
+from dynpf_protocol.control import Act, Beat, Stop, TickDone, decode_control
 from dynpf_protocol.envelope import Envelope, decode_envelope
 from dynpf_protocol.errors import (
     BadMessageError,
@@ -34,7 +34,7 @@ MOST_OF_A_TICK = 2**16
 MOST_BYTES_OF_A_TICK = 4 * MOST_BYTES
 """How many bytes a node may send in one tick, on all topics together."""
 
-Named = TypeVar("Named", bound=TickDone | Beat | Stop)
+Named = TypeVar("Named", bound=TickDone | Beat | Stop | Act)
 
 
 def check_named(arrival: Arrived, prefix: str, kind: type[Named]) -> Named:
@@ -62,6 +62,7 @@ class Roles:
         self._reads = {name: frozenset(spec.reads) for name, spec in graph.specs.items()}
         self._writes = {name: frozenset(row.name for row in spec.writes.values()) for name, spec in graph.specs.items()}
         self._may_promise = {name: writes | {EVENT_PREFIX + name} for name, writes in self._writes.items()}
+        self._may_promise[self.source] |= graph.acts
         self._plays_log = plan.plays_log
         self._tick_ns = plan.tick_ns if plan.clock == "lockstep" and not plan.plays_log else None
 

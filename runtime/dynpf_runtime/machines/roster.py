@@ -13,10 +13,13 @@ from dynpf_protocol.keys import ALIVE, READY
 
 from dynpf_runtime.machines.events import Token
 
-__all__ = ["MOST_STARTS", "Change", "Roster", "boot_of", "follows", "holder", "next_start", "was_before"]
+__all__ = ["MOST_STARTS", "Change", "Operators", "Roster", "boot_of", "follows", "holder", "next_start", "was_before"]
 
 MOST_STARTS = 8
 """How many starts of a process are kept at most."""
+
+MOST_OPERATORS = 64
+"""How many operators may act on a run."""
 
 _TOLD = 2
 """How many second starts of a process are told of at most."""
@@ -68,6 +71,18 @@ def holder(token: Token) -> tuple[str, str, bool]:
     prefix = READY if token.key.startswith(READY) else ALIVE
     name, _, boot = token.key[len(prefix) :].rpartition("/")
     return name, boot, prefix == READY
+
+
+class Operators(set[str]):
+    """The starts of the operators who are there: several may act on a run."""
+
+    def take(self, token: Token) -> None:
+        """Note the token of an operator; of strangers' many some are kept."""
+        start = holder(token)[1]
+        if not token.present:
+            self.discard(start)
+        elif len(self) < MOST_OPERATORS:
+            self.add(start)
 
 
 class Roster:

@@ -12,8 +12,8 @@ class Standstill:
     def __init__(self) -> None:
         self._steps, self._since_ns = 0, 0
 
-    def lasts(self, steps: int, now_ns: int) -> bool:
-        """Return whether there have been no more than these for STILL_NS."""
-        if steps != self._steps:
+    def lasts(self, steps: int, now_ns: int, *, paused: bool) -> bool:
+        """Return whether there have been no more than these for STILL_NS, and the run is not paused."""
+        if steps != self._steps or paused:
             self._steps, self._since_ns = steps, now_ns
         return now_ns > self._since_ns + STILL_NS

@@ -58,6 +58,9 @@ class Turns(Protocol):
         node must not make another step yet.
         """
 
+    def pace(self, rate: float | None) -> None:
+        """Go on at another rate of logical to wall-clock time; only the source has one."""
+
 
 class FollowLockstep:
     """Steps when all messages of a tick have arrived."""
@@ -75,6 +78,9 @@ class FollowLockstep:
         """Return the turn if the inputs are complete."""
         ready = self._inbox.take()
         return None if ready is None else Turn(ready, ready.stamp_ns, ready.last)
+
+    def pace(self, rate: float | None) -> None:
+        """Do nothing: it follows."""
 
 
 class FollowRealtime:
@@ -98,6 +104,9 @@ class FollowRealtime:
         inbox = self._inbox
         ready = inbox.take_all(now_ns) if inbox.upstream_ended else inbox.take(now_ns)
         return None if ready is None else Turn(ready, ready.stamp_ns, ready.last)
+
+    def pace(self, rate: float | None) -> None:
+        """Do nothing: it follows."""
 
 
 class _Paced:
@@ -126,6 +135,10 @@ class _Paced:
         past_ns = 0 if self._rate is None else round((feed.stamp_ns - self._first_ns) / self._rate)
         return feed, self._began_ns + past_ns
 
+    def pace(self, rate: float | None) -> None:
+        """Go on at another rate, from now on: the next feed is due at once."""
+        self._rate, self._began_ns = rate, None
+
     def begin(self, ready: Ready, *, stopping: bool) -> Turn:
         """Return the turn of the current feed, and advance to the next one."""
         feed, self._feed = self._feed, None
@@ -142,6 +155,7 @@ class LeadLockstep:
 
     def __init__(self, inbox: LockstepInbox, feeds: Iterator[Feed], rate: float | None, *, alone: bool) -> None:
         self._inbox = inbox
+        self._alone = alone
         self._woken = rate is None and not alone
         self._paced = _Paced(feeds, rate)
         self._ready: Ready | None = None
@@ -168,6 +182,12 @@ class LeadLockstep:
             ready = self._inbox.take(self._paced.feed().stamp_ns)
         return None if ready is None else self._paced.begin(ready, stopping=stopping)
 
+    def pace(self, rate: float | None) -> None:
+        """Go on at another rate."""
+        self._paced.pace(rate)
+        self._woken = rate is None and not self._alone
+        self.wake_ns = 0
+
 
 class LeadRealtime:
     """Begins a tick by the wall clock, on all messages that have arrived."""
@@ -187,6 +207,11 @@ class LeadRealtime:
             return None
         self.wake_ns = 0  # the next tick may be late already
         return self._paced.begin(self._inbox.take_all(now_ns), stopping=stopping)
+
+    def pace(self, rate: float | None) -> None:
+        """Go on at another rate, 1 without one."""
+        self._paced.pace(rate or 1.0)
+        self.wake_ns = 0
 
 
 class LeadLive:
@@ -217,6 +242,9 @@ class LeadLive:
         ready = self._inbox.take_all(now_ns)
         ready.inputs[:0] = feed.inputs
         return Turn(ready, feed.stamp_ns, feed.last, feed.sent, feed.gaps)
+
+    def pace(self, rate: float | None) -> None:
+        """Do nothing: the robot sets it."""
 
 
 def turns_of(

@@ -72,6 +72,7 @@ class Window:
         self._steps: dict[str, dict[int, _Step]] = {name: {} for name in graph.nodes}
         self._begins = dict.fromkeys(graph.nodes, 0)  # the first tick from which on all steps of a node are here
         self._offers = Offers(graph.nodes)
+        self._acts: dict[int, dict[tuple[str, int], Record]] = {}  # tick -> topic and sequence -> act
         self._bytes = 0
 
     @property
@@ -98,6 +99,11 @@ class Window:
         step = self._steps[sender].get(record.envelope.tick)
         if step is not None:
             step.messages.append(record)
+
+    def let_in(self, record: Record) -> None:
+        """Add an act that the source has let in, before its step is written: others may have read of it."""
+        place = record.topic, record.envelope.sequence
+        self._acts.setdefault(record.envelope.tick, {})[place] = record
 
     def offer(self, name: str, payload: bytes) -> None:
         """Take a node's snapshot, before or after its step is written."""
@@ -132,7 +138,15 @@ class Window:
             if tick in own:
                 entries.append(own[tick].entry)
             tick += 1
-        return Part(tuple(pieces), tuple(entries), tick, tick < until, self._has(name, first))
+        more = tick < until
+        if name == self._graph.source:
+            pieces[:0] = self._let_in(first, tick if more else None)
+        return Part(tuple(pieces), tuple(entries), tick, more, self._has(name, first))
+
+    def _let_in(self, first: int, end: int | None) -> list[Piece]:
+        """Return the acts of ticks from ``first`` on, to the last known without an ``end``."""
+        ticks = [tick for tick in sorted(self._acts) if tick >= first and (end is None or tick < end)]
+        return [piece_of(record) for tick in ticks for record in self._acts[tick].values()]
 
     def _has(self, name: str, tick: int) -> bool:
         """Return whether all that a node needs is here from a tick on."""
@@ -149,6 +163,7 @@ class Window:
                 for tick in [tick for tick in steps if tick < begin]:
                     self._bytes -= steps.pop(tick).size
                 self._begins[name] = begin
+        self._acts = {tick: acts for tick, acts in self._acts.items() if tick >= needed[graph.source]}
 
     def _clear(self) -> None:
         """Forget everything: nobody can come back before its next snapshot."""

@@ -121,8 +121,8 @@ class RecorderFile:
                 return Flushed()
             case Flush(now_ns):
                 return Flushed() if self._placed and self._open.flush_if_due(now_ns) else None
-            case Show(ticks, messages):
-                self._progress.show(ticks, messages)
+            case Show(ticks, messages, paused):
+                self._progress.show(ticks, messages, "paused at " if paused else "")
             case Close(complete, reason, outcome):
                 self._progress.clear()
                 self.end = self._open.close(complete=complete, reason=reason, outcome=outcome)

@@ -14,7 +14,7 @@ from dynpf_runtime.branch import branch
 from dynpf_runtime.plan import Plan, run_header
 
 from dynpf_services.scenario.build import plan_of
-from dynpf_services.scenario.played_log import log_records
+from dynpf_services.scenario.played_log import acts_of, log_records
 from dynpf_services.scenario.recorded import attachments_of
 from dynpf_services.scenario.replay import scenario_of_replay
 from dynpf_services.scenario.replay_part import absolute
@@ -57,7 +57,15 @@ def branch_run(
     attachments = attachments_of(scenario, recording.attachments)
     topics, schemas = after.graph.topics, recording.schemas
     with RecordingWriter(path, run_header(after), attachments, topics=topics, schemas=schemas) as writer:
-        made = branch(recording, before, (after, changed), tick, log=log_records(recording), writer=writer)
+        made = branch(
+            recording,
+            before,
+            (after, changed),
+            tick,
+            log=log_records(recording),
+            acts=acts_of(recording),
+            writer=writer,
+        )
         reason = f"branched at tick {tick} from {readable(recording.path.name)}"
         writer.close(complete=True, reason=reason, outcome=made.ran.outcome)
     return Branched(tick, changed, made.fresh)

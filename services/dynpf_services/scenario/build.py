@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 from dynpf_formats.shipped import known_topics, load
 from dynpf_protocol.errors import ScenarioError
-from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, TOPIC_NAME, Topic
+from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, TOPIC_NAME, Topic, is_act
 from dynpf_runtime.graph import Graph, NodeSpec
 from dynpf_runtime.node import Node
 from dynpf_runtime.plan import Plan
@@ -32,7 +32,7 @@ def plan_of(scenario: Scenario) -> Plan:
     for name, remap in scenario.remaps.items():
         _check_remap(graph, name, remap)
     for index, fault in enumerate(scenario.faults):
-        reads = graph.specs[fault.to].reads
+        reads = [topic for topic in graph.specs[fault.to].reads if not is_act(topic)]  # those come by no network
         if fault.topic not in reads:
             listed = ", ".join(sorted(reads))
             raise ScenarioError(f"faults.{index}.topic: {fault.to} does not read {fault.topic}; it reads {listed}")
@@ -192,7 +192,7 @@ def _check_writers(graph: Graph) -> None:
                 which = "by two of its own names" if other == spec.name else f"which {other} writes already"
                 raise ScenarioError(f"{key_of(spec.name)}: writes {row.name}, {which}")
             writers[row.name] = spec.name
-            if first in {LOG_NODE, "event", "journal", "recorder", "diagnostics", "snapshot"}:
+            if is_act(row.name) or first in {LOG_NODE, "event", "journal", "recorder", "diagnostics", "snapshot"}:
                 raise ScenarioError(f"{key_of(spec.name)}: writes {row.name}, which nodes must not write")
 
 

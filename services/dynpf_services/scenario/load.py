@@ -42,7 +42,9 @@ __all__ = [
 SCENARIOS = Path(dynpf_scenarios.__path__[0])
 
 NODE_NAME = re.compile(r"[a-z][a-z0-9_]*(/[a-z][a-z0-9_]*)*")
-RESERVED = frozenset({"router", "recorder", "log", "event", "journal", "diagnostics", "truth", "camera"})
+RESERVED = frozenset(
+    {"router", "recorder", "operator", "observer", "log", "event", "journal", "diagnostics", "truth", "camera"}
+)
 """Names that no node may have: first parts of topics that belong to no node, and other processes."""
 
 _LARGEST = 2**25

@@ -1,4 +1,4 @@
-"""The log that a run plays: an imported recording, or the part of one in a recorded run."""
+"""What comes into a run from outside: the log that it plays, imported or of a recorded run, and a person's acts."""
 
 from pathlib import Path
 from typing import Any
@@ -12,13 +12,13 @@ from dynpf_protocol.codec import decode
 from dynpf_protocol.errors import UsageError
 from dynpf_protocol.json_text import read_json
 from dynpf_protocol.messages import OdometryPose, RobotState
-from dynpf_protocol.topics import LOG_NODE, topic
+from dynpf_protocol.topics import LOG_NODE, is_act, topic
 from dynpf_runtime.source import LogRecord
 
 from dynpf.se2 import compose, relative
 from dynpf_services.scenario.schema import LogFacts
 
-__all__ = ["PlayedLog", "log_records", "start_by"]
+__all__ = ["PlayedLog", "acts_of", "log_records", "start_by"]
 
 
 class PlayedLog:
@@ -51,6 +51,20 @@ def log_records(recording: Recording) -> list[LogRecord]:
         for record in recording.messages()
         if record.node == LOG_NODE
     ]
+
+
+def acts_of(recording: Recording) -> dict[int, list[LogRecord]]:
+    """Return what a person did in a recorded run, by tick."""
+    if not any(is_act(source.topic) for source in recording.sources):
+        return {}
+    found: dict[int, list[LogRecord]] = {}
+    for node, boot in recording.journals():
+        for entry in recording.journal(node, boot):
+            for made in entry.hosted:
+                record = recording.find(made.node, boot, made.topic, made.sequence) if is_act(made.topic) else None
+                if record is not None:
+                    found.setdefault(entry.tick, []).append(LogRecord(made.topic, record.stamp_ns, record.payload))
+    return found
 
 
 def _starts(records: list[LogRecord]) -> dict[str, tuple[float, float, float]]:

@@ -1,6 +1,6 @@
 """Runs a scenario in this process into a recording, for studies, references and tests."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -54,18 +54,19 @@ def record_inline(
     stopped: Callable[[], str] = lambda: "",
     reason: str = "finished",
     durable: bool = False,
+    acts: Mapping[int, Sequence[LogRecord]] = {},
 ) -> int:
     """Run ``scenario`` to its end into a new recording at ``path`` and return the number of ticks.
 
     ``log`` is the log that the sensors play, if any. ``stopped`` is called before each tick and returns a reason to
     make it the last, or an empty text; the recording's end has that reason, or else ``reason``. A ``durable`` recording
-    survives a loss of power, all but its last moments. Raises whatever the nodes raise; the recording then holds
-    everything before, and is marked as incomplete.
+    survives a loss of power, all but its last moments. ``acts`` has what a person does, by tick. Raises whatever the
+    nodes raise; the recording then holds everything before, and is marked as incomplete.
     """
     log = log or LogContent()
     plan = plan_of(scenario)
     attachments = attachments_of(scenario, log.attachments)
     with RecordingWriter(path, run_header(plan), attachments, topics=plan.graph.topics, durable=durable) as writer:
-        run = run_inline(plan, log.records, writer, observe=observe, stopped=lambda: bool(stopped()))
+        run = run_inline(plan, log.records, writer, observe=observe, stopped=lambda: bool(stopped()), acts=acts)
         writer.close(complete=True, reason=stopped() or reason, outcome=run.outcome)
     return run.ticks

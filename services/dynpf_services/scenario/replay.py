@@ -17,7 +17,7 @@ from dynpf_runtime.replay import Mismatch, Replayed, replay_node, write_replayed
 from dynpf_runtime.replay_hosts import replay_hosts
 
 from dynpf_services.scenario.build import plan_of
-from dynpf_services.scenario.played_log import log_records
+from dynpf_services.scenario.played_log import acts_of, log_records
 from dynpf_services.scenario.record import LogContent, record_inline
 from dynpf_services.scenario.recorded import attachments_of, recorded_scenario
 from dynpf_services.scenario.schema import Scenario, key_of, resolved_json
@@ -129,4 +129,4 @@ def rerun(recording: Recording, scenario: Scenario, path: Path) -> None:
             "a realtime run cannot be run again from its source; choose --node to change one node's settings"
         )
     log = LogContent(log_records(recording), recording.attachments)
-    record_inline(scenario, path, log, reason=f"run anew from {readable(recording.path.name)}")
+    record_inline(scenario, path, log, acts=acts_of(recording), reason=f"run anew from {readable(recording.path.name)}")

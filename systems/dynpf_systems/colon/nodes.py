@@ -48,7 +48,7 @@ DRAWINGS = FactKind(
 CAPSULE = NodeKind(
     config=CapsuleConfig,
     build="dynpf_systems.colon.simulator:build",
-    reads=lambda *_: (),
+    reads=lambda *_: {"operator/place", "operator/map"},
     writes=lambda *_: {"truth/capsule", "truth/scene"},
 )
 

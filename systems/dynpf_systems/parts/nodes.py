@@ -34,7 +34,7 @@ def _without_task(_config: WorkspaceConfig, context: Context) -> Iterator[str]:
 WORKSPACE = NodeKind(
     config=WorkspaceConfig,
     build="dynpf_systems.parts.simulator:build",
-    reads=lambda *_: {"controller/command", "controller/parts"},
+    reads=lambda *_: {"controller/command", "controller/parts", "operator/move", "operator/place", "operator/body"},
     writes=lambda *_: {"truth/robot", "truth/parts", "truth/scene", "camera/image"},
     problems=_without_task,
 )

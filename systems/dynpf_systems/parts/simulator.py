@@ -9,9 +9,19 @@ import math
 
 import msgspec
 import numpy as np
-from dynpf_protocol.messages import Command, CompressedImage, RobotState, timestamp
+from dynpf_protocol.messages import (
+    Command,
+    CompressedImage,
+    Message,
+    Move,
+    Place,
+    PlaceBody,
+    RobotState,
+    timestamp,
+)
 from dynpf_runtime.every import Every
 from dynpf_runtime.node import Output, Result, State, Step
+from dynpf_services.driven import Driven
 from dynpf_services.scenario.context import Context
 
 from dynpf.fields.clearance import disc_clearances
@@ -67,6 +77,7 @@ class WorkspaceSimulator:
         self._contacts = 0
         self._ticks = 0
         self._scene_ns: int | None = None
+        self._driven: Driven | None = None
 
     def step(self, step: Step) -> Result:
         """Advance the world by one tick under the last commands; return the true state, pictures and frames."""
@@ -76,10 +87,15 @@ class WorkspaceSimulator:
                     self._command = item.message
                 case PartsCommand():
                     self._handling = item.message
+                case Move():
+                    self._driven = Driven.by(item.message, step.stamp_ns)
+        self._driven = None if self._driven is None or self._driven.is_over(step.stamp_ns) else self._driven
         if self._ticks > 0:  # the first tick publishes the starts
             self._grip(step.number)
             self._move(step.number)
             self._intervene()
+        for item in step.inputs:
+            self._obey(item.message)
         self._ticks += 1
         self._contacts += _touching(self._pose[:2], self._parts, self._held, self._layout)
         outputs = [Output("truth/robot", self._robot_state()), Output("truth/parts", self._parts_state())]
@@ -102,6 +118,7 @@ class WorkspaceSimulator:
             "contacts": self._contacts,
             "ticks": self._ticks,
             "scene_ns": self._scene_ns,
+            **({} if self._driven is None else {"driven": list(self._driven)}),
         }
 
     def thaw(self, state: State) -> None:
@@ -111,6 +128,42 @@ class WorkspaceSimulator:
         self._handling = msgspec.convert(state["handling"], PartsCommand)
         self._held, self._contacts = state["held"], state["contacts"]
         self._ticks, self._scene_ns = state["ticks"], state["scene_ns"]
+        self._driven = Driven(*state["driven"]) if "driven" in state else None
+
+    def refuses(self, act: Message) -> str:
+        """Return why a robot or a part cannot be put where a person wants it."""
+        match act:
+            case PlaceBody(body=part) if part >= len(self._parts):
+                return f"there is no part {part + 1}; the task has {len(self._parts)}"
+            case PlaceBody(body=part, x=x, y=y):
+                return self._in_the_way(np.array([x, y]), part, f"part {part + 1}")
+            case Place(x=x, y=y):
+                return self._in_the_way(np.array([x, y]), -1, "the robot")
+        return ""
+
+    def _in_the_way(self, place: FloatArray, part: int, name: str) -> str:
+        """Return what a disc would touch at a place, "" if nothing; a part that the robot holds goes with it."""
+        layout, held = self._layout, self._held
+        radius = layout.robot_radius if part < 0 else float(layout.radii[part])
+        if np.any(np.abs(place) + radius > layout.half_size):
+            return f"{name} does not fit into the workspace at ({place[0]:.3f}, {place[1]:.3f}) m"
+        others = [index for index in range(len(self._parts)) if index not in (part, held if part < 0 else part)]
+        gaps = disc_clearances(place, radius, self._parts[others], layout.radii[others])
+        robot = disc_clearances(place, radius, self._pose[None, :2], np.array([layout.robot_radius]))
+        if np.any(gaps < 0.0) or (part >= 0 and robot[0] < 0.0):
+            return f"{name} would touch another disc at ({place[0]:.3f}, {place[1]:.3f}) m"
+        return ""
+
+    def _obey(self, act: Message) -> None:
+        """Put the robot, or a part, where a person has it."""
+        match act:
+            case Place(x=x, y=y, theta=theta):
+                self._pose = np.array([x, y, math.remainder(theta, math.tau)])
+                if self._held >= 0:
+                    self._parts[self._held] = self._layout.held_position(self._pose, self._held)
+            case PlaceBody(body=part, x=x, y=y):
+                self._parts[part] = (x, y)
+                self._held = -1 if self._held == part else self._held
 
     def _grip(self, number: int) -> None:
         """Open or close the gripper; a part in its jaws is pulled to the contact distance, or slips."""
@@ -141,12 +194,20 @@ class WorkspaceSimulator:
 
     def _move(self, number: int) -> None:
         noise = generator(self._seed, self.name, number, "process").standard_normal(2)
-        velocity = np.array([self._command.vx, self._command.vy])
+        vx, vy, w = self._commanded
+        velocity = np.array([vx, vy])
         step = velocity * self._tick_s + self._process_std * noise
-        theta = math.remainder(self._pose[2] + self._command.w * self._tick_s, math.tau)
+        theta = math.remainder(self._pose[2] + w * self._tick_s, math.tau)
         self._pose = np.append(self._pose[:2] + step, theta)
         if self._held >= 0:
             self._parts[self._held] = self._layout.held_position(self._pose, self._held)
+
+    @property
+    def _commanded(self) -> tuple[float, float, float]:
+        """The velocity and the turning rate by which the robot is driven."""
+        if self._driven is not None:
+            return self._driven.vx, self._driven.vy, self._driven.w
+        return self._command.vx, self._command.vy, self._command.w
 
     def _part_in_jaws(self) -> int:
         """Return the nearest part that the jaws can close on, or -1."""
@@ -174,9 +235,9 @@ class WorkspaceSimulator:
         return [*discs, DrawnDisc(x, y, self._task.robot_radius, camera.robot_colour, theta)]
 
     def _robot_state(self) -> RobotState:
-        command = self._command
+        vx, vy, w = self._commanded
         x, y, theta = self._pose.tolist()
-        return RobotState(x=x, y=y, theta=theta, v=hypot(command.vx, command.vy), w=command.w)
+        return RobotState(x=x, y=y, theta=theta, v=hypot(vx, vy), w=w)
 
     def _parts_state(self) -> PartsState:
         parts = tuple(

@@ -1,7 +1,7 @@
 """Dynamic obstacles of a room: people who walk about, and doors that open and close."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from dynpf_protocol.errors import ScenarioError
@@ -25,9 +25,13 @@ PATIENCE_S = 2.0  # a person waits so long before a closed door or the robot, th
 ROOM_FOR_ROBOT_M = 0.15  # that people leave between it and themselves
 
 
-def closed_doors(doors: Sequence[Door], time_s: float, robot: Point) -> Segments:
-    """Return the doors (D, 4) that are closed at a time, with the robot at a position."""
-    shut = [door.segment for door in doors if not _is_open(door, time_s, robot)]
+def closed_doors(doors: Sequence[Door], time_s: float, robot: Point, by_hand: Mapping[int, bool] = {}) -> Segments:
+    """Return the doors (D, 4) that are closed at a time, with the robot at a position.
+
+    ``by_hand`` says of the doors that a person holds, by their numbers, whether they are closed.
+    """
+    closed = [by_hand.get(number, not _is_open(door, time_s, robot)) for number, door in enumerate(doors)]
+    shut = [door.segment for door, is_closed in zip(doors, closed, strict=True) if is_closed]
     return np.array(shut, dtype=np.float64).reshape(-1, 4)
 
 

@@ -55,10 +55,15 @@ def _two_drivers(config: RoomConfig, context: Context) -> Iterator[str]:
         yield "simulator.driver: the [controller] drives already"
 
 
+def _room_reads(config: RoomConfig, _context: Context) -> set[str]:
+    commands = {"controller/command"} if config.driver is None else set()
+    return {*commands, "operator/drive", "operator/place", *({"operator/door"} if config.doors else ())}
+
+
 ROOM = NodeKind(
     config=RoomConfig,
     build="dynpf_systems.rooms.world:build",
-    reads=lambda config, _: {"controller/command"} if config.driver is None else (),
+    reads=_room_reads,
     writes=_room_writes,
     problems=_two_drivers,
 )

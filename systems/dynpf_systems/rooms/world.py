@@ -12,13 +12,17 @@ from dynpf_protocol.messages import (
     Color,
     Command,
     CylinderPrimitive,
+    Drive,
     LinePrimitive,
+    Message,
+    Place,
     Point3,
     Pose,
     Quaternion,
     RobotState,
     SceneEntity,
     SceneUpdate,
+    SetDoor,
     TextPrimitive,
     Timestamp,
     Vector3,
@@ -27,6 +31,7 @@ from dynpf_protocol.messages import (
 )
 from dynpf_runtime.every import Every
 from dynpf_runtime.node import Output, Result, State, Step
+from dynpf_services.driven import Driven
 from dynpf_services.scenario.context import Context
 
 from dynpf.measurement.ray import ray_segments
@@ -86,6 +91,8 @@ class RoomSimulator:
         self._finished = False
         self._scene_ns: int | None = None
         self._reached = 0  # of the driver's waypoints
+        self._driven: Driven | None = None
+        self._held_doors: dict[int, bool] = {}  # closed or not, as a person has them
         self._doors = closed_doors(config.doors, 0.0, self._pose[:2])
         self._people = self._drawn_people(maps)
 
@@ -98,7 +105,10 @@ class RoomSimulator:
         self._move()
         for kidnapping in self.config.kidnappings:
             self._pose = kidnapping.to if kidnapping.tick == step.tick else self._pose
-        self._doors = closed_doors(self.config.doors, step.stamp_ns * 1e-9, self._pose[:2])
+        for received in step.inputs:
+            self._change(received.message, step.stamp_ns)
+        self._driven = None if self._driven is None or self._driven.is_over(step.stamp_ns) else self._driven
+        self._doors = closed_doors(self.config.doors, step.stamp_ns * 1e-9, self._pose[:2], self._held_doors)
         if self._people is not None:
             self._people.walk(step.number, self.tick_s, self._pose[:2], self._doors)
         if self.config.driver is None:
@@ -115,6 +125,27 @@ class RoomSimulator:
             self._scene_ns = step.stamp_ns
             outputs.append(Output("truth/scene", self._scene(timestamp(step.stamp_ns))))
         return Result(tuple(outputs), finished=self._finished)
+
+    def refuses(self, act: Message) -> str:
+        """Return why a person cannot put the robot there, or has no such door."""
+        match act:
+            case Place(x=x, y=y) if not self._fits((x, y, 0.0)):
+                return f"the robot does not fit into the room at ({x:.3f}, {y:.3f}) m"
+            case SetDoor(door=door) if door >= len(self.config.doors):
+                return f"there is no door {door + 1}; the room has {len(self.config.doors)}"
+        return ""
+
+    def _change(self, act: Message, stamp_ns: int) -> None:
+        """Change the world as a person does."""
+        match act:
+            case Drive():
+                self._driven = Driven.by(act, stamp_ns)
+            case Place(x=x, y=y, theta=theta):
+                self._pose = (x, y, math.remainder(theta, math.tau))
+            case SetDoor(door=door, to="scheduled"):
+                self._held_doors.pop(door, None)
+            case SetDoor(door=door, to=to):
+                self._held_doors[door] = to == "closed"
 
     def _move(self) -> None:
         v, w, spin = self._twist
@@ -166,6 +197,9 @@ class RoomSimulator:
 
     def _perturbed(self, number: int) -> tuple[float, float, float]:
         v, w = self._command
+        if self._driven is not None:
+            v, w = self._driven.vx, self._driven.w
+            v, w = _clip(v, self.config.max_speed), _clip(w, self.config.max_turn_rate)
         v2, w2 = v * v, w * w
         a1, a2, a3, a4, a5, a6 = self.config.alpha
         noise = generator(self.seed, self.name, number, "motion").standard_normal(3).tolist()
@@ -285,6 +319,8 @@ class RoomSimulator:
             **({} if self.config.driver is None else {"reached": self._reached}),
             **({} if not self._has_company else {"doors": self._doors}),
             **({} if self._people is None else self._people.freeze()),
+            **({} if self._driven is None else {"driven": list(self._driven)}),
+            **({} if not self._held_doors else {"held_doors": [list(pair) for pair in self._held_doors.items()]}),
         }
 
     def thaw(self, state: State) -> None:
@@ -297,6 +333,8 @@ class RoomSimulator:
         self._scene_ns = state["scene_ns"]
         self._reached = state.get("reached", 0)
         self._doors = np.array(state.get("doors", np.empty((0, 4))))
+        self._driven = Driven(*state["driven"]) if "driven" in state else None
+        self._held_doors = dict(state.get("held_doors", []))
         if self._people is not None:
             self._people.thaw(state)
 

@@ -63,13 +63,15 @@ def recovered(
     network: Network = NETWORK,
     log: Sequence[LogRecord] = (),
     act: Callable[[Simulation, str], None] = Simulation.kill,
+    begin: Callable[[Simulation], None] = lambda _: None,
 ) -> Simulation:
     """Return the simulation of a run after its end, some of whose processes were killed and started again.
 
-    The next kill counts from when the process of the one before has been started again.
+    ``begin`` adds others to it. The next kill counts from when the process of the one before has been started again.
     """
     with ExitStack() as files:
         simulation = simulated(files, plan, path, seed, network=network, log=log, patience_ns=PATIENCE_NS)
+        begin(simulation)
         run, waiting = _Run(files, plan, path, log), list(kills)
         counts: Counter[str] = Counter()
 

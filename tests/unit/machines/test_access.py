@@ -57,6 +57,8 @@ def joining(name: str, plan: Plan) -> Iterator[Effect]:
         yield Put(data_key(row.name, name), b"")
     for topic in (f"event/{name}", f"snapshot/{name}", "log", "diagnostics"):
         yield Put(data_key(topic, name), b"")
+    for topic in plan.graph.acts if name == plan.graph.source else ():
+        yield Put(data_key(topic, name), b"")
 
 
 @pytest.mark.parametrize("path", scenario_files(), ids=lambda path: path.stem)

@@ -4,6 +4,7 @@ import pytest
 from dynpf_formats.shipped import known_topics, listed, load
 from dynpf_protocol.errors import UnknownTopicError
 from dynpf_protocol.journal import JOURNAL_PREFIX
+from dynpf_protocol.keys import OPERATOR
 from dynpf_protocol.messages import Message
 from dynpf_protocol.topics import HOST_NODES, LOG_NODE, NODES, Delivery, Topic, is_record, topic
 from dynpf_protocol.topics import TOPICS as TOPICS_OF_ANY
@@ -21,7 +22,7 @@ rows = pytest.mark.parametrize("row", TOPICS.values(), ids=TOPICS)
 def test_a_row_is_whole(row: Topic) -> None:
     assert topic(row.name, TOPICS) is row
     assert row.publishers
-    assert set(row.publishers) <= {*HOST_NODES, "recorder"}
+    assert set(row.publishers) <= {*HOST_NODES, "recorder", OPERATOR}
     assert row.description[:1].isupper()
     assert not row.description.endswith(".")
     assert isinstance(row.delivery, Delivery)

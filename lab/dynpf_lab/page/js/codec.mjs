@@ -2,8 +2,10 @@
 
 const HALF_STEP = 5e-4; // s; times are rounded to milliseconds
 
-/** Return a column of numbers {q, d}: multiples of q, told as the first and then differences; NaN where null. */
+/** Return a column of numbers {q, d}: multiples of q, told as the first and then differences; NaN where null.
+ *  Numbers that are a plain list already stay as they are. */
 export function column(packed) {
+  if (Array.isArray(packed)) return packed;
   const values = new Float64Array(packed.d.length);
   let steps = 0;
   packed.d.forEach((difference, index) => {

@@ -272,6 +272,23 @@ function drawRobot(context, u, v, h, radius, role) {
   context.setLineDash([]);
 }
 
+/** Draw what a person drags: a robot or a body at {x, y, h}, and the way from where it is. */
+export function drawGhost(context, view, ghost, colours) {
+  const { track, x, y, h } = ghost;
+  const [u, v] = toScreen(view, x, y);
+  const [from, to] = [track.x.at(-1), track.y.at(-1)];
+  context.save();
+  context.strokeStyle = context.fillStyle = colours[track.role];
+  context.lineWidth = 2;
+  context.setLineDash([2, 4]);
+  context.beginPath();
+  context.moveTo(...toScreen(view, from, to));
+  context.lineTo(u, v);
+  context.stroke();
+  drawRobot(context, u, v, track.role === "truth" ? h : NaN, Math.max(track.radius * view.scale, LEAST_ROBOT), "truth");
+  context.restore();
+}
+
 function drawEllipse(context, cov, index, u, v, view) {
   const { major, minor, angle } = ellipse(cov.xx[index], cov.xy[index], cov.yy[index], 3);
   if (!(major > 0)) return;

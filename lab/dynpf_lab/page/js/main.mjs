@@ -2,11 +2,11 @@
 
 import { held } from "./codec.mjs";
 import { advanced, merged, nextSpeed, usualSpeed, words } from "./clock.mjs";
-import { styleOf } from "./draw.mjs";
 import { plotsOf } from "./plots.mjs";
+import { showCamera, showReadout, showVerdict } from "./readout.mjs";
 import { stageOf } from "./stage.mjs";
 import { themeOf } from "./theme.mjs";
-import { told, verdict, world } from "./world.mjs";
+import { world } from "./world.mjs";
 
 const find = (selector, root = document) => root.querySelector(selector);
 const page = JSON.parse(find("#data").textContent);
@@ -32,55 +32,15 @@ function show() {
   slider.setAttribute("aria-valuetext", text);
   find("#time").textContent = text;
   scenes.forEach((scene, index) => {
-    showReadout(scene, index);
-    showCameras(scene, index);
+    showReadout(find(`#readout-${index}`), scene, t, theme);
+    scene.health.forEach(({ spans }, number) => showVerdict(find(`#verdict-${index}-${number}`), spans, t));
+    scene.cameras.forEach((camera, number) => showCamera(find(`#camera-${index}-${number}`), camera, t));
   });
 }
 
 function tickAt(scene) {
   const tick = scene.ticks[held(scene.moments, t)];
   return tick === undefined || Number.isNaN(tick) ? null : tick;
-}
-
-function showReadout(scene, index) {
-  const body = find(`#readout-${index}`);
-  const rows = told(scene, t).map(({ track, pose, off }) => {
-    const row = document.createElement("tr");
-    const heading = Number.isNaN(pose.h) ? "-" : ((pose.h * 180) / Math.PI).toFixed(1);
-    const cells = [pose.x.toFixed(3), pose.y.toFixed(3), heading];
-    const name = track.robot && track.role !== "estimate" ? `${track.name} of ${track.robot}` : track.name;
-    [name, ...cells, off === null ? "" : off.toFixed(3)].forEach((cell, at) => {
-      const place = document.createElement(at === 0 ? "th" : "td");
-      if (at === 0) place.scope = "row";
-      place.textContent = cell;
-      row.append(place);
-    });
-    row.dataset.role = track.role;
-    row.firstChild.style.borderLeftColor = styleOf(scene, track, theme).colour;
-    return row;
-  });
-  body.replaceChildren(...rows);
-  scene.health.forEach(({ spans }, number) => {
-    const now = verdict(spans, t);
-    find(`#verdict-${index}-${number}`).textContent = now ? now[2].replaceAll("_", " ") : "";
-  });
-}
-
-function showCameras(scene, index) {
-  scene.cameras.forEach((camera, number) => {
-    const figure = find(`#camera-${index}-${number}`);
-    const at = Math.max(held(camera.t, t), 0);
-    if (figure.dataset.at === String(at)) return;
-    figure.dataset.at = String(at);
-    find("image", figure).setAttribute("href", camera.src[at]);
-    const circles = camera.circles[at].map(([u, v, radius]) => {
-      const circle = document.createElementNS("http://www.w3.org/2000/svg", "circle");
-      for (const [name, value] of [["cx", u], ["cy", v], ["r", radius]]) circle.setAttribute(name, String(value));
-      return circle;
-    });
-    find("g", figure).replaceChildren(...circles);
-    find(".when", figure).textContent = `${words(camera.t[at])}, ${circles.length} discs`;
-  });
 }
 
 function seek(time) {

@@ -13,6 +13,8 @@ export function plotsOf(place, runs, theme, seek) {
     mark: (t) => made.forEach((each) => each.mark(t)),
     /** Fit the plots into the width that they have. */
     resize: () => made.forEach((each) => each.resize()),
+    /** Show lines that have grown. */
+    update: () => made.forEach((each) => each.update()),
     /** Remove the plots, for others in another theme. */
     remove: () => made.forEach((each) => each.remove()),
   };
@@ -30,7 +32,8 @@ function make(place, plot, theme, seek) {
   stage.setAttribute("aria-label", told(plot));
   figure.append(caption, stage);
   place.append(figure);
-  const chart = new globalThis.uPlot(options(plot, theme, stage.clientWidth), aligned(plot), stage);
+  let data = aligned(plot);
+  const chart = new globalThis.uPlot(options(plot, theme, stage.clientWidth, () => data), data, stage);
   const now = document.createElement("div");
   now.className = "now";
   chart.over.append(now);
@@ -43,6 +46,10 @@ function make(place, plot, theme, seek) {
       now.hidden = !(left >= 0 && left <= chart.over.clientWidth);
       now.style.transform = `translateX(${left}px)`;
     },
+    update: () => {
+      data = aligned(plot);
+      chart.setData(data);
+    },
     resize: () => chart.setSize({ width: stage.clientWidth, height: HEIGHT }),
     remove: () => {
       chart.destroy();
@@ -51,9 +58,8 @@ function make(place, plot, theme, seek) {
   };
 }
 
-function options(plot, theme, width) {
+function options(plot, theme, width, dataOf) {
   const { series, bands } = lines(plot, theme);
-  const data = aligned(plot);
   const axis = { stroke: theme.ink, grid: { stroke: theme.grid, width: 1 }, ticks: { stroke: theme.grid, width: 1 } };
   return {
     width,
@@ -61,7 +67,7 @@ function options(plot, theme, width) {
     padding: [8, 8, 0, 0],
     cursor: { drag: { x: true, y: false }, sync: { key: "time" }, points: { size: 6 } },
     legend: { live: true },
-    scales: { x: { time: false }, y: { range: () => range(plot, data) } },
+    scales: { x: { time: false }, y: { range: () => range(plot, dataOf()) } },
     axes: [{ ...axis, values: (_, ticks) => ticks.map((tick) => `${tick} s`) }, { ...axis, size: 56 }],
     series: [{ label: "t", value: (_, value) => (value === null ? "-" : `${value.toFixed(2)} s`) }, ...series],
     bands,
