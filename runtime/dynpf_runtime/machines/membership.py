@@ -19,7 +19,7 @@ from dynpf_runtime.machines.admission import Admission
 from dynpf_runtime.machines.effects import NEVER_NS, Count, Declare, Effect, Put, Subscribe, Tell, Watch
 from dynpf_runtime.machines.events import Answered, Arrived, Counted, Event, RouterGone, Started, StopAsked, Token, Woke
 from dynpf_runtime.machines.heartbeats import BEAT_NS, Heartbeats
-from dynpf_runtime.machines.joining import Listening, Stage
+from dynpf_runtime.machines.joining import Listening, Stage, Vacancy
 from dynpf_runtime.machines.missing import MissingNotice
 from dynpf_runtime.machines.refusals import Refusals, known_names
 from dynpf_runtime.machines.rivals import Rivals
@@ -28,11 +28,6 @@ from dynpf_runtime.machines.roster import Change, Operators, Roster, boot_of, fo
 from dynpf_runtime.plan import Plan
 
 __all__ = ["Membership"]
-
-_LINGER_NS = 2_000_000_000
-"""How long the token of a process may stay after its end: the router waits for who does not say that it ends."""
-
-_LOOK_AGAIN_NS = 100_000_000
 
 
 class Membership:
@@ -90,9 +85,8 @@ class Membership:
         self._rivals = Rivals()
         self.heartbeats = Heartbeats()
         self._next_beat_ns = 0
-        self._look_at_ns = NEVER_NS
         self._listening = Listening()
-        self._linger_until_ns: int | None = None
+        self._vacancy = Vacancy(lingers=self.recovers)
         self._missing = MissingNotice()
 
     def inherit(self, starts: Mapping[str, str]) -> None:
@@ -170,15 +164,14 @@ class Membership:
         """Do what is due while this process is not alive: ask again, look again, or stop to listen."""
         if self._stage is Stage.ASKING and now_ns >= self._admission.wake_ns:
             yield self._admission.ask(now_ns)
-        if self._stage is Stage.ASKING and now_ns >= self._look_at_ns:
-            self._look_at_ns = NEVER_NS
+        if self._stage is Stage.ASKING and self._vacancy.due(now_ns):
             yield Count(f"{ALIVE}{self.name}/*")
         if self._stage is Stage.LISTENING and now_ns >= self._listening.until_ns:
             yield from self._join()
 
     def _due_ns(self, now_ns: int) -> int:
         if self._stage is Stage.ASKING:
-            return min(self._admission.wake_ns, self._look_at_ns)
+            return min(self._admission.wake_ns, self._vacancy.look_at_ns)
         if self._stage is Stage.LISTENING:
             return self._listening.until_ns
         due_ns = self._next_beat_ns
@@ -205,7 +198,8 @@ class Membership:
         others = [start for key in keys if (start := key.rpartition("/")[2]) not in self._starts]
         if self._stage is Stage.ASKING:
             if others:
-                self._await_end_of(others[0], now_ns)
+                if self._vacancy.is_over(now_ns):
+                    raise self._taken(others[0])
             elif self.recovers:
                 self._stage = Stage.LISTENING
                 yield Count(f"{READY}**")  # before it watches them, or tokens on their way may be left out
@@ -217,14 +211,6 @@ class Membership:
             self._rival(start, ready=False, present=True)
         self._stage = max(self._stage, Stage.ALIVE)
         self._missing.after(now_ns)
-
-    def _await_end_of(self, other: str, now_ns: int) -> None:
-        """Look again in a moment whether the name is free; raises UsageError if it has not become so in time."""
-        if self._linger_until_ns is None:
-            self._linger_until_ns = now_ns + (_LINGER_NS if self.recovers else 0)
-        if now_ns >= self._linger_until_ns:
-            raise self._taken(other)
-        self._look_at_ns = now_ns + _LOOK_AGAIN_NS
 
     def _join(self) -> Iterator[Effect]:
         """Become alive."""
@@ -300,8 +286,7 @@ class Membership:
 
     def _beat(self, now_ns: int) -> Iterator[Effect]:
         self._next_beat_ns = now_ns + BEAT_NS
-        kept = dict(self.kept)
-        beat = Beat(self.name, self.start, self.ticks, kept=kept, starts=self._known(), pace=self.pace)
+        beat = Beat(self.name, self.start, self.ticks, kept=dict(self.kept), starts=self._known(), pace=self.pace)
         yield Put(f"{BEAT}{self.name}", encode_control(beat))
         if not self.leaving:
             patience_ns = self.absence.patience_ns
@@ -329,7 +314,7 @@ class Membership:
                 self._listening.again(now_ns)
         elif node in self.peers:
             change = self._roster.take(token)
-            if change is Change.SECOND and not (self._learns(node) or was_before(self.starts[node], start)):
+            if change is Change.SECOND and not self._learns(node):
                 yield Tell(f"a second {node} (boot {start}) is refused; this run's is {self.starts[node]}")
             elif change is Change.GONE and not self._may_go(node):
                 self.absence.left(node, now_ns)

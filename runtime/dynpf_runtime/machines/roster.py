@@ -162,7 +162,7 @@ class Roster:
         if was_before(counting, start) or (takes_over and self._is_due(name, counting)):
             self._count(name, start)
             return Change.BACK
-        if not self._is_due(name, counting):
+        if was_before(start, counting) or not self._is_due(name, counting):
             return Change.NONE
         self._seconds[name] += 1
         return Change.SECOND if self._seconds[name] <= _TOLD else Change.NONE

@@ -12,7 +12,7 @@ class Agenda:
 
     def __init__(self, random: Random) -> None:
         self.now_ns = 0
-        self._random = random
+        self.random = random
         self._count = 0
         self._acts: list[tuple[int, int, Callable[[], None]]] = []
 
@@ -37,4 +37,4 @@ class Agenda:
 
     def draw(self, most_ns: int) -> int:
         """Return a duration of up to ``most_ns``."""
-        return int(self._random.random() * most_ns)
+        return int(self.random.random() * most_ns)

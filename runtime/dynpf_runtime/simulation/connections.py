@@ -3,12 +3,11 @@
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
-from random import Random
 
 from dynpf_runtime.machines.events import Arrived, Event, Token
 from dynpf_runtime.simulation.agenda import Agenda
 from dynpf_runtime.simulation.hub import Hub
-from dynpf_runtime.simulation.process import Link, Process
+from dynpf_runtime.simulation.process import Link, Network, Process
 
 __all__ = ["LEASE_NS", "Connections"]
 
@@ -37,21 +36,19 @@ class Connections:
         processes: dict[str, Process],
         router: str,
         agenda: Agenda,
-        random: Random,
-        answer_ns: int,
+        network: Network,
         *,
         arrive: Callable[[Process, Event], None],
         tell: Callable[[str, str], None],
     ) -> None:
-        self.hub = Hub(processes, self.reply, random)
+        self.hub = Hub(processes, self.reply, agenda.random)
         self.published: Counter[str] = Counter()
         self.lost: Callable[[str, Arrived], bool] = lambda _process, _arrived: False
         self.late: dict[tuple[str, int], _Copies] = {}
         self._processes = processes
         self._router = router
         self._agenda = agenda
-        self._random = random
-        self._answer_ns = answer_ns
+        self._answer_ns = network.answer_ns
         self._arrive = arrive
         self._tell = tell
         self._count = 0  # of connections
@@ -142,7 +139,7 @@ class Connections:
                     self._tell("fault", f"{event.key} to {process.name} {_how(copies)}")
             process.arrivals += 1
         if pattern not in process.threads:
-            process.threads[pattern] = Link(self._random, _THREAD_NS)
+            process.threads[pattern] = Link(self._agenda.random, _THREAD_NS)
         for link_ns, thread_ns in copies:
             on_link_ns = process.from_router.arrival_ns(self._agenda.now_ns, link_ns)
             at_ns = process.threads[pattern].arrival_ns(on_link_ns, thread_ns)

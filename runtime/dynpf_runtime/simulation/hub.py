@@ -74,9 +74,9 @@ class Hub:
             return wanted if answers else None
         return self._random.choice(answers)
 
-    def matching(self, key: str) -> list[str]:
-        """Return the tokens that match a key."""
-        return [token for token in self._tokens if matches(key, token)]
+    def matching(self, key: str) -> tuple[str, ...]:
+        """Return the tokens that match a key, in order."""
+        return tuple(sorted(token for token in self._tokens if matches(key, token)))
 
     def subscribe(self, process: Process, key: str) -> None:
         """Register a subscription."""

@@ -78,15 +78,7 @@ class Simulation:
         self._router = router
         self._network = network
         self._agenda = Agenda(self._random)
-        self._bus = Connections(
-            self.processes,
-            router,
-            self._agenda,
-            self._random,
-            network.answer_ns,
-            arrive=self._arrive,
-            tell=self.tell,
-        )
+        self._bus = Connections(self.processes, router, self._agenda, network, arrive=self._arrive, tell=self.tell)
         self._changed = True  # whether a process has ended, hangs, or goes on since ``going`` was looked at
         self._befalls: defaultdict[tuple[str, int], list[Callable[[], None]]] = defaultdict(list)
 
@@ -366,8 +358,7 @@ class Simulation:
             case Ask(key, wanted):
                 self._bus.query(process, lambda: Answered(self._bus.hub.answer(key, wanted)), Answered(None))
             case Count(key):
-                matching = self._bus.hub.matching
-                self._bus.query(process, lambda: Counted(key, tuple(sorted(matching(key)))), Counted(key, ()))
+                self._bus.query(process, lambda: Counted(key, self._bus.hub.matching(key)), Counted(key, ()))
 
     def _end(self, process: Process, error: BaseException | None) -> None:
         self.ended[process.name] = error
