@@ -252,11 +252,17 @@ def hear(name, kind, latched=False, type_hash=None):
     _subscribers[name] = ROS2Subscriber(name, kind, come, qos=qos, type_hash=type_hash)
 
 
-def heard(name, least, within_s=20.0):
-    """Wait until so many messages have come on a topic; return all that have."""
+def count(name, least, within_s=20.0):
+    """Wait until so many messages have come on a topic; return how many have."""
     with _came:
         _came.wait_for(lambda: len(_heard[name]) >= least, within_s)
-        return [_plain(message) for message in _heard[name]]
+        return len(_heard[name])
+
+
+def heard(name, least, within_s=20.0):
+    """Wait until so many messages have come on a topic; return all that have."""
+    count(name, least, within_s)
+    return [_plain(message) for message in _heard[name]]
 
 
 def advertise(name, kind, type_hash=None):
@@ -287,12 +293,28 @@ def _made(store, kind, told):
     return store.types[kind](**values)
 
 
-def publish(name, messages):
-    """Publish messages on a topic."""
+def _wanted(name):
+    """Return the publisher of a topic, once somebody hears it."""
     publisher = _publishers[name]
+    wanted = threading.Event()
+    listener = publisher.pub.declare_matching_listener(lambda status: wanted.set() if status.matching else None)
+    if not publisher.pub.matching_status.matching and not wanted.wait(20.0):
+        raise TimeoutError(f"nobody hears {name}")
+    listener.undeclare()
+    return publisher
+
+
+def publish(name, messages):
+    """Publish messages on a topic, once somebody hears it."""
+    _wanted(name)
     for told in messages:
-        message = _made(publisher.session_mgr.store, publisher.msg_type, told)
-        publisher.publish(**{name: getattr(message, name) for name in _fields(message)})
+        _publish(name, told)
+
+
+def _publish(name, told):
+    publisher = _publishers[name]
+    message = _made(publisher.session_mgr.store, publisher.msg_type, told)
+    publisher.publish(**{field: getattr(message, field) for field in _fields(message)})
 
 
 def publish_raw(name, data, attached):
@@ -302,22 +324,44 @@ def publish_raw(name, data, attached):
     )
 
 
-def play(path):
-    """Publish the messages of a file at their times, in a thread; a line is [s from the beginning, topic, message]."""
-    threading.Thread(target=_play, args=(path,), daemon=True).start()
+_go = threading.Event()
 
 
-def _play(path):
-    began = time.monotonic()
+def play(path, first_s, rate):
+    """Publish the messages of a file in a thread, ``rate`` times as fast as they were.
+
+    A line is [s from the beginning, topic, message]. The first of each topic is repeated until all shall ``go``.
+    Stamps begin with ``first_s`` and go on at that rate.
+    """
     with Path(path).open() as lines:
-        for line in lines:
-            at_s, name, told = json.loads(line)
-            if (wait_s := began + at_s - time.monotonic()) > 0.0:
-                time.sleep(wait_s)
-            publish(name, [told])
+        messages = [json.loads(line) for line in lines]
+    threading.Thread(target=_play, args=(messages, first_s, rate), daemon=True).start()
+
+
+def go():
+    """Let the robot of the file go."""
+    _go.set()
+
+
+def _play(messages, first_s, rate):
+    began = time.monotonic()
+    first = {name: told for _, name, told in reversed(messages)}
+    while not _go.wait(0.1):
+        for name, told in first.items():
+            _publish(name, _dated(told, first_s + (time.monotonic() - began) * rate))
+    stood_s = (time.monotonic() - began) * rate
+    for at_s, name, told in messages:
+        if (wait_s := began + (stood_s + at_s) / rate - time.monotonic()) > 0.0:
+            time.sleep(wait_s)
+        _publish(name, _dated(told, first_s + stood_s + at_s))
     with _came:
-        _heard["played"].append(path)
+        _heard["played"].append(stood_s)
         _came.notify_all()
+
+
+def _dated(told, stamp_s):
+    seconds, nanoseconds = divmod(round(stamp_s * 1e9), 10**9)
+    return told | {"header": told["header"] | {"stamp": {"sec": seconds, "nanosec": nanoseconds}}}
 
 
 def main():
