@@ -1,4 +1,4 @@
-"""A robot that speaks ROS 2 over Zenoh as rmw_zenoh does: it stands in a square room, and loses every tenth scan."""
+"""A robot that speaks ROS 2 over Zenoh as rmw_zenoh does: it stands in a square room, and loses scans."""
 
 import itertools
 import json
@@ -24,14 +24,14 @@ HALF_M, CELL_M = 2.0, 0.1
 class Robot:
     """A robot that stands in a square room; ``heard`` has the messages that others publish, by their topics."""
 
-    def __init__(self, endpoint: str, session: RobotSession, types: RosTypes) -> None:
-        self._types, self._session = types, session
+    def __init__(self, endpoint: str, session: RobotSession, types: RosTypes, *, beams: int, lost_every: int) -> None:
+        self._types, self._session, self._beams, self._lost_every = types, session, beams, lost_every
         self.heard: defaultdict[str, list[tuple[str, bytes, bytes]]] = defaultdict(list)
         config = zenoh.Config()
         config.insert_json5("mode", '"client"')
         config.insert_json5("connect/endpoints", json.dumps([endpoint]))
-        self._ears = zenoh.open(config)
-        self._subscriber = self._ears.declare_subscriber("0/**", self._hear)
+        self.ears = zenoh.open(config)
+        self._subscriber = self.ears.declare_subscriber("0/**", self._hear)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._drive)
         self._thread.start()
@@ -40,7 +40,7 @@ class Robot:
         """End the robot."""
         self._over.set()
         self._thread.join()
-        self._ears.close()
+        self.ears.close()
 
     def entities(self) -> list[Entity]:
         """Return the nodes and endpoints that are there."""
@@ -63,7 +63,7 @@ class Robot:
         for number in itertools.count(1):
             stamp_ns = time.time_ns()
             odometry.put(types.encode(ODOMETRY, self._pose(stamp_ns)), stamp_ns)
-            if number % 10 == 0:
+            if number % self._lost_every == 0:
                 scan._sequence += 1  # a scan that never comes
             scan.put(types.encode(SCAN, self._scan(stamp_ns)), stamp_ns)
             if self._over.wait(0.05):
@@ -88,7 +88,7 @@ class Robot:
         return self._types.make(MAP, self._header("map", 0), info, cells.reshape(-1))
 
     def _scan(self, stamp_ns: int):
-        angles = np.linspace(-3.1, 3.1, 90)  # none along an axis
+        angles = np.linspace(-3.1, 3.1, self._beams)  # none along an axis
         sides = [(wall - 0.3) / np.cos(angles) for wall in (HALF_M, -HALF_M)]
         sides += [(wall - 0.1) / np.sin(angles) for wall in (HALF_M, -HALF_M)]
         ranges = np.min([np.where(side > 0.0, side, np.inf) for side in sides], axis=0).astype(np.float32)
@@ -116,11 +116,11 @@ def router(endpoint: str) -> Iterator[None]:
 
 
 @contextmanager
-def live_robot(types: RosTypes) -> Iterator[tuple[str, Robot]]:
-    """Start a robot and its router; give the router's endpoint, and the robot."""
+def live_robot(types: RosTypes, *, beams: int = 90, lost_every: int = 10) -> Iterator[tuple[str, Robot]]:
+    """Start a robot that loses one in so many scans, and its router; give the router's endpoint, and the robot."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with router(endpoint), RobotSession.connect(endpoint, 0, "/") as session:
-        robot = Robot(endpoint, session, types)
+        robot = Robot(endpoint, session, types, beams=beams, lost_every=lost_every)
         try:
             yield endpoint, robot
         finally:

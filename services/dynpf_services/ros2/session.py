@@ -90,7 +90,8 @@ class RobotSession:
                 )
             )
         else:
-            self._declared.append(self._session.declare_subscriber(key, self._enqueue))
+            in_order = zenoh.handlers.Callback(self._enqueue, indirect=False)  # of all topics: a thread each mixes them
+            self._declared.append(self._session.declare_subscriber(key, in_order))
 
     def announce(self, published: Published, qos: Qos) -> None:
         """Declare the token of a subscriber."""
