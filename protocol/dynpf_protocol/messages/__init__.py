@@ -57,6 +57,7 @@ from dynpf_protocol.messages.scene import (
     TriangleListPrimitive,
 )
 from dynpf_protocol.messages.sensed import (
+    InitialPose,
     LandmarkReading,
     LandmarkReadings,
     LineReading,
@@ -83,6 +84,7 @@ __all__ = [
     "Gap",
     "HealthFigures",
     "HostEvent",
+    "InitialPose",
     "KeyValuePair",
     "LandmarkReading",
     "LandmarkReadings",
