@@ -2,11 +2,15 @@
 
 import itertools
 import json
+import queue
+import subprocess
+import sys
 import threading
 import time
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import zenoh
@@ -15,17 +19,32 @@ from dynpf_formats.ros2.types import RosTypes
 from dynpf_runtime.bus.processes import free_port
 from dynpf_services.ros2.session import RobotSession
 
-__all__ = ["MAP", "ODOMETRY", "SCAN", "Robot", "live_robot", "router"]
+__all__ = ["MAP", "ODOMETRY", "SCAN", "Robot", "live_robot", "robot_at", "router", "router_process"]
 
 SCAN, ODOMETRY, MAP = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry", "nav_msgs/msg/OccupancyGrid"
+POSE, CLOCK = "geometry_msgs/msg/PoseWithCovarianceStamped", "rosgraph_msgs/msg/Clock"
 HALF_M, CELL_M = 2.0, 0.1
 
 
 class Robot:
     """A robot that stands in a square room; ``heard`` has the messages that others publish, by their topics."""
 
-    def __init__(self, endpoint: str, session: RobotSession, types: RosTypes, *, beams: int, lost_every: int) -> None:
+    def __init__(
+        self,
+        endpoint: str,
+        session: RobotSession,
+        types: RosTypes,
+        *,
+        beams: int = 90,
+        lost_every: int = 10,
+        namespace: str = "",
+        place: tuple[float, float] = (0.3, 0.1),
+        simulated: bool = False,
+    ) -> None:
         self._types, self._session, self._beams, self._lost_every = types, session, beams, lost_every
+        self._namespace, self._place, self._simulated = namespace, place, simulated
+        self._origin_ns = time.time_ns() if simulated else 0
+        self._told: queue.SimpleQueue[tuple[float, float]] = queue.SimpleQueue()
         self.heard: defaultdict[str, list[tuple[str, bytes, bytes]]] = defaultdict(list)
         config = zenoh.Config()
         config.insert_json5("mode", '"client"')
@@ -42,6 +61,23 @@ class Robot:
         self._thread.join()
         self.ears.close()
 
+    def reset(self) -> None:
+        """Let the time of a simulated robot begin again."""
+        self._origin_ns = time.time_ns()
+
+    def tell(self, x: float, y: float) -> None:
+        """Publish where the robot is, as rviz does."""
+        self._told.put((x, y))
+
+    def poses(self) -> list[tuple[float, float, float]]:
+        """Return time (s), x and y of all the poses that have been heard."""
+        found = []
+        for kind, payload, _ in list(self.heard[f"{self._namespace}/amcl_pose"]):
+            message = self._types.decode(kind, payload)
+            stamp, position = message.header.stamp, message.pose.pose.position
+            found.append((stamp.sec + stamp.nanosec * 1e-9, position.x, position.y))
+        return found
+
     def entities(self) -> list[Entity]:
         """Return the nodes and endpoints that are there."""
         return list(self._session.entities())
@@ -53,15 +89,22 @@ class Robot:
             self.heard[published.topic].append((published.type, sample.payload.to_bytes(), attachment.to_bytes()))
 
     def _writer(self, topic: str, kind: str, qos=RELIABLE):
-        return self._session.writer(Published(topic, kind, self._types.hash(kind)), qos)
+        return self._session.writer(Published(self._namespace + topic, kind, self._types.hash(kind)), qos)
 
     def _drive(self) -> None:
         types = self._types
         scan, odometry = self._writer("/scan", SCAN, SENSOR_DATA), self._writer("/odom", ODOMETRY)
         room = self._writer("/map", MAP, LATCHED)  # before anybody is there to hear it
         room.put(types.encode(MAP, self._room()), time.time_ns())
+        told = self._writer("/initialpose", POSE)
+        clock = self._session.writer(Published("/clock", CLOCK, types.hash(CLOCK)), SENSOR_DATA)
         for number in itertools.count(1):
-            stamp_ns = time.time_ns()
+            stamp_ns = time.time_ns() - self._origin_ns
+            if self._simulated:
+                stamp = types.make("builtin_interfaces/msg/Time", *divmod(stamp_ns, 10**9))
+                clock.put(types.encode(CLOCK, types.make(CLOCK, stamp)), stamp_ns)
+            while not self._told.empty():
+                told.put(types.encode(POSE, self._initial_pose(*self._told.get())), stamp_ns)
             odometry.put(types.encode(ODOMETRY, self._pose(stamp_ns)), stamp_ns)
             if number % self._lost_every == 0:
                 scan._sequence += 1  # a scan that never comes
@@ -78,6 +121,13 @@ class Robot:
         turned = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
         return make("geometry_msgs/msg/Pose", make("geometry_msgs/msg/Point", x, y, 0.0), turned)
 
+    def _initial_pose(self, x: float, y: float):
+        covariance = np.zeros((6, 6))
+        covariance[[0, 1, 5], [0, 1, 5]] = 0.0001
+        make = self._types.make
+        content = make("geometry_msgs/msg/PoseWithCovariance", self._at(x, y), covariance.reshape(-1))
+        return make(POSE, self._header("map", 0), content)
+
     def _room(self):
         size = round(2 * HALF_M / CELL_M) + 2
         cells = np.full((size, size), 100, np.int8)
@@ -89,8 +139,9 @@ class Robot:
 
     def _scan(self, stamp_ns: int):
         angles = np.linspace(-3.1, 3.1, self._beams)  # none along an axis
-        sides = [(wall - 0.3) / np.cos(angles) for wall in (HALF_M, -HALF_M)]
-        sides += [(wall - 0.1) / np.sin(angles) for wall in (HALF_M, -HALF_M)]
+        x, y = self._place
+        sides = [(wall - x) / np.cos(angles) for wall in (HALF_M, -HALF_M)]
+        sides += [(wall - y) / np.sin(angles) for wall in (HALF_M, -HALF_M)]
         ranges = np.min([np.where(side > 0.0, side, np.inf) for side in sides], axis=0).astype(np.float32)
         step = float(angles[1] - angles[0])
         header = self._header("base", stamp_ns)
@@ -116,12 +167,37 @@ def router(endpoint: str) -> Iterator[None]:
 
 
 @contextmanager
-def live_robot(types: RosTypes, *, beams: int = 90, lost_every: int = 10) -> Iterator[tuple[str, Robot]]:
-    """Start a robot that loses one in so many scans, and its router; give the router's endpoint, and the robot."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with router(endpoint), RobotSession.connect(endpoint, 0, "/") as session:
-        robot = Robot(endpoint, session, types, beams=beams, lost_every=lost_every)
+def router_process(endpoint: str) -> Iterator["subprocess.Popen[str]"]:
+    """Start a robot's router as a process of its own, which can be killed; it listens when the block begins."""
+    code = (
+        "import sys; from tests.integration.robots import router\n"
+        "with router(sys.argv[1]): print('listens', flush=True); sys.stdin.read()"
+    )
+    pipe = subprocess.PIPE
+    process = subprocess.Popen([sys.executable, "-c", code, endpoint], stdin=pipe, stdout=pipe, text=True)
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "listens\n"
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@contextmanager
+def robot_at(endpoint: str, types: RosTypes, **settings: Any) -> Iterator[Robot]:
+    """Start a robot at a router; ``settings`` are Robot's."""
+    with RobotSession.connect(endpoint, 0, settings.get("namespace", "")) as session:
+        robot = Robot(endpoint, session, types, **settings)
         try:
-            yield endpoint, robot
+            yield robot
         finally:
             robot.stop()
+
+
+@contextmanager
+def live_robot(types: RosTypes, **settings: Any) -> Iterator[tuple[str, Robot]]:
+    """Start a robot and its router; give the router's endpoint, and the robot. ``settings`` are Robot's."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with router(endpoint), robot_at(endpoint, types, **settings) as robot:
+        yield endpoint, robot

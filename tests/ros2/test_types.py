@@ -5,11 +5,12 @@ from dynpf_formats.importers.bag_plan import TRANSFORMS, TYPES
 from dynpf_formats.ros2.answers import ANSWERS
 from dynpf_formats.ros2.attachment import Attachment, publisher_id
 from dynpf_formats.ros2.keys import LATCHED, RELIABLE, SENSOR_DATA, Entity, Published
+from dynpf_formats.ros2.robot import CLOCK, IMU, INITIAL_POSE
 from dynpf_formats.ros2.xxh3 import xxh3_128
 
 from tests.ros2.oracle import plain
 
-USED = sorted({*TYPES, *(kind.type for kind in ANSWERS)} - {TRANSFORMS[1]})
+USED = sorted({CLOCK, IMU, INITIAL_POSE, *TYPES, *(kind.type for kind in ANSWERS)} - {TRANSFORMS[1]})
 WHEELS = [kind for kind in USED if kind.split("/")[0] not in {"tf2_msgs", "nav2_msgs"}]
 IDL = {
     "tf2_msgs": {
@@ -30,7 +31,7 @@ IDL = {
 
 
 def test_types_have_the_hashes_in_the_packages_of_ros(theirs, types):
-    assert len(WHEELS) >= 9
+    assert len(WHEELS) >= 11
     assert {kind: types.hash(kind) for kind in WHEELS} == theirs.ask("hashes", kinds=WHEELS)
 
 

@@ -40,6 +40,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--scan", metavar="TOPIC", help="the scanner's topic (default: the one of the widest view)")
     parser.add_argument("--odometry", metavar="TOPIC", help="the odometry's topic, or tf (default: what there is)")
+    parser.add_argument(
+        "--imu",
+        type=_topic,
+        metavar="TOPIC",
+        help="a gyro whose turns replace those of the odometry (default: the odometry's own)",
+    )
     parser.add_argument("--base", metavar="FRAME", help="the robot's frame (default: of the odometry)")
     parser.add_argument(
         "--wait",
@@ -63,6 +69,10 @@ def _namespace(text: str) -> str:
     if namespace and _NAMESPACE.fullmatch(namespace) is None:
         raise argparse.ArgumentTypeError(f"{text}: expected a namespace such as /bot1")
     return namespace
+
+
+def _topic(text: str) -> str:
+    return "/" + text.strip("/")
 
 
 def _publish(text: str) -> tuple[str, ...]:
@@ -141,6 +151,7 @@ def _look(options: argparse.Namespace, log: Path, settings: Path, observer: Path
                 options.domain,
                 options.namespace,
                 choice,
+                imu=options.imu,
                 patience_s=options.wait,
                 log=log,
                 stopped=lambda: stop.requested,

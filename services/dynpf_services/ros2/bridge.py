@@ -137,9 +137,10 @@ class _Back:
 
 def _topic(bridge: Bridge, name: str, *, is_global: bool) -> str:
     """Return the robot's topic of a name: transforms go where the robot's own are."""
-    if name == "tf":
-        return next((topic for topic in bridge.plan.transforms if topic.endswith("/tf")), "/tf")
-    return f"/{name}" if is_global else f"{bridge.namespace}/{name}"
+    within = f"{bridge.namespace}/{name}"
+    if name == "tf" and within not in bridge.plan.transforms:
+        is_global = True
+    return f"/{name}" if is_global else within
 
 
 @contextmanager

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from dynpf_formats.importers.bag_plan import MAPS, ODOMETRY, SCANS, TF, TRANSFORMS, BagChoice, planned
+from dynpf_formats.importers.bag_plan import MAPS, ODOMETRY, SCANS, TF, TRANSFORMS, BagChoice, frame_of, planned
 from dynpf_formats.importers.bags import Message
 from dynpf_formats.importers.errors import ImportFailedError
 from dynpf_formats.importers.log import ImportedLog, Losses
@@ -13,7 +13,7 @@ from dynpf_formats.importers.recording import write_recording
 from dynpf_formats.importers.scans import without_repeated_scanners
 from dynpf_formats.ros2.attachment import BadAttachmentError
 from dynpf_formats.ros2.keys import NO_HASH, Entity
-from dynpf_formats.ros2.robot import Heard, LiveReader, RobotPlan, Said, opened
+from dynpf_formats.ros2.robot import IMU, Heard, LiveReader, RobotPlan, Said, opened
 from dynpf_formats.ros2.types import BadRosMessageError, RosTypes
 from dynpf_protocol.errors import RunError
 
@@ -35,6 +35,7 @@ def look_at_robot(
     namespace: str,
     choice: BagChoice,
     *,
+    imu: str | None,
     patience_s: float,
     log: Path,
     stopped: Callable[[], bool],
@@ -52,12 +53,15 @@ def look_at_robot(
         for kind in (SCANS, ODOMETRY):
             session.hear(f"{within}**", kind)
         session.hear(f"{within}**", MAPS, latched=True)
-        session.hear("**", _TF, latched=True)
-        if namespace:
+        session.hear(f"{within}**", _TF, latched=True)
+        if namespace:  # what robots share
             session.hear("map", MAPS, latched=True)
+            session.hear("*", _TF, latched=True)
+        if imu is not None:
+            session.hear(imu.strip("/"), IMU)
         entities = session.entities()
         began = time.monotonic()
-        while not _enough(said, choice, entities, time.monotonic() - began):
+        while not _enough(said, choice, imu, entities, time.monotonic() - began):
             if stopped():
                 raise KeyboardInterrupt
             if time.monotonic() - began > patience_s or len(heard) > _MOST_MESSAGES:
@@ -67,7 +71,9 @@ def look_at_robot(
     if not said.of_type(SCANS):
         raise RunError(_nothing(f"{endpoint}, domain {domain}", namespace, entities, said, refused))
     plan = planned(said, choice, losses)
-    robot = RobotPlan.of(plan, said.odom_frame(plan), said.topics)
+    robot = RobotPlan.of(plan, said.odom_frame(plan), said.topics, namespace)
+    if imu is not None:
+        robot = _with_imu(robot, imu, said, losses)
     reader = LiveReader(robot, types)
     records = [record for one in heard for record in reader.take(one).records]
     name, content = "map", said.map()
@@ -76,6 +82,7 @@ def look_at_robot(
     except ValueError as error:
         raise ImportFailedError(f"{endpoint}: the robot's map: {error}") from error
     settings = {"scan": plan.scan, "odometry": plan.odometry, "base": plan.base, "odom_frame": robot.odom_frame}
+    settings |= {} if imu is None else {"imu": imu}
     write_recording(
         ImportedLog(endpoint, "ros2", settings, without_repeated_scanners(records), losses, attachments), log
     )
@@ -95,11 +102,25 @@ def _hear(session: RobotSession, types: RosTypes, said: Said, heard: list[Heard]
             heard.append(one)
 
 
-def _enough(said: Said, choice: BagChoice, entities: Sequence[Entity], waited_s: float) -> bool:
-    """Return whether scanner and odometry are known, and the map if the robot has one."""
+def _with_imu(robot: RobotPlan, imu: str, said: Said, losses: Losses) -> RobotPlan:
+    """Return the plan with a gyro; raises RunError if there is none, or no odometry that it could turn."""
+    first = next(said.messages({imu}, losses), None)
+    if first is None or said.topics[imu] != IMU:
+        raise RunError(f"--imu {imu}: no {IMU} has come; those there are: {', '.join(said.of_type(IMU)) or 'none'}")
+    if robot.odometry is None:
+        raise RunError(f"--imu {imu}: there is no odometry that it could turn")
+    frame = frame_of(first.content)
+    axis = said.vertical_of(frame, robot.base)
+    if axis is None and frame != robot.base:
+        losses.add("transforms that the robot lacks, taken as none", f"{robot.base} -> {frame}")
+    return robot.with_imu(imu, axis or (0.0, 0.0, 1.0))
+
+
+def _enough(said: Said, choice: BagChoice, imu: str | None, entities: Sequence[Entity], waited_s: float) -> bool:
+    """Return whether scanner, odometry and gyro are known, and the map if the robot has one."""
     if waited_s < _LEAST_S or not said.of_type(SCANS) or not (said.of_type(ODOMETRY) or said.of_type(_TF)):
         return False
-    if choice.odometry == TF and not said.of_type(_TF):
+    if (choice.odometry == TF and not said.of_type(_TF)) or (imu is not None and imu not in said.topics):
         return False
     maps = any(one.published is not None and one.kind == "MP" and one.published.type == MAPS for one in entities)
     return not maps or bool(said.of_type(MAPS))

@@ -23,6 +23,7 @@ __all__ = ["RobotSession", "Writer"]
 NODE = "dynpf"
 _EACH = 1000  # bytes that a message takes beside its payload
 _MOST_TOKENS = 10_000
+_TO_OTHERS = zenoh.Locality.REMOTE  # or our own transforms would come back as the robot's
 
 
 class Writer:
@@ -36,10 +37,15 @@ class Writer:
         self._publisher: zenoh.Publisher | zenoh.ext.AdvancedPublisher
         if qos.latched:
             self._publisher = zenoh.ext.declare_advanced_publisher(
-                session, key, cache=zenoh.ext.CacheConfig(max_samples=qos.depth), publisher_detection=True
+                session,
+                key,
+                cache=zenoh.ext.CacheConfig(max_samples=qos.depth),
+                publisher_detection=True,
+                allowed_destination=_TO_OTHERS,
             )
         else:
-            self._publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP)
+            drop = zenoh.CongestionControl.DROP
+            self._publisher = session.declare_publisher(key, congestion_control=drop, allowed_destination=_TO_OTHERS)
         self._token = session.liveliness().declare_token(token)
         self._id = publisher_id(token)
         self._sequence = 0
