@@ -212,6 +212,8 @@ def drawn(mean: FloatArray, covariance: FloatArray, count: int, stream: Stream) 
 
     Raises ValueError for a covariance with a negative eigenvalue.
     """
-    root, normals = symmetric_offsets(covariance, 1.0)[:, :3], stream.normals(3, count)
-    poses: Floats = (mean[:, None] + sum(root[:, [row]] * normals[row] for row in range(3))).astype(np.float32)
-    return poses
+    poses = mean[:, None]
+    for column, normal in zip(symmetric_offsets(covariance, 1.0).T[:3], stream.normals(3, count), strict=True):
+        poses = poses + column[:, None] * normal
+    found: Floats = poses.astype(np.float32)
+    return found
