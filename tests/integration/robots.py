@@ -19,7 +19,7 @@ from dynpf_formats.ros2.types import RosTypes
 from dynpf_runtime.bus.processes import free_port
 from dynpf_services.ros2.session import RobotSession
 
-__all__ = ["MAP", "ODOMETRY", "SCAN", "Robot", "live_robot", "robot_at", "router", "router_process"]
+__all__ = ["MAP", "ODOMETRY", "POSE", "SCAN", "Robot", "live_robot", "robot_at", "router", "router_process"]
 
 SCAN, ODOMETRY, MAP = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry", "nav_msgs/msg/OccupancyGrid"
 POSE, CLOCK = "geometry_msgs/msg/PoseWithCovarianceStamped", "rosgraph_msgs/msg/Clock"
@@ -40,6 +40,7 @@ class Robot:
         namespace: str = "",
         place: tuple[float, float] = (0.3, 0.1),
         simulated: bool = False,
+        wire: str = "rmw_zenoh",
     ) -> None:
         self._types, self._session, self._beams, self._lost_every = types, session, beams, lost_every
         self._namespace, self._place, self._simulated = namespace, place, simulated
@@ -50,7 +51,8 @@ class Robot:
         config.insert_json5("mode", '"client"')
         config.insert_json5("connect/endpoints", json.dumps([endpoint]))
         self.ears = zenoh.open(config)
-        self._subscriber = self.ears.declare_subscriber("0/**", self._hear)
+        keys = "0/**" if wire == "rmw_zenoh" else "amcl_pose"
+        self._subscriber = self.ears.declare_subscriber(keys, self._hear)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._drive)
         self._thread.start()
@@ -84,6 +86,10 @@ class Robot:
 
     def _hear(self, sample: zenoh.Sample) -> None:
         key, attachment = str(sample.key_expr), sample.attachment
+        if key == "amcl_pose":  # by zenoh-bridge-ros2dds
+            self.heard["/amcl_pose"].append((POSE, sample.payload.to_bytes(), b""))
+            assert attachment is None
+            return
         published = Published.parse(key)
         if published is not None and attachment is not None:
             self.heard[published.topic].append((published.type, sample.payload.to_bytes(), attachment.to_bytes()))
@@ -187,7 +193,7 @@ def router_process(endpoint: str) -> Iterator["subprocess.Popen[str]"]:
 @contextmanager
 def robot_at(endpoint: str, types: RosTypes, **settings: Any) -> Iterator[Robot]:
     """Start a robot at a router; ``settings`` are Robot's."""
-    with RobotSession.connect(endpoint, 0, settings.get("namespace", "")) as session:
+    with RobotSession.connect(endpoint, 0, settings.get("namespace", ""), settings.get("wire", "rmw_zenoh")) as session:
         robot = Robot(endpoint, session, types, **settings)
         try:
             yield robot

@@ -14,7 +14,7 @@ from dynpf_protocol.messages import HostEvent, InitialPose
 from dynpf_runtime.bus.processes import free_port
 
 from tests.integration.processes import until
-from tests.integration.robots import live_robot, robot_at, router, router_process
+from tests.integration.robots import POSE, SCAN, live_robot, robot_at, router, router_process
 
 TICKS = 40
 KNOWN = 'estimator.start={kind="known", x=0.3, y=0.1, sigma_position=0.1, sigma_heading=0.05}'
@@ -143,6 +143,24 @@ def test_a_robots_router_that_restarts_costs_what_it_did_not_pass_on(tmp_path, d
         assert run.wait() == 0, run.stderr
     gaps = [decode(one.topic, one.payload) for one in same_again(path, here) if one.topic == "event/sensors"]
     assert {gap.topic for gap in gaps if isinstance(gap, HostEvent)} == {"log/scan", "log/odometry_pose"}
+
+
+def test_a_robot_behind_the_bridge_from_dds_is_localized_though_its_messages_have_no_numbers(
+    tmp_path, dynpf, here, types
+):
+    path = tmp_path / "live.mcap"
+    with live_robot(types, wire="ros2dds") as (endpoint, robot):
+        run = started(dynpf, endpoint, path, "--format", "ros2dds")
+        answered(run, robot, lambda *_: True, "a first pose")
+        robot.tell(-1.2, 1.3)
+        answered(run, robot, lambda _, x, y: math.dist((x, y), (-1.2, 1.3)) < 0.1, "the pose that was told")
+        topics = {(one.kind, one.published.topic, one.published.type) for one in robot.entities() if one.published}
+        assert {("MP", "/amcl_pose", POSE), ("MS", "/scan", SCAN)} <= topics
+        run.interrupt()
+        assert run.wait() == 0, run.stderr
+    messages = same_again(path, here)
+    assert any(attachment.name == "files/map.yaml" for attachment in read_recording(path).attachments)
+    assert not [one for one in messages if one.topic == "event/sensors"]  # the robot skips numbers that nobody sees
 
 
 def test_no_router_of_a_robot_is_told_with_what_starts_one(tmp_path, dynpf):

@@ -32,11 +32,14 @@ _MOST_POSES = 2000
 
 
 class Heard(NamedTuple):
-    """A message as it came from the robot: its key, its bytes, and when it arrived (ns, a clock that only goes on)."""
+    """A message as it came from the robot: its key, its bytes, and when it arrived (ns, a clock that only goes on).
+
+    The key is as rmw_zenoh has it. ``attachment`` is None where messages have none.
+    """
 
     key: str
     payload: bytes
-    attachment: bytes
+    attachment: bytes | None
     arrival_ns: int
 
 
@@ -132,8 +135,8 @@ class Said:
         return maps[-1].content if maps else None
 
 
-def opened(heard: Heard, types: RosTypes) -> tuple[Published, Attachment, Any]:
-    """Return topic, attachment and content of a message.
+def opened(heard: Heard, types: RosTypes) -> tuple[Published, Attachment | None, Any]:
+    """Return topic, attachment and content of a message; None for an attachment that there need not be.
 
     Raises BadAttachmentError or BadRosMessageError, whose text begins with the topic.
     """
@@ -141,7 +144,7 @@ def opened(heard: Heard, types: RosTypes) -> tuple[Published, Attachment, Any]:
     if published is None:
         raise BadRosMessageError(f"{printable(heard.key)[:200]}: no key of a ROS 2 topic")
     try:
-        attachment = Attachment.decode(heard.attachment)
+        attachment = None if heard.attachment is None else Attachment.decode(heard.attachment)
         content = types.decode(published.type, heard.payload)
     except (BadAttachmentError, BadRosMessageError) as error:
         raise type(error)(f"{published.topic}: {error}") from error
@@ -174,7 +177,7 @@ class LiveReader:
             published, attachment, content = opened(heard, self._types)
             if self._plan.types.get(published.topic) != published.type:
                 raise BadRosMessageError(f"{published.topic}: is {published.type} now")
-            lost = self._numbers[published.topic].see(attachment)
+            lost = None if attachment is None else self._numbers[published.topic].see(attachment)
             made = self._made(published.topic, content, heard.arrival_ns)
         except (BadAttachmentError, BadRosMessageError) as error:
             self.refuse(str(error))

@@ -19,15 +19,23 @@ from dynpf_lab.cli.run import check_output, default_output, print_summary
 
 __all__ = ["add_arguments"]
 
+FORMATS = ("rmw_zenoh", "ros2dds")
 WORDS = ("pose", "cloud", "tf", "diagnostics")
 _NAMESPACE = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``dynpf bridge``."""
-    parser.add_argument("system", choices=["ros2"], help="what the robot runs: ROS 2 with rmw_zenoh")
+    parser.add_argument("system", choices=["ros2"], help="what the robot runs: ROS 2")
     parser.add_argument("scenario", metavar="SCENARIO", help="name (dynpf list) or TOML file, of one that plays a log")
     add_robot(parser)
+    parser.add_argument(
+        "--format",
+        choices=FORMATS,
+        default=FORMATS[0],
+        help="how the robot's topics stand on Zenoh: by rmw_zenoh, or by zenoh-bridge-ros2dds, for a robot on DDS"
+        " (default: %(default)s)",
+    )
     parser.add_argument(
         "--namespace", type=_namespace, default="", metavar="/r", help="of one robot among several (default: none)"
     )
@@ -104,6 +112,10 @@ def _check_possible(options: argparse.Namespace) -> None:
 
     with needing("rosbags", extra="ros", what="the bridge to ROS 2"):
         import rosbags  # noqa: F401
+    if options.format == "ros2dds" and options.domain:
+        raise UsageError(
+            f"--domain {options.domain}: zenoh-bridge-ros2dds has a domain, its keys have none; leave it out"
+        )
     add_folders(code_folders(options.code, options.scenario))
     scenario = load_scenario(options.scenario, overrides=options.overrides, seed=options.seed, clock="realtime")
     if not scenario.needs_log:
@@ -134,6 +146,7 @@ def _look(options: argparse.Namespace, log: Path, settings: Path, observer: Path
     def made(plan: RobotPlan, humble: bool) -> Bridge:
         return Bridge(
             connect=options.connect,
+            wire=options.format,
             domain=options.domain,
             namespace=options.namespace,
             publish=options.publish,
@@ -151,6 +164,7 @@ def _look(options: argparse.Namespace, log: Path, settings: Path, observer: Path
                 options.domain,
                 options.namespace,
                 choice,
+                wire=options.format,
                 imu=options.imu,
                 patience_s=options.wait,
                 log=log,

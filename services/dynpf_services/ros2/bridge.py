@@ -36,6 +36,7 @@ class Bridge(msgspec.Struct, frozen=True, kw_only=True):
     """The settings of a bridge: where the robot's router is, what is heard, and which answers go back."""
 
     connect: str
+    wire: str
     domain: int
     namespace: str
     publish: tuple[str, ...]
@@ -150,7 +151,7 @@ def opened_bridge(
     """Connect to the robot; give its records to the run's source, and publish the run's estimates to it."""
     types = RosTypes()
     reader = LiveReader(bridge.plan, types)
-    with RobotSession.connect(bridge.connect, bridge.domain, bridge.namespace) as session:
+    with RobotSession.connect(bridge.connect, bridge.domain, bridge.namespace, bridge.wire) as session:
         robot = LiveRobot(session, reader, graph.waking_records)
         session.wakes(bus.wake)
         for topic, kind in bridge.plan.types.items():

@@ -35,6 +35,7 @@ def look_at_robot(
     namespace: str,
     choice: BagChoice,
     *,
+    wire: str,
     imu: str | None,
     patience_s: float,
     log: Path,
@@ -48,7 +49,7 @@ def look_at_robot(
     types, said, losses = RosTypes(), Said(endpoint), Losses()
     heard: list[Heard] = []
     refused: list[str] = []
-    with RobotSession.connect(endpoint, domain, namespace) as session:
+    with RobotSession.connect(endpoint, domain, namespace, wire) as session:
         within = f"{namespace.strip('/')}/" if namespace else ""
         for kind in (SCANS, ODOMETRY):
             session.hear(f"{within}**", kind)
