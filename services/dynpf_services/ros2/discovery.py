@@ -50,16 +50,7 @@ def look_at_robot(
     heard: list[Heard] = []
     refused: list[str] = []
     with RobotSession.connect(endpoint, domain, namespace, wire) as session:
-        within = f"{namespace.strip('/')}/" if namespace else ""
-        for kind in (SCANS, ODOMETRY):
-            session.hear(f"{within}**", kind)
-        session.hear(f"{within}**", MAPS, latched=True)
-        session.hear(f"{within}**", _TF, latched=True)
-        if namespace:  # what robots share
-            session.hear("map", MAPS, latched=True)
-            session.hear("*", _TF, latched=True)
-        if imu is not None:
-            session.hear(imu.strip("/"), IMU)
+        _listen(session, namespace, imu)
         entities = session.entities()
         began = time.monotonic()
         while not _enough(said, choice, imu, entities, time.monotonic() - began):
@@ -89,6 +80,20 @@ def look_at_robot(
     )
     hashes = {entity.published.hash for entity in entities if entity.published is not None and entity.kind == "MP"}
     return bridge(robot, hashes == {NO_HASH})
+
+
+def _listen(session: RobotSession, namespace: str, imu: str | None) -> None:
+    """Hear whatever there may be to choose from."""
+    within = f"{namespace.strip('/')}/" if namespace else ""
+    for kind in (SCANS, ODOMETRY):
+        session.hear(f"{within}**", kind)
+    for kind in (MAPS, _TF):
+        session.hear(f"{within}**", kind, latched=True)
+    if namespace:  # what robots share
+        session.hear("map", MAPS, latched=True)
+        session.hear("*", _TF, latched=True)
+    if imu is not None:
+        session.hear(imu.strip("/"), IMU)
 
 
 def _hear(session: RobotSession, types: RosTypes, said: Said, heard: list[Heard], refused: list[str]) -> None:
