@@ -19,11 +19,61 @@ from dynpf_formats.ros2.types import RosTypes
 from dynpf_runtime.bus.processes import free_port
 from dynpf_services.ros2.session import RobotSession
 
-__all__ = ["MAP", "ODOMETRY", "POSE", "SCAN", "Robot", "live_robot", "robot_at", "router", "router_process"]
+__all__ = ["MAP", "ODOMETRY", "POSE", "SCAN", "Messages", "Robot", "live_robot", "robot_at", "router", "router_process"]
 
 SCAN, ODOMETRY, MAP = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry", "nav_msgs/msg/OccupancyGrid"
 POSE, CLOCK = "geometry_msgs/msg/PoseWithCovarianceStamped", "rosgraph_msgs/msg/Clock"
 HALF_M, CELL_M = 2.0, 0.1
+
+
+class Messages:
+    """What a robot at a place in a square room says."""
+
+    def __init__(self, types: RosTypes, beams: int = 90, place: tuple[float, float] = (0.3, 0.1)) -> None:
+        self._types, self._beams, self._place = types, beams, place
+
+    def _header(self, frame: str, stamp_ns: int):
+        stamp = self._types.make("builtin_interfaces/msg/Time", *divmod(stamp_ns, 10**9))
+        return self._types.make("std_msgs/msg/Header", stamp, frame)
+
+    def _at(self, x: float, y: float):
+        make = self._types.make
+        turned = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
+        return make("geometry_msgs/msg/Pose", make("geometry_msgs/msg/Point", x, y, 0.0), turned)
+
+    def initial_pose(self, x: float, y: float):
+        covariance = np.zeros((6, 6))
+        covariance[[0, 1, 5], [0, 1, 5]] = 0.0001
+        make = self._types.make
+        content = make("geometry_msgs/msg/PoseWithCovariance", self._at(x, y), covariance.reshape(-1))
+        return make(POSE, self._header("map", 0), content)
+
+    def room(self):
+        size = round(2 * HALF_M / CELL_M) + 2
+        cells = np.full((size, size), 100, np.int8)
+        cells[1:-1, 1:-1] = 0
+        origin = self._at(-HALF_M - CELL_M, -HALF_M - CELL_M)
+        stamp = self._types.make("builtin_interfaces/msg/Time", 0, 0)
+        info = self._types.make("nav_msgs/msg/MapMetaData", stamp, CELL_M, size, size, origin)
+        return self._types.make(MAP, self._header("map", 0), info, cells.reshape(-1))
+
+    def scan(self, stamp_ns: int):
+        angles = np.linspace(-3.1, 3.1, self._beams)  # none along an axis
+        x, y = self._place
+        sides = [(wall - x) / np.cos(angles) for wall in (HALF_M, -HALF_M)]
+        sides += [(wall - y) / np.sin(angles) for wall in (HALF_M, -HALF_M)]
+        ranges = np.min([np.where(side > 0.0, side, np.inf) for side in sides], axis=0).astype(np.float32)
+        step = float(angles[1] - angles[0])
+        header = self._header("base", stamp_ns)
+        span = (float(angles[0]), float(angles[-1]), step, 0.0, 0.05, 0.05, 12.0)
+        return self._types.make(SCAN, header, *span, ranges, ranges[:0])
+
+    def pose(self, stamp_ns: int):
+        make = self._types.make
+        zero = make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
+        twist = make("geometry_msgs/msg/TwistWithCovariance", make("geometry_msgs/msg/Twist", zero, zero), np.zeros(36))
+        content = make("geometry_msgs/msg/PoseWithCovariance", self._at(0.0, 0.0), np.zeros(36))
+        return make(ODOMETRY, self._header("odom", stamp_ns), "base", content, twist)
 
 
 class Robot:
@@ -42,8 +92,9 @@ class Robot:
         simulated: bool = False,
         wire: str = "rmw_zenoh",
     ) -> None:
-        self._types, self._session, self._beams, self._lost_every = types, session, beams, lost_every
-        self._namespace, self._place, self._simulated = namespace, place, simulated
+        self._types, self._session, self._lost_every = types, session, lost_every
+        self._namespace, self._simulated = namespace, simulated
+        self._says = Messages(types, beams, place)
         self._origin_ns = time.time_ns() if simulated else 0
         self._told: queue.SimpleQueue[tuple[float, float]] = queue.SimpleQueue()
         self.heard: defaultdict[str, list[tuple[str, bytes, bytes]]] = defaultdict(list)
@@ -101,7 +152,7 @@ class Robot:
         types = self._types
         scan, odometry = self._writer("/scan", SCAN, SENSOR_DATA), self._writer("/odom", ODOMETRY)
         room = self._writer("/map", MAP, LATCHED)  # before anybody is there to hear it
-        room.put(types.encode(MAP, self._room()), time.time_ns())
+        room.put(types.encode(MAP, self._says.room()), time.time_ns())
         told = self._writer("/initialpose", POSE)
         clock = self._session.writer(Published("/clock", CLOCK, types.hash(CLOCK)), SENSOR_DATA)
         for number in itertools.count(1):
@@ -110,56 +161,13 @@ class Robot:
                 stamp = types.make("builtin_interfaces/msg/Time", *divmod(stamp_ns, 10**9))
                 clock.put(types.encode(CLOCK, types.make(CLOCK, stamp)), stamp_ns)
             while not self._told.empty():
-                told.put(types.encode(POSE, self._initial_pose(*self._told.get())), stamp_ns)
-            odometry.put(types.encode(ODOMETRY, self._pose(stamp_ns)), stamp_ns)
+                told.put(types.encode(POSE, self._says.initial_pose(*self._told.get())), stamp_ns)
+            odometry.put(types.encode(ODOMETRY, self._says.pose(stamp_ns)), stamp_ns)
             if number % self._lost_every == 0:
                 scan._sequence += 1  # a scan that never comes
-            scan.put(types.encode(SCAN, self._scan(stamp_ns)), stamp_ns)
+            scan.put(types.encode(SCAN, self._says.scan(stamp_ns)), stamp_ns)
             if self._over.wait(0.05):
                 return
-
-    def _header(self, frame: str, stamp_ns: int):
-        stamp = self._types.make("builtin_interfaces/msg/Time", *divmod(stamp_ns, 10**9))
-        return self._types.make("std_msgs/msg/Header", stamp, frame)
-
-    def _at(self, x: float, y: float):
-        make = self._types.make
-        turned = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
-        return make("geometry_msgs/msg/Pose", make("geometry_msgs/msg/Point", x, y, 0.0), turned)
-
-    def _initial_pose(self, x: float, y: float):
-        covariance = np.zeros((6, 6))
-        covariance[[0, 1, 5], [0, 1, 5]] = 0.0001
-        make = self._types.make
-        content = make("geometry_msgs/msg/PoseWithCovariance", self._at(x, y), covariance.reshape(-1))
-        return make(POSE, self._header("map", 0), content)
-
-    def _room(self):
-        size = round(2 * HALF_M / CELL_M) + 2
-        cells = np.full((size, size), 100, np.int8)
-        cells[1:-1, 1:-1] = 0
-        origin = self._at(-HALF_M - CELL_M, -HALF_M - CELL_M)
-        stamp = self._types.make("builtin_interfaces/msg/Time", 0, 0)
-        info = self._types.make("nav_msgs/msg/MapMetaData", stamp, CELL_M, size, size, origin)
-        return self._types.make(MAP, self._header("map", 0), info, cells.reshape(-1))
-
-    def _scan(self, stamp_ns: int):
-        angles = np.linspace(-3.1, 3.1, self._beams)  # none along an axis
-        x, y = self._place
-        sides = [(wall - x) / np.cos(angles) for wall in (HALF_M, -HALF_M)]
-        sides += [(wall - y) / np.sin(angles) for wall in (HALF_M, -HALF_M)]
-        ranges = np.min([np.where(side > 0.0, side, np.inf) for side in sides], axis=0).astype(np.float32)
-        step = float(angles[1] - angles[0])
-        header = self._header("base", stamp_ns)
-        span = (float(angles[0]), float(angles[-1]), step, 0.0, 0.05, 0.05, 12.0)
-        return self._types.make(SCAN, header, *span, ranges, ranges[:0])
-
-    def _pose(self, stamp_ns: int):
-        make = self._types.make
-        zero = make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
-        twist = make("geometry_msgs/msg/TwistWithCovariance", make("geometry_msgs/msg/Twist", zero, zero), np.zeros(36))
-        content = make("geometry_msgs/msg/PoseWithCovariance", self._at(0.0, 0.0), np.zeros(36))
-        return make(ODOMETRY, self._header("odom", stamp_ns), "base", content, twist)
 
 
 @contextmanager

@@ -20,6 +20,7 @@ class Oracle:
 
     def __init__(self, folder: Path) -> None:
         home = {**os.environ, "HOME": str(folder), "ROS_LOG_DIR": str(folder)}
+        home["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         script = Path(__file__).with_name("other_side.py")
         self._process = subprocess.Popen(
             [str(PYTHON), "-I", "-W", "ignore", str(script), str(folder)],

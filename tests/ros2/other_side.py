@@ -26,6 +26,19 @@ FURTHER = {
 }
 
 
+_nodes: list[Any] = []
+_publishers: dict[str, Any] = {}
+_subscribers: dict[str, Any] = {}
+_heard: defaultdict[str, list[Any]] = defaultdict(list)
+_came = threading.Condition()
+
+
+def _come(name, message):
+    with _came:
+        _heard[name].append(message)
+        _came.notify_all()
+
+
 # --- ROS 2 itself
 
 
@@ -154,12 +167,75 @@ def xxh3(text):
     return number.to_bytes(16, "little").hex()
 
 
-# --- zenoh-ros2-sdk
+# --- a node of ROS 2, on DDS
 
-_publishers: dict[str, Any] = {}
-_subscribers: dict[str, Any] = {}
-_heard: defaultdict[str, list[Any]] = defaultdict(list)
-_came = threading.Condition()
+
+def node(domain):
+    """Become a node of rclpy in a domain, which is spun in a thread."""
+    import rclpy
+
+    rclpy.init(domain_id=domain)
+    _nodes.append(rclpy.create_node("robot"))
+    threading.Thread(target=rclpy.spin, args=(_nodes[0],), daemon=True).start()
+
+
+def _latched_or_not(latched):
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+
+    volatile, local = DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL
+    return QoSProfile(depth=1 if latched else 10, durability=local if latched else volatile)
+
+
+def node_hears(name, kind, latched=False):
+    """Subscribe a topic by rclpy."""
+    _nodes[0].create_subscription(_class_of(kind), name, lambda message: _come(name, message), _latched_or_not(latched))
+
+
+def node_latches(name, kind, told):
+    """Publish a message by rclpy for whoever comes."""
+    publisher = _nodes[0].create_publisher(_class_of(kind), name, _latched_or_not(True))
+    publisher.publish(_set(_class_of(kind)(), told))
+    _publishers[name] = publisher
+
+
+def node_repeats(messages, every_s):
+    """Publish messages by rclpy again and again, {topic: [type, message]}, with the time of now, until the end."""
+    from rclpy.qos import qos_profile_sensor_data
+
+    for name, (kind, told) in messages.items():
+        publisher = _nodes[0].create_publisher(_class_of(kind), name, qos_profile_sensor_data)
+        _publishers[name] = publisher, _set(_class_of(kind)(), told)
+
+    def repeat():
+        while True:
+            for name in messages:
+                publisher, message = _publishers[name]
+                message.header.stamp = _nodes[0].get_clock().now().to_msg()
+                publisher.publish(message)
+            time.sleep(every_s)
+
+    threading.Thread(target=repeat, daemon=True).start()
+
+
+def node_publishes(name, kind, told):
+    """Publish a message by rclpy, once somebody hears it."""
+    publisher = _nodes[0].create_publisher(_class_of(kind), name, 10)
+    ends = time.monotonic() + 20.0
+    while not publisher.get_subscription_count() and time.monotonic() < ends:
+        time.sleep(0.02)
+    publisher.publish(_set(_class_of(kind)(), told))
+    _publishers[name] = publisher
+
+
+def _set(message, told):
+    """Set the fields of a message of ROS 2's."""
+    for name, value in told.items():
+        field = getattr(message, name)
+        setattr(message, name, _set(field, value) if hasattr(field, "get_fields_and_field_types") else value)
+    return message
+
+
+# --- zenoh-ros2-sdk
 
 
 def _registered():
@@ -243,13 +319,8 @@ def hear(name, kind, latched=False, type_hash=None):
     from zenoh_ros2_sdk import ROS2Subscriber
     from zenoh_ros2_sdk.qos import QosDurability, QosProfile
 
-    def come(message):
-        with _came:
-            _heard[name].append(message)
-            _came.notify_all()
-
     qos = QosProfile(durability=QosDurability.TRANSIENT_LOCAL, history_depth=1) if latched else None
-    _subscribers[name] = ROS2Subscriber(name, kind, come, qos=qos, type_hash=type_hash)
+    _subscribers[name] = ROS2Subscriber(name, kind, lambda message: _come(name, message), qos=qos, type_hash=type_hash)
 
 
 def count(name, least, within_s=20.0):
@@ -354,9 +425,7 @@ def _play(messages, first_s, rate):
         if (wait_s := began + (stood_s + at_s) / rate - time.monotonic()) > 0.0:
             time.sleep(wait_s)
         _publish(name, _dated(told, first_s + stood_s + at_s))
-    with _came:
-        _heard["played"].append(stood_s)
-        _came.notify_all()
+    _come("played", stood_s)
 
 
 def _dated(told, stamp_s):

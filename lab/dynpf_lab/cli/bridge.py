@@ -28,7 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``dynpf bridge``."""
     parser.add_argument("system", choices=["ros2"], help="what the robot runs: ROS 2")
     parser.add_argument("scenario", metavar="SCENARIO", help="name (dynpf list) or TOML file, of one that plays a log")
-    add_robot(parser)
+    add_robot(parser, required=False)
+    parser.add_argument(
+        "--dds", action="store_true", help="instead of --connect: join the robot's DDS domain, without any router"
+    )
     parser.add_argument(
         "--format",
         choices=FORMATS,
@@ -97,8 +100,9 @@ def run(options: argparse.Namespace) -> int:
     check_output(path)
     with tempfile.TemporaryDirectory(prefix="dynpf-bridge-") as name:
         folder = Path(name)
+        at = "on DDS" if options.dds else f"at {options.connect}"
         log, settings = folder / "robot.mcap", folder / "robot.json"
-        print(f"dynpf bridge: waiting for the robot at {options.connect}", file=sys.stderr)
+        print(f"dynpf bridge: waiting for the robot {at}", file=sys.stderr)
         _in_a_process(options, log, settings, folder / "guests")
         _run(options, path, log, settings, folder / "guests")
     return print_summary("bridge", path, with_page=not options.no_page, as_json=options.json)
@@ -110,8 +114,15 @@ def _check_possible(options: argparse.Namespace) -> None:
     from dynpf_services.scenario.load import load_scenario
     from dynpf_services.scenario.user_code import add_folders, code_folders
 
+    if options.dds == (options.connect is not None):
+        raise UsageError("name the robot's router, --connect tcp/ROBOT:7447, or join its domain, --dds")
     with needing("rosbags", extra="ros", what="the bridge to ROS 2"):
         import rosbags  # noqa: F401
+    if options.dds:
+        with needing("cyclonedds", extra="dds", what="a robot on DDS"):
+            import cyclonedds  # noqa: F401
+    if options.dds and options.format != FORMATS[0]:
+        raise UsageError(f"--format {options.format}: is for a robot behind a router; --dds joins its domain itself")
     if options.format == "ros2dds" and options.domain:
         raise UsageError(
             f"--domain {options.domain}: zenoh-bridge-ros2dds has a domain, its keys have none; leave it out"
@@ -142,12 +153,13 @@ def _look(options: argparse.Namespace, log: Path, settings: Path, observer: Path
     from dynpf_runtime.bus.terminal import StopSignal
     from dynpf_services.ros2.bridge import Bridge
     from dynpf_services.ros2.discovery import look_at_robot
+    from dynpf_services.ros2.reach import Reach
+
+    reach = Reach(endpoint=options.connect or "", wire=options.format, domain=options.domain)
 
     def made(plan: RobotPlan, humble: bool) -> Bridge:
         return Bridge(
-            connect=options.connect,
-            wire=options.format,
-            domain=options.domain,
+            reach=reach,
             namespace=options.namespace,
             publish=options.publish,
             humble=humble,
@@ -160,11 +172,9 @@ def _look(options: argparse.Namespace, log: Path, settings: Path, observer: Path
         with StopSignal.installed() as stop:
             bridge = look_at_robot(
                 made,
-                options.connect,
-                options.domain,
+                reach,
                 options.namespace,
                 choice,
-                wire=options.format,
                 imu=options.imu,
                 patience_s=options.wait,
                 log=log,

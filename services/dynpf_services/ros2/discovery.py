@@ -18,7 +18,7 @@ from dynpf_formats.ros2.types import BadRosMessageError, RosTypes
 from dynpf_protocol.errors import RunError
 
 from dynpf_services.ros2.bridge import Bridge
-from dynpf_services.ros2.session import RobotSession
+from dynpf_services.ros2.reach import Reach, Session
 
 __all__ = ["look_at_robot"]
 
@@ -30,12 +30,10 @@ _TF = TRANSFORMS[0]
 
 def look_at_robot(
     bridge: Callable[[RobotPlan, bool], Bridge],
-    endpoint: str,
-    domain: int,
+    reach: Reach,
     namespace: str,
     choice: BagChoice,
     *,
-    wire: str,
     imu: str | None,
     patience_s: float,
     log: Path,
@@ -46,22 +44,22 @@ def look_at_robot(
     That is an imported log like any other: a scenario takes its map. Raises RunError if nothing of a scanner has come
     in ``patience_s``, KeyboardInterrupt once ``stopped`` returns true.
     """
-    types, said, losses = RosTypes(), Said(endpoint), Losses()
+    types, said, losses, where = RosTypes(), Said(reach.where), Losses(), reach.where
     heard: list[Heard] = []
     refused: list[str] = []
-    with RobotSession.connect(endpoint, domain, namespace, wire) as session:
+    with reach.session(namespace) as session:
         _listen(session, namespace, imu)
-        entities = session.entities()
         began = time.monotonic()
-        while not _enough(said, choice, imu, entities, time.monotonic() - began):
+        while not _enough(said, choice, imu, session, time.monotonic() - began):
             if stopped():
                 raise KeyboardInterrupt
             if time.monotonic() - began > patience_s or len(heard) > _MOST_MESSAGES:
                 break
             _hear(session, types, said, heard, refused)
             time.sleep(_POLL_S)
+        entities = session.entities()
     if not said.of_type(SCANS):
-        raise RunError(_nothing(f"{endpoint}, domain {domain}", namespace, entities, said, refused))
+        raise RunError(_nothing(where, namespace, entities, said, refused))
     plan = planned(said, choice, losses)
     robot = RobotPlan.of(plan, said.odom_frame(plan), said.topics, namespace)
     if imu is not None:
@@ -72,17 +70,15 @@ def look_at_robot(
     try:
         attachments = () if content is None else map_of_message(content, name)
     except ValueError as error:
-        raise ImportFailedError(f"{endpoint}: the robot's map: {error}") from error
+        raise ImportFailedError(f"{where}: the robot's map: {error}") from error
     settings = {"scan": plan.scan, "odometry": plan.odometry, "base": plan.base, "odom_frame": robot.odom_frame}
     settings |= {} if imu is None else {"imu": imu}
-    write_recording(
-        ImportedLog(endpoint, "ros2", settings, without_repeated_scanners(records), losses, attachments), log
-    )
+    write_recording(ImportedLog(where, "ros2", settings, without_repeated_scanners(records), losses, attachments), log)
     hashes = {entity.published.hash for entity in entities if entity.published is not None and entity.kind == "MP"}
     return bridge(robot, hashes == {NO_HASH})
 
 
-def _listen(session: RobotSession, namespace: str, imu: str | None) -> None:
+def _listen(session: Session, namespace: str, imu: str | None) -> None:
     """Hear whatever there may be to choose from."""
     within = f"{namespace.strip('/')}/" if namespace else ""
     for kind in (SCANS, ODOMETRY):
@@ -96,7 +92,7 @@ def _listen(session: RobotSession, namespace: str, imu: str | None) -> None:
         session.hear(imu.strip("/"), IMU)
 
 
-def _hear(session: RobotSession, types: RosTypes, said: Said, heard: list[Heard], refused: list[str]) -> None:
+def _hear(session: Session, types: RosTypes, said: Said, heard: list[Heard], refused: list[str]) -> None:
     while (one := session.take()) is not None:
         try:
             published, _, content = opened(one, types)
@@ -122,13 +118,15 @@ def _with_imu(robot: RobotPlan, imu: str, said: Said, losses: Losses) -> RobotPl
     return robot.with_imu(imu, axis or (0.0, 0.0, 1.0))
 
 
-def _enough(said: Said, choice: BagChoice, imu: str | None, entities: Sequence[Entity], waited_s: float) -> bool:
+def _enough(said: Said, choice: BagChoice, imu: str | None, session: Session, waited_s: float) -> bool:
     """Return whether scanner, odometry and gyro are known, and the map if the robot has one."""
     if waited_s < _LEAST_S or not said.of_type(SCANS) or not (said.of_type(ODOMETRY) or said.of_type(_TF)):
         return False
     if (choice.odometry == TF and not said.of_type(_TF)) or (imu is not None and imu not in said.topics):
         return False
-    maps = any(one.published is not None and one.kind == "MP" and one.published.type == MAPS for one in entities)
+    maps = any(
+        one.published is not None and one.kind == "MP" and one.published.type == MAPS for one in session.entities()
+    )
     return not maps or bool(said.of_type(MAPS))
 
 
