@@ -163,6 +163,21 @@ def test_a_robot_behind_the_bridge_from_dds_is_localized_though_its_messages_hav
     assert not [one for one in messages if one.topic == "event/sensors"]  # the robot skips numbers that nobody sees
 
 
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        ([], "name the robot's router"),
+        (["--dds", "--connect", "tcp/127.0.0.1:1"], "name the robot's router"),
+        (["--dds", "--format", "ros2dds"], "--format ros2dds: is for a robot behind a router"),
+        (["--connect", "tcp/127.0.0.1:1", "--format", "ros2dds", "--domain", "3"], "--domain 3: zenoh-bridge-ros2dds"),
+    ],
+)
+def test_ways_to_a_robot_that_do_not_go_together_are_refused(words, reason, here):
+    told = here("bridge", "ros2", "laser-log", *words)
+    assert told.code == 2
+    assert reason in told.err
+
+
 def test_no_router_of_a_robot_is_told_with_what_starts_one(tmp_path, dynpf):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     run = dynpf("bridge", "ros2", "laser-log", "--connect", endpoint, "-o", str(tmp_path / "live.mcap"))

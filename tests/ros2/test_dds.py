@@ -7,7 +7,7 @@ import os
 import pytest
 from dynpf_formats.recording.reader import read_recording
 
-pytest.importorskip("cyclonedds", reason="there are no wheels of Cyclone DDS for this processor, no effect here")
+pytest.importorskip("cyclonedds", reason="this processor has no wheels of Cyclone DDS")
 
 from tests.integration.processes import PATIENCE_S, until
 from tests.integration.robots import MAP, ODOMETRY, POSE, SCAN, Messages

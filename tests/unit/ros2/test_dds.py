@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("cyclonedds", reason="there are no wheels of Cyclone DDS for this processor, no effect here")
+pytest.importorskip("cyclonedds", reason="this processor has no wheels of Cyclone DDS")
 
 from dynpf_formats.importers.bag_plan import TRANSFORMS, TYPES
 from dynpf_formats.ros2.answers import ANSWERS
