@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import math
 import queue
 import subprocess
 import sys
@@ -23,6 +24,7 @@ __all__ = ["MAP", "ODOMETRY", "POSE", "SCAN", "Messages", "Robot", "live_robot",
 
 SCAN, ODOMETRY, MAP = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry", "nav_msgs/msg/OccupancyGrid"
 POSE, CLOCK = "geometry_msgs/msg/PoseWithCovarianceStamped", "rosgraph_msgs/msg/Clock"
+IMU = "sensor_msgs/msg/Imu"
 HALF_M, CELL_M = 2.0, 0.1
 
 
@@ -36,9 +38,9 @@ class Messages:
         stamp = self._types.make("builtin_interfaces/msg/Time", *divmod(stamp_ns, 10**9))
         return self._types.make("std_msgs/msg/Header", stamp, frame)
 
-    def _at(self, x: float, y: float):
+    def _at(self, x: float, y: float, theta: float = 0.0):
         make = self._types.make
-        turned = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
+        turned = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(theta / 2), math.cos(theta / 2))
         return make("geometry_msgs/msg/Pose", make("geometry_msgs/msg/Point", x, y, 0.0), turned)
 
     def initial_pose(self, x: float, y: float):
@@ -68,11 +70,17 @@ class Messages:
         span = (float(angles[0]), float(angles[-1]), step, 0.0, 0.05, 0.05, 12.0)
         return self._types.make(SCAN, header, *span, ranges, ranges[:0])
 
-    def pose(self, stamp_ns: int):
+    def imu(self, stamp_ns: int, rate: float):
+        """Return what a level IMU says that turns."""
+        make, level = self._types.make, self._at(0.0, 0.0).orientation
+        zero, rates = (make("geometry_msgs/msg/Vector3", 0.0, 0.0, up) for up in (0.0, rate))
+        return make(IMU, self._header("base", stamp_ns), level, np.zeros(9), rates, np.zeros(9), zero, np.zeros(9))
+
+    def pose(self, stamp_ns: int, theta: float = 0.0):
         make = self._types.make
         zero = make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
         twist = make("geometry_msgs/msg/TwistWithCovariance", make("geometry_msgs/msg/Twist", zero, zero), np.zeros(36))
-        content = make("geometry_msgs/msg/PoseWithCovariance", self._at(0.0, 0.0), np.zeros(36))
+        content = make("geometry_msgs/msg/PoseWithCovariance", self._at(0.0, 0.0, theta), np.zeros(36))
         return make(ODOMETRY, self._header("odom", stamp_ns), "base", content, twist)
 
 
@@ -91,10 +99,12 @@ class Robot:
         place: tuple[float, float] = (0.3, 0.1),
         simulated: bool = False,
         wire: str = "rmw_zenoh",
+        gyro: float | None = None,
     ) -> None:
         self._types, self._session, self._lost_every = types, session, lost_every
         self._namespace, self._simulated = namespace, simulated
         self._says = Messages(types, beams, place)
+        self._gyro = gyro  # rad/s that an IMU tells, while the wheels tell next to nothing
         self._origin_ns = time.time_ns() if simulated else 0
         self._told: queue.SimpleQueue[tuple[float, float]] = queue.SimpleQueue()
         self.heard: defaultdict[str, list[tuple[str, bytes, bytes]]] = defaultdict(list)
@@ -155,6 +165,7 @@ class Robot:
         room.put(types.encode(MAP, self._says.room()), time.time_ns())
         told = self._writer("/initialpose", POSE)
         clock = self._session.writer(Published("/clock", CLOCK, types.hash(CLOCK)), SENSOR_DATA)
+        imu = self._writer("/imu", IMU, SENSOR_DATA)
         for number in itertools.count(1):
             stamp_ns = time.time_ns() - self._origin_ns
             if self._simulated:
@@ -162,7 +173,10 @@ class Robot:
                 clock.put(types.encode(CLOCK, types.make(CLOCK, stamp)), stamp_ns)
             while not self._told.empty():
                 told.put(types.encode(POSE, self._says.initial_pose(*self._told.get())), stamp_ns)
-            odometry.put(types.encode(ODOMETRY, self._says.pose(stamp_ns)), stamp_ns)
+            if self._gyro is not None:
+                imu.put(types.encode(IMU, self._says.imu(stamp_ns, self._gyro)), stamp_ns)
+            turned = 0.0 if self._gyro is None else 1e-5 * number
+            odometry.put(types.encode(ODOMETRY, self._says.pose(stamp_ns, turned)), stamp_ns)
             if number % self._lost_every == 0:
                 scan._sequence += 1  # a scan that never comes
             scan.put(types.encode(SCAN, self._says.scan(stamp_ns)), stamp_ns)

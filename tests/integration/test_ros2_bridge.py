@@ -10,7 +10,7 @@ from dynpf_formats.recording.reader import read_recording
 from dynpf_formats.ros2.attachment import Attachment
 from dynpf_formats.ros2.types import RosTypes
 from dynpf_protocol.codec import decode
-from dynpf_protocol.messages import HostEvent, InitialPose
+from dynpf_protocol.messages import HostEvent, InitialPose, OdometryPose
 from dynpf_runtime.bus.processes import free_port
 
 from tests.integration.processes import until
@@ -99,19 +99,20 @@ def test_a_pose_that_is_told_is_taken_and_a_simulators_time_may_begin_again(tmp_
     assert max(after - before for before, after in pairwise(stamps)) < 2 * 10**9  # the run's time knows no jump
 
 
-def test_each_of_several_robots_has_its_own_filter(tmp_path, dynpf, here, types):
+def test_each_of_several_robots_has_its_own_filter_and_one_turns_as_its_gyro_does(tmp_path, dynpf, here, types):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    places = {"/bot1": (0.3, 0.1), "/bot2": (-0.9, 0.6)}
+    places, gyros = {"/bot1": (0.3, 0.1), "/bot2": (-0.9, 0.6)}, {"/bot1": None, "/bot2": 0.05}
     with ExitStack() as stack:
         stack.enter_context(router(endpoint))
         robots = {
-            name: stack.enter_context(robot_at(endpoint, types, namespace=name, place=place))
+            name: stack.enter_context(robot_at(endpoint, types, namespace=name, place=place, gyro=gyros[name]))
             for name, place in places.items()
         }
         runs = {}
         for name, (x, y) in places.items():
             start = f'estimator.start={{kind="known", x={x}, y={y}, sigma_position=0.1, sigma_heading=0.05}}'
             words = ["--namespace", name, "--set", start]
+            words += [] if gyros[name] is None else ["--imu", f"{name}/imu"]
             runs[name] = started(dynpf, endpoint, tmp_path / f"{name[1:]}.mcap", *words)
         until(lambda: all(len(robot.poses()) >= 10 for robot in robots.values()), "poses of both")
         for run in runs.values():
@@ -121,7 +122,13 @@ def test_each_of_several_robots_has_its_own_filter(tmp_path, dynpf, here, types)
             assert f"hears {name}/scan, odometry {name}/odom" in run.stderr
     for name, robot in robots.items():
         assert robot.poses()[-1][1:] == pytest.approx(places[name], abs=0.3)
-        assert same_again(tmp_path / f"{name[1:]}.mcap", here)
+        messages = same_again(tmp_path / f"{name[1:]}.mcap", here)
+        odometry = [one for one in messages if one.topic == "log/odometry_pose"]
+        first, last = (decode(one.topic, one.payload) for one in (odometry[0], odometry[-1]))
+        assert isinstance(first, OdometryPose)
+        assert isinstance(last, OdometryPose)
+        seconds = (odometry[-1].stamp_ns - odometry[0].stamp_ns) * 1e-9
+        assert (last.theta - first.theta) / seconds == pytest.approx(gyros[name] or 0.0, abs=0.01)
 
 
 def test_a_robots_router_that_restarts_costs_what_it_did_not_pass_on(tmp_path, dynpf, here, types):
