@@ -10,8 +10,8 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 SCENARIO ?= parts-3-easy
 
 .DELETE_ON_ERROR:
-.PHONY: run test fuzz test-browser test-container test-wheels test-machines test-arm64 test-old-x86 check format docs peers
-.PHONY: check-types check-rules lock hooks clean
+.PHONY: run test fuzz test-browser test-container test-ros2 test-wheels test-machines test-arm64 test-old-x86 check format docs
+.PHONY: check-types check-rules peers ros2 lock hooks clean
 
 run: .venv/.project
 	$(BIN)/dynpf run $(SCENARIO)
@@ -29,6 +29,10 @@ test-browser: .venv/.dev
 
 test-container: .venv/.dev
 	$(BIN)/pytest -m container
+
+# Live robots, with ROS 2's own packages and an independent implementation of rmw_zenoh as the other side.
+test-ros2: .venv/.dev .venv-ros2/.installed
+	$(BIN)/pytest -m ros2 --numprocesses 2 tests/ros2
 
 # The wheels in fresh environments, with the oldest and the newest packages (docs/library.md); shows what was measured.
 test-wheels: .venv/.dev
@@ -74,6 +78,9 @@ docs: .venv/.dev
 # The libraries that `dynpf bench` and tests/unit/peers compare with, in an environment of their own.
 peers: .venv-peers/.installed
 
+# The other side of tests/ros2, in an environment of its own, too.
+ros2: .venv-ros2/.installed
+
 # Keeps the versions that are locked, as far as pyproject.toml lets it; `make lock UPGRADE=1` takes the newest.
 COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --fork-strategy fewest \
 	--no-emit-index-url --no-emit-find-links --custom-compile-command 'make lock' $(if $(UPGRADE),--upgrade)
@@ -82,6 +89,7 @@ lock: .venv/.dev
 	$(COMPILE) $(BOTH) --output-file requirements.lock
 	$(COMPILE) $(BOTH) --group pyproject.toml:dev --constraint requirements.lock --output-file requirements-dev.lock
 	$(COMPILE) benchmarks/peers.in --output-file requirements-peers.lock
+	$(COMPILE) tests/ros2/oracles.in --output-file requirements-ros2.lock
 
 # Every commit then has to pass `make check`.
 HOOK = $(shell git rev-parse --git-path hooks)/pre-commit
@@ -91,7 +99,7 @@ hooks:
 	chmod +x $(HOOK)
 
 clean:
-	rm -rf .venv .venv-peers tests/browser/node_modules .machines .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
+	rm -rf .venv .venv-peers .venv-ros2 tests/browser/node_modules .machines .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
 	find checks docs dynpf experiments formats lab protocol runtime services systems tests -name __pycache__ -prune -exec rm -rf {} +
 
 .venv/.runtime: requirements.lock
@@ -119,4 +127,14 @@ OLD_ENOUGH := import ensurepip, sys, venv; sys.exit(not (3, 11) <= sys.version_i
 	echo "Installing the locked peers for $$("$$python" --version) into .venv-peers"; \
 	"$$python" -m venv --clear .venv-peers
 	@.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes --requirement requirements-peers.lock
+	@touch $@
+
+.venv-ros2/.installed: requirements-ros2.lock
+	@python=$$(for python in $(PYTHON) python3.11; do \
+		"$$python" -c 'import ensurepip, sys, venv; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null && echo "$$python" && \
+		exit; done; exit 1) || { echo "ROS 2 has packages for Python 3.11 alone, which needs its venv module; name one:" \
+		"make ros2 PYTHON=/path/to/python3.11" >&2; exit 1; }; \
+	echo "Installing the locked packages of ROS 2 for $$("$$python" --version) into .venv-ros2"; \
+	"$$python" -m venv --clear .venv-ros2
+	@.venv-ros2/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes --requirement requirements-ros2.lock
 	@touch $@

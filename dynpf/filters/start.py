@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from dynpf.filters.adaptation import PoseSource
 from dynpf.filters.cloud import gathered, normalized_weights
+from dynpf.filters.kalman import symmetric_offsets
 from dynpf.filters.models import Models
 from dynpf.filters.resampling import systematic
 from dynpf.filters.search import Search, SearchStart
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.params import validated
 from dynpf.rng import Stream
-from dynpf.types import Count, Floats, NonNegative
+from dynpf.types import Count, FloatArray, Floats, NonNegative
 
 __all__ = [
     "Box",
@@ -27,6 +28,7 @@ __all__ = [
     "Uniform",
     "UniformStart",
     "around",
+    "drawn",
     "pose_source",
     "start_poses",
 ]
@@ -203,3 +205,15 @@ def around(start: KnownStart, count: int, stream: Stream) -> Floats:
     sigma = np.array([start.sigma_position, start.sigma_position, start.sigma_heading])
     poses: Floats = (mean[:, None] + sigma[:, None] * stream.normals(3, count)).astype(np.float32)
     return poses
+
+
+def drawn(mean: FloatArray, covariance: FloatArray, count: int, stream: Stream) -> Floats:
+    """Return ``count`` poses, shape (3, count) float32, of a Gaussian with mean (3,) and covariance (3, 3).
+
+    Raises ValueError for a covariance with a negative eigenvalue.
+    """
+    poses = mean[:, None]
+    for column, normal in zip(symmetric_offsets(covariance, 1.0).T[:3], stream.normals(3, count), strict=True):
+        poses = poses + column[:, None] * normal
+    found: Floats = poses.astype(np.float32)
+    return found

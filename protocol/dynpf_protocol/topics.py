@@ -105,6 +105,12 @@ _ROWS = (
         description="Range scan of an imported log",
     ),
     Topic(
+        name="log/initial_pose",
+        type=messages.InitialPose,
+        publishers=(LOG_NODE,),
+        description="Pose that a live robot was told, as by the pose button of rviz",
+    ),
+    Topic(
         name="log/truth",
         type=messages.RobotState,
         publishers=(LOG_NODE,),
@@ -216,6 +222,12 @@ _ROWS = (
         type=messages.PositionFix,
         publishers=("sensors",),
         description="Measured position of the robot in the map",
+    ),
+    Topic(
+        name="sensors/initial_pose",
+        type=messages.InitialPose,
+        publishers=("sensors",),
+        description="Pose at which the filter begins anew",
     ),
     Topic(
         name="estimator/state",

@@ -4,10 +4,11 @@
 ros2/rmw_zenoh, attachment_helpers.cpp.
 """
 
-import hashlib
 import struct
 from collections import OrderedDict
 from typing import NamedTuple
+
+from dynpf_formats.ros2.xxh3 import xxh3_128
 
 __all__ = ["Attachment", "BadAttachmentError", "Lost", "Numbers", "publisher_id"]
 
@@ -21,7 +22,10 @@ class BadAttachmentError(ValueError):
 
 
 class Attachment(NamedTuple):
-    """The number of a message among its publisher's, from 1, when it was published (ns, wall clock), and by whom."""
+    """The number of a message among its publisher's, when it was published (ns, wall clock), and by whom.
+
+    Of rmw_zenoh the first has the number 1; others begin at 0.
+    """
 
     sequence: int
     stamp_ns: int
@@ -41,8 +45,8 @@ class Attachment(NamedTuple):
         if len(data) != _FORM.size or data[16] != 16:
             raise BadAttachmentError(f"an attachment of {len(data)} bytes; expected the {_FORM.size} of rmw_zenoh")
         sequence, stamp_ns, _, publisher = _FORM.unpack(data)
-        if sequence < 1:
-            raise BadAttachmentError(f"the message number {sequence}; expected 1 or more")
+        if sequence < 0:
+            raise BadAttachmentError(f"the message number {sequence}; expected 0 or more")
         return cls(sequence, stamp_ns, publisher)
 
     @classmethod
@@ -84,5 +88,5 @@ class Numbers:
 
 
 def publisher_id(token: str) -> bytes:
-    """Return 16 bytes that name a publisher by its token; rmw_zenoh compares them with nothing, and hashes by XXH3."""
-    return hashlib.sha256(token.encode()).digest()[:16]
+    """Return the 16 bytes that name a publisher: the hash of its token, as ``ros2 topic info`` has it."""
+    return xxh3_128(token.encode()).to_bytes(16, "little")

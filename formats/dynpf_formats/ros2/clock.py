@@ -41,6 +41,10 @@ class RobotClock:
         told_ns = stamp_ns + self._offset_ns
         return Told(told_ns, jumped) if told_ns >= 0 else None
 
+    def now_ns(self, arrival_ns: int) -> int | None:
+        """Return the time of the run at a time of arrival; None before the first stamp."""
+        return None if self._ahead_ns is None else max(arrival_ns + self._ahead_ns + self._offset_ns, 0)
+
     def robot_ns(self, stamp_ns: int) -> int:
         """Return the robot's time of a time in the run."""
         return max(stamp_ns - self._offset_ns, 0)

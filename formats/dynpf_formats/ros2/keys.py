@@ -8,7 +8,19 @@ and qos.cpp.
 import re
 from typing import NamedTuple
 
-__all__ = ["LATCHED", "NO_HASH", "RELIABLE", "SENSOR_DATA", "Entity", "Published", "Qos", "dds_type", "ros_type"]
+__all__ = [
+    "LATCHED",
+    "NO_HASH",
+    "RELIABLE",
+    "SENSOR_DATA",
+    "TOKENS",
+    "Entity",
+    "Published",
+    "Qos",
+    "dds_type",
+    "named_topic",
+    "ros_type",
+]
 
 TOKENS = "@ros2_lv"
 NO_HASH = "TypeHashNotSupported"
@@ -134,6 +146,11 @@ def ros_type(text: str) -> str | None:
     """Return the type that a key names, None if it is none."""
     found = _TYPE.fullmatch(text)
     return None if found is None else "/".join(found.groups())
+
+
+def named_topic(topic: str, kind: str) -> bool:
+    """Return whether these can be the name of a topic, with leading slash, and that of a type."""
+    return _TOPIC.fullmatch(topic) is not None and kind.count("/") == 2 and ros_type(dds_type(kind)) == kind
 
 
 def _published(topic: str, kind: str, type_hash: str) -> Published | None:

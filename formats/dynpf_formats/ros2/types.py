@@ -1,5 +1,6 @@
 """ROS 2 messages as bytes (CDR, little endian) and as objects, and the hashes of their types (REP 2016), by rosbags."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -37,6 +38,11 @@ class RosTypes:
     def knows(self, kind: str) -> bool:
         """Return whether there is such a type."""
         return kind in self._store.types
+
+    def fields(self, kind: str) -> Sequence[tuple[str, Any]]:
+        """Return the fields of a type in their order, as rosbags has them."""
+        _, fields = self._store.fielddefs[kind]
+        return tuple(fields)
 
     def hash(self, kind: str) -> str:
         """Return the hash of a type, as it stands in keys."""

@@ -19,15 +19,26 @@ from dynpf_lab.cli.run import check_output, default_output, print_summary
 
 __all__ = ["add_arguments"]
 
+FORMATS = ("rmw_zenoh", "ros2dds")
 WORDS = ("pose", "cloud", "tf", "diagnostics")
 _NAMESPACE = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``dynpf bridge``."""
-    parser.add_argument("system", choices=["ros2"], help="what the robot runs: ROS 2 with rmw_zenoh")
+    parser.add_argument("system", choices=["ros2"], help="what the robot runs: ROS 2")
     parser.add_argument("scenario", metavar="SCENARIO", help="name (dynpf list) or TOML file, of one that plays a log")
-    add_robot(parser)
+    add_robot(parser, required=False)
+    parser.add_argument(
+        "--dds", action="store_true", help="instead of --connect: join the robot's DDS domain, without any router"
+    )
+    parser.add_argument(
+        "--format",
+        choices=FORMATS,
+        default=FORMATS[0],
+        help="how the robot's topics stand on Zenoh: by rmw_zenoh, or by zenoh-bridge-ros2dds, for a robot on DDS"
+        " (default: %(default)s)",
+    )
     parser.add_argument(
         "--namespace", type=_namespace, default="", metavar="/r", help="of one robot among several (default: none)"
     )
@@ -40,6 +51,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--scan", metavar="TOPIC", help="the scanner's topic (default: the one of the widest view)")
     parser.add_argument("--odometry", metavar="TOPIC", help="the odometry's topic, or tf (default: what there is)")
+    parser.add_argument(
+        "--imu",
+        type=_topic,
+        metavar="TOPIC",
+        help="a gyro whose turns replace those of the odometry (default: the odometry's own)",
+    )
     parser.add_argument("--base", metavar="FRAME", help="the robot's frame (default: of the odometry)")
     parser.add_argument(
         "--wait",
@@ -65,6 +82,10 @@ def _namespace(text: str) -> str:
     return namespace
 
 
+def _topic(text: str) -> str:
+    return "/" + text.strip("/")
+
+
 def _publish(text: str) -> tuple[str, ...]:
     words = () if text == "none" else tuple(dict.fromkeys(text.split(",")))
     if unknown := [word for word in words if word not in WORDS]:
@@ -79,8 +100,9 @@ def run(options: argparse.Namespace) -> int:
     check_output(path)
     with tempfile.TemporaryDirectory(prefix="dynpf-bridge-") as name:
         folder = Path(name)
+        at = "on DDS" if options.dds else f"at {options.connect}"
         log, settings = folder / "robot.mcap", folder / "robot.json"
-        print(f"dynpf bridge: waiting for the robot at {options.connect}", file=sys.stderr)
+        print(f"dynpf bridge: waiting for the robot {at}", file=sys.stderr)
         _in_a_process(options, log, settings, folder / "guests")
         _run(options, path, log, settings, folder / "guests")
     return print_summary("bridge", path, with_page=not options.no_page, as_json=options.json)
@@ -92,8 +114,19 @@ def _check_possible(options: argparse.Namespace) -> None:
     from dynpf_services.scenario.load import load_scenario
     from dynpf_services.scenario.user_code import add_folders, code_folders
 
+    if options.dds == (options.connect is not None):
+        raise UsageError("name the robot's router, --connect tcp/ROBOT:7447, or join its domain, --dds")
     with needing("rosbags", extra="ros", what="the bridge to ROS 2"):
         import rosbags  # noqa: F401
+    if options.dds:
+        with needing("cyclonedds", extra="dds", what="a robot on DDS"):
+            import cyclonedds  # noqa: F401
+    if options.dds and options.format != FORMATS[0]:
+        raise UsageError(f"--format {options.format}: is for a robot behind a router; --dds joins its domain itself")
+    if options.format == "ros2dds" and options.domain:
+        raise UsageError(
+            f"--domain {options.domain}: zenoh-bridge-ros2dds has a domain, its keys have none; leave it out"
+        )
     add_folders(code_folders(options.code, options.scenario))
     scenario = load_scenario(options.scenario, overrides=options.overrides, seed=options.seed, clock="realtime")
     if not scenario.needs_log:
@@ -120,11 +153,13 @@ def _look(options: argparse.Namespace, log: Path, settings: Path, observer: Path
     from dynpf_runtime.bus.terminal import StopSignal
     from dynpf_services.ros2.bridge import Bridge
     from dynpf_services.ros2.discovery import look_at_robot
+    from dynpf_services.ros2.reach import Reach
+
+    reach = Reach(endpoint=options.connect or "", wire=options.format, domain=options.domain)
 
     def made(plan: RobotPlan, humble: bool) -> Bridge:
         return Bridge(
-            connect=options.connect,
-            domain=options.domain,
+            reach=reach,
             namespace=options.namespace,
             publish=options.publish,
             humble=humble,
@@ -137,10 +172,10 @@ def _look(options: argparse.Namespace, log: Path, settings: Path, observer: Path
         with StopSignal.installed() as stop:
             bridge = look_at_robot(
                 made,
-                options.connect,
-                options.domain,
+                reach,
                 options.namespace,
                 choice,
+                imu=options.imu,
                 patience_s=options.wait,
                 log=log,
                 stopped=lambda: stop.requested,

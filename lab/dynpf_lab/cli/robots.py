@@ -10,10 +10,10 @@ __all__ = ["add_robot", "seconds"]
 _LONGEST_S = 3600.0
 
 
-def add_robot(parser: argparse.ArgumentParser) -> None:
+def add_robot(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
     """Add --connect and --domain."""
     parser.add_argument(
-        "--connect", type=_endpoint, required=True, metavar="tcp/ROBOT:7447", help="the robot's Zenoh router"
+        "--connect", type=_endpoint, required=required, metavar="tcp/ROBOT:7447", help="the robot's Zenoh router"
     )
     parser.add_argument("--domain", type=_domain, default=0, metavar="N", help="ROS_DOMAIN_ID (default 0)")
 

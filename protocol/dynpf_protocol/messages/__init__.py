@@ -58,6 +58,7 @@ from dynpf_protocol.messages.scene import (
     TriangleListPrimitive,
 )
 from dynpf_protocol.messages.sensed import (
+    InitialPose,
     LandmarkReading,
     LandmarkReadings,
     LineReading,
@@ -86,6 +87,7 @@ __all__ = [
     "HealthFigures",
     "HoldMap",
     "HostEvent",
+    "InitialPose",
     "KeyValuePair",
     "LandmarkReading",
     "LandmarkReadings",

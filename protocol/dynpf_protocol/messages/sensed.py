@@ -7,6 +7,7 @@ from msgspec import UNSET, Meta, UnsetType
 from dynpf_protocol.messages.base import Angle, Count, Message, NonNegative, Piece, Positive
 
 __all__ = [
+    "InitialPose",
     "LandmarkReading",
     "LandmarkReadings",
     "LineReading",
@@ -50,6 +51,16 @@ class LandmarkReadings(Message, frozen=True, kw_only=True):
 
     schema_name = "dynpf.LandmarkReadings"
     readings: Annotated[tuple[LandmarkReading, ...], Meta(max_length=256)]
+
+
+class InitialPose(Message, frozen=True, kw_only=True):
+    """The robot's pose in the map, with covariance, as somebody says who knows: a filter begins anew there."""
+
+    schema_name = "dynpf.InitialPose"
+    x: float  # m
+    y: float  # m
+    theta: Angle  # rad
+    covariance: Annotated[tuple[float, ...], Meta(min_length=9, max_length=9)]  # of (x, y, theta) row by row
 
 
 class Scanner(Message, frozen=True, kw_only=True):

@@ -24,7 +24,7 @@ from dynpf_runtime.graph import Graph
 from dynpf_runtime.machines.events import Arrived
 from dynpf_runtime.source import LiveBatch, LogRecord
 
-from dynpf_services.ros2.session import RobotSession, Writer
+from dynpf_services.ros2.reach import Publisher, Reach, Session
 
 __all__ = ["Bridge", "LiveRobot", "opened_bridge"]
 
@@ -33,10 +33,9 @@ _POLL_S = 0.2
 
 
 class Bridge(msgspec.Struct, frozen=True, kw_only=True):
-    """The settings of a bridge: where the robot's router is, what is heard, and which answers go back."""
+    """The settings of a bridge: how the robot is reached, what is heard, and which answers go back."""
 
-    connect: str
-    domain: int
+    reach: Reach
     namespace: str
     publish: tuple[str, ...]
     humble: bool  # the robot's types have no hashes
@@ -47,7 +46,7 @@ class Bridge(msgspec.Struct, frozen=True, kw_only=True):
 class LiveRobot:
     """The records of a robot as they arrive, one that wakes a node for each tick."""
 
-    def __init__(self, session: RobotSession, reader: LiveReader, wakes: frozenset[str]) -> None:
+    def __init__(self, session: Session, reader: LiveReader, wakes: frozenset[str]) -> None:
         self._session, self._reader, self._wakes = session, reader, wakes
         self._records: deque[LogRecord] = deque()
         self._batch: list[LogRecord] = []
@@ -96,10 +95,10 @@ class LiveRobot:
 class _Back:
     """Publishes the estimates of a run to the robot."""
 
-    def __init__(self, bridge: Bridge, session: RobotSession, reader: LiveReader, types: RosTypes) -> None:
+    def __init__(self, bridge: Bridge, session: Session, reader: LiveReader, types: RosTypes) -> None:
         self._session, self._reader, self._types = session, reader, types
         self._answers = Answers(types, ("map", bridge.plan.odom_frame), f"localization{bridge.namespace}")
-        self._writers: dict[str, Writer] = {}
+        self._writers: dict[str, Publisher] = {}
         for kind in ANSWERS:
             if kind.word in bridge.publish:
                 published = Published(_topic(bridge, kind.topic, is_global=kind.is_global), kind.type, "")
@@ -137,9 +136,10 @@ class _Back:
 
 def _topic(bridge: Bridge, name: str, *, is_global: bool) -> str:
     """Return the robot's topic of a name: transforms go where the robot's own are."""
-    if name == "tf":
-        return next((topic for topic in bridge.plan.transforms if topic.endswith("/tf")), "/tf")
-    return f"/{name}" if is_global else f"{bridge.namespace}/{name}"
+    within = f"{bridge.namespace}/{name}"
+    if name == "tf" and within not in bridge.plan.transforms:
+        is_global = True
+    return f"/{name}" if is_global else within
 
 
 @contextmanager
@@ -149,7 +149,7 @@ def opened_bridge(
     """Connect to the robot; give its records to the run's source, and publish the run's estimates to it."""
     types = RosTypes()
     reader = LiveReader(bridge.plan, types)
-    with RobotSession.connect(bridge.connect, bridge.domain, bridge.namespace) as session:
+    with bridge.reach.session(bridge.namespace) as session:
         robot = LiveRobot(session, reader, graph.waking_records)
         session.wakes(bus.wake)
         for topic, kind in bridge.plan.types.items():

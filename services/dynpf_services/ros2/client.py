@@ -42,7 +42,7 @@ def router_session(endpoint: str) -> Iterator[zenoh.Session]:
     except zenoh.ZError as error:
         raise NoRouterError(
             f"--connect {endpoint}: no Zenoh router of a robot: {str(error).partition(' at /')[0]}; on the robot, "
-            "this starts it: ros2 run rmw_zenoh_cpp rmw_zenohd"
+            "this starts it: ros2 run rmw_zenoh_cpp rmw_zenohd (or zenoh-bridge-ros2dds)"
         ) from error
     try:
         yield session

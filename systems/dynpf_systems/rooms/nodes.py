@@ -13,6 +13,7 @@ from dynpf_systems.rooms.config import RoomConfig, WaypointsConfig
 from dynpf_systems.rooms.localization.config import LocalizationConfig
 from dynpf_systems.rooms.localization.readings import TOPICS, announcing, reading_types
 from dynpf_systems.rooms.maps import MapConfig, maps_of, named_file, open_maps
+from dynpf_systems.rooms.sensors.initial_pose import INITIAL_POSE
 from dynpf_systems.rooms.sensors.odometry import ODOMETRY, ODOMETRY_POSE
 
 __all__ = ["LANDMARKS", "LOCALIZATION", "MAP", "ROOM", "WAYPOINTS"]
@@ -71,7 +72,7 @@ ROOM = NodeKind(
 
 def _readings(config: LocalizationConfig, context: Context) -> Set[str | type[Message]]:
     types = reading_types(config.measurement, context.user_class)
-    read = {ODOMETRY.topic, ODOMETRY_POSE.topic, GAPS}
+    read = {INITIAL_POSE.topic, ODOMETRY.topic, ODOMETRY_POSE.topic, GAPS}
     read |= {sensor.topic for kind in types if (sensor := announcing(kind)) is not None}
     return read.union(TOPICS.get(kind, kind) for kind in types)
 

@@ -30,6 +30,12 @@ def test_what_reads_ros_says_what_to_install(words: tuple[str, ...], tmp_path: P
     assert told[1].endswith("needs the package rosbags: pip install 'dynpf-lab[ros]'\n"), told[1]
 
 
+def test_a_robot_on_dds_says_what_to_install() -> None:
+    code, text = said("cyclonedds", "bridge", "ros2", "laser-log", "--dds")
+    assert code == 2
+    assert text.endswith("needs the package cyclonedds: pip install 'dynpf-lab[dds]'\n"), text
+
+
 def test_other_logs_are_localized_without_it(tmp_path: Path) -> None:
     (tmp_path / "robot.log").write_text("FLASER 3 1 2 3\n")
     code, text = said("rosbags", "localize", tmp_path / "robot.log", "-o", tmp_path / "out")

@@ -11,6 +11,7 @@ from dynpf_protocol.codec import encode
 from dynpf_protocol.landmarks import Landmark
 from dynpf_protocol.messages import (
     Estimate,
+    InitialPose,
     LandmarkReading,
     LandmarkReadings,
     Message,
@@ -25,7 +26,7 @@ from dynpf_systems.rooms.localization.config import LocalizationConfig
 from dynpf_systems.rooms.localization.estimator import LocalizationEstimator
 from dynpf_systems.rooms.maps import Maps
 
-from dynpf.filters.start import KnownStart
+from dynpf.filters.start import Box, FromReadingsStart, KnownStart, UniformStart
 from dynpf.maps.landmarks import LandmarkMap
 from dynpf.metrics.trajectory import Trajectory, TrajectoryScore, pose_errors, score, thin
 from dynpf.motion import ArcsParams, CalibrationParams
@@ -356,3 +357,37 @@ def test_readings_are_taken_in_only_after_enough_movement(least: dict[str, float
         thawed.thaw(decode_state(encode_state(whole.freeze())))
         assert encode_state(thawed.freeze()) == encode_state(whole.freeze())
     assert whole.freeze()["outcomes"]["used"] == used
+
+
+def told_pose(stamp_s: float, x: float, y: float, theta: float) -> Received:
+    covariance = (0.04, 0.01, 0.0, 0.01, 0.09, 0.0, 0.0, 0.0, 0.01)
+    message = InitialPose(x=x, y=y, theta=theta, covariance=covariance)
+    return Received("sensors/initial_pose", "sensors", "boot", 0, round(stamp_s * SECOND), message)
+
+
+def estimates(outputs: list[Output]) -> Estimate:
+    return next(output.message for output in outputs if isinstance(output.message, Estimate))
+
+
+def test_the_filter_begins_anew_where_it_is_told_to_with_that_covariance_and_goes_on_from_there() -> None:
+    localization, *steps = node(n=20_000), *drive()
+    for step in steps:
+        localization.step(step)
+    told = Step(40, 40, 4 * SECOND, (told_pose(4.0, 2.0, -1.0, 3.0),))
+    found = estimates(list(localization.step(told).outputs))
+    assert (found.x, found.y, found.theta) == pytest.approx((2.0, -1.0, 3.0), abs=0.01)
+    assert found.covariance == pytest.approx((0.04, 0.01, 0.0, 0.01, 0.09, 0.0, 0.0, 0.0, 0.01), abs=0.002)
+    other = node(n=20_000)
+    other.thaw(decode_state(encode_state(localization.freeze())))
+    here = seen_from(2.1, -1.1, 3.05)  # at rest since, which counts the first time
+    seen = Step(41, 41, 4 * SECOND + 1000, (received(4.000001, here),))
+    after = estimates(list(localization.step(seen).outputs))
+    assert estimates(list(other.step(seen).outputs)) == after
+    assert math.hypot(after.x - 2.1, after.y + 1.1) < math.hypot(found.x - 2.1, found.y + 1.1)
+
+
+def test_a_pose_that_is_told_is_enough_to_begin_with() -> None:
+    anywhere = UniformStart(box=Box(x_min=-3.0, x_max=3.0, y_min=-3.0, y_max=3.0))
+    localization = node(start=FromReadingsStart(base=anywhere))
+    found = estimates(list(localization.step(Step(0, 0, 0, (told_pose(0.0, 1.0, 1.0, 0.0),))).outputs))
+    assert (found.x, found.y) == pytest.approx((1.0, 1.0), abs=0.1)

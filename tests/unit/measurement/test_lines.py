@@ -179,7 +179,7 @@ def test_a_line_has_to_lie_where_the_wall_is_if_its_middle_is_known() -> None:
     along=st.sampled_from([None, 0.2]),
     middle=st.floats(-4.0, 4.0),
 )
-def test_the_kernel_is_the_reference(  # noqa: PLR0917 - what hypothesis draws
+def test_the_kernel_is_the_reference(
     poses: list[tuple[float, float, float]],
     batch: list[tuple[float, float, float]],
     outlier_fraction: float,

@@ -139,7 +139,9 @@ def test_all_names_of_the_library_are_there_without_extras_and_the_rest_says_whi
     ]
 
 
-@pytest.mark.parametrize("lock", ["requirements.lock", "requirements-dev.lock", "requirements-peers.lock"])
+@pytest.mark.parametrize(
+    "lock", ["requirements.lock", "requirements-dev.lock", "requirements-peers.lock", "requirements-ros2.lock"]
+)
 def test_the_locks_name_no_package_of_ours(lock: str) -> None:
     names = re.findall(r"^[\w.-]+", (ROOT / lock).read_text(), flags=re.MULTILINE)
     assert "numpy" in names

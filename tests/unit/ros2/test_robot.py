@@ -12,9 +12,9 @@ from dynpf_formats.importers.transforms import matrix, planar
 from dynpf_formats.ros2.answers import TOLERANCE_NS, Answers
 from dynpf_formats.ros2.attachment import Attachment
 from dynpf_formats.ros2.keys import Published
-from dynpf_formats.ros2.robot import Heard, LiveReader, RobotPlan, Said
+from dynpf_formats.ros2.robot import CLOCK, IMU, INITIAL_POSE, Heard, LiveReader, RobotPlan, Said
 from dynpf_formats.ros2.types import RosTypes
-from dynpf_protocol.messages import Estimate, FilterHealth, HealthFigures, LaserScan, OdometryPose
+from dynpf_protocol.messages import Estimate, FilterHealth, HealthFigures, InitialPose, LaserScan, OdometryPose
 
 TYPES = RosTypes()
 SCAN, ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
@@ -49,11 +49,15 @@ def _heard(topic, kind, message, sequence, arrival_ns):
 
 @pytest.fixture
 def reader():
+    return LiveReader(_plan(), TYPES)
+
+
+def _plan():
     said = Said("tcp/robot:7447")
     said.add(SCAN, Message("/scan", 0, _scan(SECOND)))
     said.add(ODOMETRY, Message("/odom", 0, _odometry(SECOND, 0.0, 0.0)))
     plan = planned(said, BagChoice(), Losses())
-    return LiveReader(RobotPlan.of(plan, said.odom_frame(plan), said.topics), TYPES)
+    return RobotPlan.of(plan, said.odom_frame(plan), said.topics, "/bot1")
 
 
 def test_scans_and_odometry_become_records_as_those_of_a_bag(reader):
@@ -75,6 +79,71 @@ def test_lost_messages_are_told_with_the_records_topic(reader):
     taken = reader.take(_heard("/scan", SCAN, _scan(2 * SECOND), 4, SECOND))
     assert [(topic, tuple(lost)) for topic, lost in taken.lost] == [("log/scan", (2, 3))]
     assert reader.lost == 2
+
+
+def _told_pose(frame="map", x=1.0):
+    make, covariance = TYPES.make, np.arange(36.0)
+    turned = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(0.25), math.cos(0.25))
+    pose = make("geometry_msgs/msg/Pose", make("geometry_msgs/msg/Point", x, -2.0, 0.0), turned)
+    content = make("geometry_msgs/msg/PoseWithCovariance", pose, covariance)
+    return make(INITIAL_POSE, _header(frame, 0), content)
+
+
+def test_a_pose_that_is_told_has_the_time_of_its_arrival(reader):
+    told = _heard("/bot1/initialpose", INITIAL_POSE, _told_pose(), 1, 2 * SECOND)
+    assert reader.take(told).records == ()  # nothing is known of the robot's time yet
+    reader.take(_heard("/scan", SCAN, _scan(105 * SECOND), 1, 5 * SECOND))
+    (record,) = reader.take(_heard("/bot1/initialpose", INITIAL_POSE, _told_pose(), 2, 6 * SECOND)).records
+    message = record.message
+    assert (record.topic, record.stamp_ns) == ("log/initial_pose", 106 * SECOND)
+    assert isinstance(message, InitialPose)
+    assert (message.x, message.y, message.theta) == pytest.approx((1.0, -2.0, 0.5))
+    assert message.covariance == (0.0, 3.5, 17.5, 3.5, 7.0, 21.0, 17.5, 21.0, 35.0)  # the symmetric part
+
+
+@pytest.mark.parametrize(("pose", "reason"), [(_told_pose("odom"), "expected map"), (_told_pose(x=math.nan), "finite")])
+def test_a_pose_elsewhere_than_in_the_map_is_refused(pose, reason, reader):
+    reader.take(_heard("/scan", SCAN, _scan(SECOND), 1, 0))
+    assert reader.take(_heard("/bot1/initialpose", INITIAL_POSE, pose, 1, 0)).records == ()
+    assert reason in reader.notices[0]
+
+
+def _clock(stamp_ns):
+    return TYPES.make(CLOCK, TYPES.make("builtin_interfaces/msg/Time", *divmod(stamp_ns, SECOND)))
+
+
+@pytest.mark.parametrize("has_clock", [True, False])
+def test_the_clock_tells_how_fast_a_simulators_time_passes(has_clock, reader):
+    """Scans come every half a second, ten times as fast as the robot's own time has it."""
+    scans = []
+    for tenth in range(50):
+        if has_clock:
+            reader.take(_heard("/clock", CLOCK, _clock(tenth * SECOND), tenth + 1, tenth * SECOND // 10))
+        if tenth % 5 == 0:
+            scan = _heard("/scan", SCAN, _scan(tenth * SECOND), tenth + 1, tenth * SECOND // 10)
+            scans += [one.stamp_ns for one in reader.take(scan).records if one.topic == "log/scan"]
+    whole = [tenth * SECOND for tenth in range(0, 50, 5)]
+    assert (scans == whole) is has_clock
+
+
+def _imu(stamp_ns, rate):
+    make = TYPES.make
+    zero, rates = make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0), make("geometry_msgs/msg/Vector3", 0.0, -rate, 0.0)
+    level = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
+    return make(IMU, _header("imu", stamp_ns), level, np.zeros(9), rates, np.zeros(9), zero, np.zeros(9))
+
+
+def test_odometry_turns_as_the_gyro_does_and_its_transform_as_the_wheels_do():
+    reader = LiveReader(_plan().with_imu("/imu", (0.0, -1.0, 0.0)), TYPES)
+    turned = []
+    for step in range(11):
+        at_ns = step * SECOND // 10
+        assert reader.take(_heard("/imu", IMU, _imu(at_ns, 0.5), step + 1, at_ns)).records == ()
+        (record,) = reader.take(_heard("/odom", ODOMETRY, _odometry(at_ns, 0.0, 0.1 * step), step + 1, at_ns)).records
+        assert isinstance(record.message, OdometryPose)
+        turned.append(record.message.theta)
+    assert turned[-1] == pytest.approx(0.5)
+    assert reader.odometry_at(SECOND) == pytest.approx((0.0, 0.0, 1.0))
 
 
 @pytest.mark.parametrize(

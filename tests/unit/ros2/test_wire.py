@@ -98,7 +98,7 @@ def test_an_attachment_has_the_bytes_of_zenohs_own_serializer(sequence, stamp_ns
     [
         (b"", "of 0 bytes"),
         (b"\x0fsequence_number" + bytes(40), "before April 2025"),
-        (Attachment(0, 1, bytes(16)).encode(), "number 0"),
+        (Attachment(-1, 1, bytes(16)).encode(), "number -1"),
     ],
 )
 def test_another_attachment_is_refused(data, reason):

@@ -2,10 +2,12 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 from dynpf_protocol.landmarks import Landmark
 from dynpf_protocol.messages import (
+    InitialPose,
     LandmarkReading,
     LandmarkReadings,
     LaserScan,
@@ -25,6 +27,7 @@ from dynpf_systems.rooms.localization.readings import reading_of
 from dynpf.measurement import RangeBearingReadings
 
 TOPICS = {
+    InitialPose: "log/initial_pose",
     Odometry: "log/odometry",
     OdometryPose: "log/odometry_pose",
     LandmarkReadings: "log/landmarks",
@@ -132,3 +135,13 @@ def test_counts_survive_freezing() -> None:
     fresh.thaw(decode_state(encode_state(node.freeze())))
     left_out = {"landmarks": {"not on the map": 1}, "odometry": {"refused": 1}}
     assert fresh.freeze() == node.freeze() == {"left_out": left_out}
+
+
+def test_a_told_pose_passes_if_its_covariance_is_one() -> None:
+    node, certain = sensors(), InitialPose(x=1.0, y=2.0, theta=0.5, covariance=(0.0,) * 9)
+    likely = msgspec.structs.replace(certain, covariance=(0.25, 0.1, 0.0, 0.1, 0.25, 0.0, 0.0, 0.0, 0.07))
+    skew = msgspec.structs.replace(certain, covariance=(0.25, 0.1, 0.0, 0.0, 0.25, 0.0, 0.0, 0.0, 0.07))
+    negative = msgspec.structs.replace(certain, covariance=(0.25, 0.5, 0.0, 0.5, 0.25, 0.0, 0.0, 0.0, 0.07))
+    passed = [output.message for output in node.step(step(certain, likely, skew, negative)).outputs]
+    assert passed == [certain, likely]
+    assert node.freeze()["left_out"] == {"initial_pose": {"refused": 2}}

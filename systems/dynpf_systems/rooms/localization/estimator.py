@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 from dynpf_protocol.landmarks import Landmark
-from dynpf_protocol.messages import HostEvent, Odometry, OdometryPose
+from dynpf_protocol.messages import HostEvent, InitialPose, Odometry, OdometryPose
 from dynpf_runtime.node import Output, Received, Result, State, Step
 from dynpf_services.estimates import gap_warning, warning
 from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.schema import key_of
 
 from dynpf.filters.models import Models, Outcome
+from dynpf.filters.start import drawn
 from dynpf.motion.model import Twist
 from dynpf.rng import Stream
 from dynpf_systems.rooms.localization.beginning import Beginning
@@ -80,6 +81,8 @@ class LocalizationEstimator:
             match received.message:
                 case Odometry() | OdometryPose() as odometry:
                     self._take_odometry(received, odometry)
+                case InitialPose() as told:
+                    self._begin_anew(told)
                 case HostEvent() as gap:
                     self._logs.append(gap_warning(gap, step.stamp_ns, self.name))
             self._logs += self._intake.take(received)
@@ -101,6 +104,7 @@ class LocalizationEstimator:
         self._beginning.rehearse(readings, stream)
         control = self._control(Twist(0.01, 0.01, 0.1))
         self._localizer.rehearse(poses, control, readings, stream)
+        drawn(np.zeros(3), np.eye(3), 1, stream)
 
     def freeze(self) -> State:
         """Return the belief, and the state of odometry, intake, publisher and health."""
@@ -143,6 +147,16 @@ class LocalizationEstimator:
         if self._beginning.possible(readings):
             poses = self._beginning.poses(self._config.n, readings, self._stream("start"))
             self._belief = self._localizer.start(poses, self._stream("start"))
+
+    def _begin_anew(self, told: InitialPose) -> None:
+        """Forget the belief, and all that it was judged by; the next readings count however little the robot moves."""
+        self._intake.pending = []
+        self._odometer.release()
+        self._odometer.forget_distance()
+        mean, covariance = np.array([told.x, told.y, told.theta]), np.array(told.covariance).reshape(3, 3)
+        poses = drawn(mean, covariance, self._config.n, self._stream("start"))
+        self._belief, self._found = self._localizer.start(poses, self._stream("start")), None
+        self._health.begin_anew()
 
     def _correct(self) -> None:
         """Predict the belief by the motion, and correct it by the pending readings, if there are any."""

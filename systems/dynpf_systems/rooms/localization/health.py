@@ -29,6 +29,10 @@ class HealthWatch:
         self._judged_ns: int | None = None
         self.report: FilterHealth | None = None
 
+    def begin_anew(self) -> None:
+        """Forget all that was judged, but for the last status, whose change is told."""
+        self._memory, self._judged_ns = self._judge.begin(), None
+
     def due(self, stamp_ns: int) -> bool:
         """Return whether a judgement without an update is due."""
         return JUDGED.due(stamp_ns, self._judged_ns)

@@ -94,6 +94,10 @@ class Odometer:
         """Count distance and turn from here on."""
         self._since = (0.0, 0.0)
 
+    def forget_distance(self) -> None:
+        """Count as before the first mark."""
+        self._since = None
+
     @property
     def travelled(self) -> tuple[float, float] | None:
         """Distance (m) and turn (rad) since the last mark, as sums of absolute values; None before the first mark."""

@@ -1,5 +1,6 @@
 """The sensors of robots in rooms: a module for each, and their list in the order in which a step reads them."""
 
+from dynpf_systems.rooms.sensors.initial_pose import INITIAL_POSE
 from dynpf_systems.rooms.sensors.landmarks import LANDMARKS
 from dynpf_systems.rooms.sensors.lines import LINES
 from dynpf_systems.rooms.sensors.odometry import ODOMETRY, ODOMETRY_POSE
@@ -8,4 +9,4 @@ from dynpf_systems.rooms.sensors.scan import SCAN, SCANNER
 
 __all__ = ["SENSORS"]
 
-SENSORS = (ODOMETRY, ODOMETRY_POSE, LANDMARKS, SCANNER, SCAN, LINES, POSITION)
+SENSORS = (INITIAL_POSE, ODOMETRY, ODOMETRY_POSE, LANDMARKS, SCANNER, SCAN, LINES, POSITION)
