@@ -5,6 +5,8 @@ import os
 import sys
 from pathlib import Path
 
+from dynpf_lab.cli.arguments import add_recording
+
 __all__ = ["add_arguments"]
 
 
@@ -14,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Makes the page of a recording, unless it is there already, prints its path and opens it in a browser. With "
         "two recordings the page shows both runs, and what sets them apart. A page needs no network and no server."
     )
-    parser.add_argument("recording", type=Path, metavar="RUN.mcap")
+    add_recording(parser)
     parser.add_argument("other", type=Path, nargs="?", metavar="OTHER.mcap", help="another run, to be compared with")
     parser.add_argument(
         "-o", "--output", type=Path, metavar="PAGE.html", help="the page to write (default: beside the recording)"
