@@ -94,7 +94,7 @@ class RecorderFile:
         self._plan, self._boot, self._path, self._attachments = plan, boot, path, tuple(attachments)
         self._writer: RecordingWriter | None = None
         self._placed = False
-        self._progress = Progress()
+        self._progress = Progress(plan.max_ticks)
 
     def __enter__(self) -> Self:
         return self
