@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 SCENARIO ?= parts-3-easy
 
 .DELETE_ON_ERROR:
-.PHONY: run test fuzz test-browser test-container test-wheels test-machines test-arm64 test-old-x86 check format docs peers
+.PHONY: run test fuzz test-browser test-container test-wheels test-machines test-arm64 test-old-x86 check format docs peers viewers
 .PHONY: check-types check-rules lock hooks clean
 
 run: .venv/.project
@@ -74,6 +74,9 @@ docs: .venv/.dev
 # The libraries that `dynpf bench` and tests/unit/peers compare with, in an environment of their own.
 peers: .venv-peers/.installed
 
+# Rerun, which reads in tests what dynpf exports; beside .venv, whose packages it uses.
+viewers: .venv-viewers/.installed
+
 # Keeps the versions that are locked, as far as pyproject.toml lets it; `make lock UPGRADE=1` takes the newest.
 COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --fork-strategy fewest \
 	--no-emit-index-url --no-emit-find-links --custom-compile-command 'make lock' $(if $(UPGRADE),--upgrade)
@@ -82,6 +85,8 @@ lock: .venv/.dev
 	$(COMPILE) $(BOTH) --output-file requirements.lock
 	$(COMPILE) $(BOTH) --group pyproject.toml:dev --constraint requirements.lock --output-file requirements-dev.lock
 	$(COMPILE) benchmarks/peers.in --output-file requirements-peers.lock
+	$(COMPILE) tests/unit/exporters/viewers.in --constraint requirements-dev.lock --no-emit-package numpy \
+		--no-emit-package pillow --no-emit-package pyarrow --output-file requirements-viewers.lock
 
 # Every commit then has to pass `make check`.
 HOOK = $(shell git rev-parse --git-path hooks)/pre-commit
@@ -91,7 +96,7 @@ hooks:
 	chmod +x $(HOOK)
 
 clean:
-	rm -rf .venv .venv-peers tests/browser/node_modules .machines .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
+	rm -rf .venv .venv-peers .venv-viewers tests/browser/node_modules .machines .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
 	find checks docs dynpf experiments formats lab protocol runtime services systems tests -name __pycache__ -prune -exec rm -rf {} +
 
 .venv/.runtime: requirements.lock
@@ -119,4 +124,10 @@ OLD_ENOUGH := import ensurepip, sys, venv; sys.exit(not (3, 11) <= sys.version_i
 	echo "Installing the locked peers for $$("$$python" --version) into .venv-peers"; \
 	"$$python" -m venv --clear .venv-peers
 	@.venv-peers/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes --requirement requirements-peers.lock
+	@touch $@
+
+.venv-viewers/.installed: requirements-viewers.lock
+	@echo "Installing the locked viewers into .venv-viewers"
+	@$(PYTHON) -m venv --clear .venv-viewers
+	@.venv-viewers/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes --no-deps --requirement $<
 	@touch $@
