@@ -6,27 +6,28 @@ frame, true poses, errors, health and measures as numbers; all else as it was re
 
 import heapq
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from dynpf_formats.recording.reader import Recorded
 from dynpf_formats.recording.stream import RecordedSchema
 from dynpf_protocol.journal import JOURNAL_PREFIX
 from dynpf_protocol.messages import FrameTransforms, LaserScan, Message, PoseInFrame, RobotState, planar_pose, timestamp
 from dynpf_protocol.snapshots import SNAPSHOT_PREFIX
+from dynpf_protocol.topics import Topic
 
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.portable import sincos
 from dynpf.types import FloatArray
-from dynpf_experiments.pictures.drawing import Shape, Track, Unit
+from dynpf_experiments.pictures.drawing import Shape, Unit
 from dynpf_experiments.pictures.estimates import Span
 from dynpf_experiments.pictures.tracks import greatest_range, scan_points
 from dynpf_experiments.pictures.whole import Whole
 from dynpf_experiments.viewers.shapes import MAP_FRAME, grid_of, picture_of, points_of
 
-__all__ = ["Item", "Number", "Plain", "items"]
+__all__ = ["FIGURES", "STATUSES", "Item", "Number", "Passing", "Plain", "items", "map_of"]
 
 STATUSES = ("tracking", "uncertain", "lost", "kidnapped", "map_does_not_fit")
 FIGURES = "figures"
@@ -60,69 +61,91 @@ class Item(NamedTuple):
 def items(run: Whole, measures: Mapping[str, Any]) -> Iterator[Item]:
     """Yield what viewers are shown of a run, whose ``measures`` are those of ``measure``, by logical time."""
     numbers = sorted([*_lines(run), *_health(run)], key=lambda item: item.stamp_ns)
-    yield from _map(run)
+    yield from map_of(run)
     yield from _measures(run, measures)
     yield from heapq.merge(_recorded(run), numbers, key=lambda item: item.stamp_ns)
+
+
+class Passing:
+    """What follows from each message of a run, recorded or heard.
+
+    ``placed`` returns the estimated pose (x, y, theta) of a robot at a stamp, or None; ``greatest`` what a scanner
+    reads where a beam meets nothing, by the namespace of its topics.
+    """
+
+    def __init__(
+        self,
+        topics: Mapping[str, Topic],
+        placed: Callable[[str, int], Sequence[float] | None],
+        greatest: Callable[[str], float],
+    ) -> None:
+        self._topics, self._placed, self._greatest = topics, placed, greatest
+        self._children: dict[str, str] = {}
+
+    def items(self, topic: str, stamp_ns: int, plain: Plain, message: Message | None) -> Iterator[Item]:
+        """Yield what is shown of a message; ``plain`` is what it is as JSON, ``message`` None where it is not known."""
+        if message is None or not message.schema_name.startswith("foxglove."):
+            yield Item(topic, stamp_ns, plain)
+        match message:
+            case RobotState(heading_valid=True, x=x, y=y, theta=theta):
+                pose = PoseInFrame(timestamp=timestamp(stamp_ns), frame_id=MAP_FRAME, pose=planar_pose(x, y, theta))
+                yield Item(f"{topic}/pose", stamp_ns, pose)
+            case FrameTransforms():
+                yield Item(topic, stamp_ns, self._own_children(message, topic))
+            case LaserScan():
+                yield Item(topic, stamp_ns, message)
+                seen = self._in_map(topic, stamp_ns, message)
+                if seen is not None:
+                    yield Item(f"{topic}/points", stamp_ns, points_of(seen, timestamp(stamp_ns)))
+            case Message() if message.schema_name.startswith("foxglove."):
+                yield Item(topic, stamp_ns, message)
+
+    def _own_children(self, message: FrameTransforms, topic: str) -> FrameTransforms:
+        """Return transforms of which each frame has one parent: a second estimator's robot is a frame of its own."""
+        named = []
+        for each in message.transforms:
+            owner = self._children.setdefault(each.child_frame_id, topic)
+            own = each.child_frame_id if owner == topic else f"{topic.rpartition('/')[0]}/{each.child_frame_id}"
+            named.append(msgspec.structs.replace(each, child_frame_id=own))
+        return FrameTransforms(transforms=tuple(named))
+
+    def _in_map(self, topic: str, stamp_ns: int, scan: LaserScan) -> FloatArray | None:
+        """Return the ends of a scan's beams (2, M), placed by an estimate; None where there is none.
+
+        Of a log's record that a sensor passes on, the sensor's is placed.
+        """
+        passed_on = topic.replace("log/", "sensors/")
+        node = topic.rpartition("/")[0]
+        pose = self._placed(node.rpartition("/")[0], stamp_ns)
+        if pose is None or (passed_on != topic and passed_on in self._topics):
+            return None
+        x, y, theta = pose
+        sine, cosine = (float(value) for value in sincos(theta))
+        points = scan_points(scan, self._greatest(node))
+        return np.stack([x + cosine * points[0] - sine * points[1], y + sine * points[0] + cosine * points[1]])
 
 
 def _recorded(run: Whole) -> Iterator[Item]:
     """Yield the recording's messages, and what follows from each."""
     source, recording = run.source, run.source.recording
-    poses = {each.track.robot: each.track for each in reversed(run.estimates)}
-    children: dict[str, str] = {}
+    tracks = {each.track.robot: each.track for each in reversed(run.estimates)}
+
+    def placed(robot: str, stamp_ns: int) -> Sequence[float] | None:
+        track = tracks.get(robot)
+        at = (stamp_ns - source.origin_ns) * 1e-9
+        index = -1 if track is None else int(np.searchsorted(track.seconds, at + 1e-9)) - 1
+        return None if track is None or index < 0 else [float(value) for value in track.poses[:, index]]
+
+    there = {topic: row for topic, row in recording.topics.items() if topic in recording.schemas}
+    passing = Passing(there, placed, cache(lambda node: greatest_range(source, f"{node}/scanner")))
     for record in sorted(recording.messages(), key=lambda record: record.stamp_ns):
-        if record.topic.startswith((JOURNAL_PREFIX, SNAPSHOT_PREFIX)):
-            continue
-        row = recording.topics.get(record.topic)
-        if row is None or not row.type.schema_name.startswith("foxglove."):
-            yield Item(record.topic, record.stamp_ns, Plain(record.payload, recording.schemas[record.topic]))
-        message = source.decoded(record) if row is not None else None
-        match message:
-            case RobotState(heading_valid=True):
-                yield Item(f"{record.topic}/pose", record.stamp_ns, _pose(message, record))
-            case FrameTransforms():
-                yield Item(record.topic, record.stamp_ns, _own_children(message, record.topic, children))
-            case LaserScan():
-                yield Item(record.topic, record.stamp_ns, message)
-                passed_on = record.topic.replace("log/", "sensors/")
-                again = passed_on != record.topic and passed_on in recording.schemas
-                seen = None if again else _in_map(run, record, message, poses)
-                if seen is not None:
-                    yield Item(f"{record.topic}/points", record.stamp_ns, points_of(seen, timestamp(record.stamp_ns)))
-            case Message() if row is not None and row.type.schema_name.startswith("foxglove."):
-                yield Item(record.topic, record.stamp_ns, message)
+        if not record.topic.startswith((JOURNAL_PREFIX, SNAPSHOT_PREFIX)):
+            message = source.decoded(record) if record.topic in recording.topics else None
+            plain = Plain(record.payload, recording.schemas[record.topic])
+            yield from passing.items(record.topic, record.stamp_ns, plain, message)
 
 
-def _pose(state: RobotState, record: Recorded) -> PoseInFrame:
-    stamp = timestamp(record.stamp_ns)
-    return PoseInFrame(timestamp=stamp, frame_id=MAP_FRAME, pose=planar_pose(state.x, state.y, state.theta))
-
-
-def _own_children(message: FrameTransforms, topic: str, children: dict[str, str]) -> FrameTransforms:
-    """Return transforms of which each frame has one parent: a second estimator's robot is a frame of its own."""
-    named = []
-    for each in message.transforms:
-        owner = children.setdefault(each.child_frame_id, topic)
-        own = each.child_frame_id if owner == topic else f"{topic.rpartition('/')[0]}/{each.child_frame_id}"
-        named.append(msgspec.structs.replace(each, child_frame_id=own))
-    return FrameTransforms(transforms=tuple(named))
-
-
-def _in_map(run: Whole, record: Recorded, scan: LaserScan, poses: Mapping[str, Track]) -> FloatArray | None:
-    """Return the ends of a scan's beams (2, M), placed by the estimate of that time; None before the first."""
-    node = record.topic.rpartition("/")[0]
-    track = poses.get(node.rpartition("/")[0])
-    at = (record.stamp_ns - run.source.origin_ns) * 1e-9
-    index = -1 if track is None else int(np.searchsorted(track.seconds, at + 1e-9)) - 1
-    if track is None or index < 0:
-        return None
-    x, y, theta = track.poses[:, index].tolist()
-    sine, cosine = (float(value) for value in sincos(theta))
-    points = scan_points(scan, greatest_range(run.source, f"{node}/scanner"))
-    return np.stack([x + cosine * points[0] - sine * points[1], y + sine * points[0] + cosine * points[1]])
-
-
-def _map(run: Whole) -> Iterator[Item]:
+def map_of(run: Whole) -> Iterator[Item]:
     """Yield the map as a grid, as an image and as points."""
     at = run.source.origin_ns
     stamp = timestamp(at)

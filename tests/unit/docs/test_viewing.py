@@ -14,7 +14,7 @@ from dynpf_experiments.pictures.whole import whole
 from dynpf_experiments.viewers.items import FIGURES, items
 from dynpf_formats.recording.reader import Recording, read_recording
 from dynpf_formats.shipped import known_topics
-from dynpf_lab.cli.view import LAYOUT as LAYOUT_FILE
+from dynpf_lab.cli.serve import LAYOUT as LAYOUT_FILE
 from dynpf_protocol import frames
 from dynpf_protocol.codec import decode
 from dynpf_protocol.messages import FrameTransforms, LaserScan, PoseInFrame, RobotState, SceneUpdate
