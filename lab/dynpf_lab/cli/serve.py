@@ -103,7 +103,7 @@ def _live(folder: Path, viewer: str, *, open_link: bool) -> int:
             Thread(target=server.serve_forever, daemon=True).start()
             query = {"ds": "foxglove-websocket", "ds.url": run.address}
             _tell(viewer, query, server.address("layout.json"), open_link=open_link)
-            run.show(_map_of(Path(place.recording)))
+            run.show_always(_map_of(Path(place.recording)))
             over = run.follow(listener, lambda: not stop.requested)
             server.shutdown()
         run.close()

@@ -4,9 +4,11 @@ The SDK sends to each viewer from a bounded queue of its own, so that a slow one
 """
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 
 import foxglove
+import foxglove.websocket
 from dynpf_experiments.viewers.foxglove import encoded, schema_of
 from dynpf_experiments.viewers.items import FIGURES, STATUSES, Item, Number, Passing, Plain
 from dynpf_formats.recording.stream import RecordedSchema
@@ -27,13 +29,28 @@ STATE = "/state"
 _LOOK_S = 0.5
 
 
+class _Newcomers(foxglove.websocket.ServerListener):
+    """Notes the topics to which a viewer has just subscribed; the SDK calls it from threads of its own."""
+
+    def __init__(self) -> None:
+        self.topics: deque[str] = deque(maxlen=1000)
+
+    def on_subscribe(self, _client: foxglove.websocket.Client, channel: foxglove.websocket.ChannelView) -> None:
+        """Note the channel's topic."""
+        self.topics.append(channel.topic)
+
+
 class LiveRun:
     """Channels of a server on loopback, on a free port, that grow with the topics that are heard."""
 
     def __init__(self) -> None:
         self._topics: Mapping[str, Topic] = known_topics()
         self._context = foxglove.Context()
-        self._server = foxglove.start_server(name="dynpf", host="127.0.0.1", port=0, context=self._context)
+        self._newcomers = _Newcomers()
+        self._server = foxglove.start_server(
+            name="dynpf", host="127.0.0.1", port=0, context=self._context, server_listener=self._newcomers
+        )
+        self._stays: dict[str, Item] = {}
         self._channels: dict[str, foxglove.Channel] = {}
         self._poses: dict[str, tuple[float, float, float]] = {}
         self._greatest: dict[str, float] = {}
@@ -54,9 +71,22 @@ class LiveRun:
                 channel = self._channels[item.topic] = self._channel(item)
             channel.log(encoded(item), log_time=item.stamp_ns)
 
+    def show_always(self, shown: Iterable[Item]) -> None:
+        """Send what does not change, such as the map, to all viewers, and to each that comes later."""
+        for item in shown:
+            self._stays[item.topic] = item
+            self.show([item])
+
+    def _welcome(self) -> None:
+        """Send what does not change to those who have come."""
+        while self._newcomers.topics:
+            item = self._stays.get(self._newcomers.topics.popleft())
+            self.show([] if item is None else [item])
+
     def follow(self, listener: Listener, going: Callable[[], bool]) -> str:
         """Pass on what is heard until the run or ``going`` ends; return why it is over."""
         while going():
+            self._welcome()
             frame = listener.take(_LOOK_S)
             if frame is None:
                 continue
