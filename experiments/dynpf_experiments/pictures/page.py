@@ -29,6 +29,9 @@ __all__ = ["Apart", "Head", "RunPicture", "apart", "measures_in_words", "run_pic
 
 MOST_ROWS = 60
 
+_ELSEWHERE = frozenset({"NEES", "lost", "health"})
+"""Measures that a page does not say in its first words: plots, timeline and table have them."""
+
 Others = tuple[Sequence[Clouds], Sequence[Readings], Sequence[Camera]]
 
 
@@ -182,7 +185,7 @@ def measures_in_words(measures: Mapping[str, Any]) -> list[tuple[str, str]]:
             name, before = rows.pop()
             texts = [f"{before.removesuffix('.')}. {texts[0]}"]
         rows += [(name, text) for text in texts]
-    return rows
+    return [(name, text) for name, text in rows if name not in _ELSEWHERE]
 
 
 def _replay(recording: Recording) -> str:
