@@ -23,7 +23,7 @@ from dynpf_protocol.topics import EVENT_PREFIX, Topic, is_compared
 from msgspec.structs import replace
 
 from dynpf_runtime.executor import Executor, Sent
-from dynpf_runtime.node import Received
+from dynpf_runtime.node import Node, Received
 from dynpf_runtime.plan import Plan
 from dynpf_runtime.progress import Share
 from dynpf_runtime.snapshot import thaw_executor
@@ -101,10 +101,19 @@ class Replayed(NamedTuple):
     executed: tuple[tuple[str, tuple[Sent, ...], JournalEntry], ...]
 
 
-def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = False, span: Span = _WHOLE) -> Replayed:
+def replay_node(
+    recording: Recording,
+    plan: Plan,
+    name: str,
+    *,
+    keep: bool = False,
+    span: Span = _WHOLE,
+    observe: Callable[[Node, JournalEntry], None] = lambda *_: None,
+) -> Replayed:
     """Replay the node ``name`` of ``plan`` on its recorded inputs, and compare the results with the recorded ones.
 
     The comparison covers messages, sequence numbers, stamps, state digests, and whether and why a step was the last.
+    ``observe`` is shown the node after each step.
 
     Raises UsageError if the recording has no journal of the node, MissingMessageError if it lacks an input that the
     journal names, BadMessageError if the snapshot of the span is none of the node.
@@ -125,6 +134,7 @@ def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = Fal
         for entry in _shown(_entries(recording, executor, span), recording, name, boot):
             inputs = list(_inputs(recording, topics, name, entry))
             sent, finished = executor.step(entry.tick, entry.stamp_ns, inputs, 0)
+            observe(node, entry)
             last = entry.last or finished
             # The host's work is not repeated.
             again = executor.unchained(entry.tick, entry.stamp_ns, inputs, sent, hosted=entry.hosted, last=last)

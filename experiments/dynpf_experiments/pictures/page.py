@@ -20,6 +20,7 @@ from dynpf_experiments.pictures.drawing import Track
 from dynpf_experiments.pictures.estimates import Span
 from dynpf_experiments.pictures.event import Event
 from dynpf_experiments.pictures.events import events_of, faults_of
+from dynpf_experiments.pictures.executed import with_executed
 from dynpf_experiments.pictures.figures import Figure, figures
 from dynpf_experiments.pictures.source import Budget, RunSource
 from dynpf_experiments.pictures.tracks import Clouds, Readings, readings_of
@@ -78,14 +79,18 @@ class Apart(NamedTuple):
     measures: list[tuple[str, str, str]]
 
 
-def run_picture(recording: Recording, measures: Mapping[str, Any], budget: Budget) -> RunPicture:
+def run_picture(
+    recording: Recording, measures: Mapping[str, Any], budget: Budget, executed: Sequence[Clouds] = ()
+) -> RunPicture:
     """Return what a page shows of a recording, whose ``measures`` are those of ``measure``.
+
+    ``executed`` are clouds of particles that are drawn in the place of those recorded.
 
     Raises a RecordingError where the file is found to be damaged only now.
     """
     run = whole(recording, budget)
     source, drawing = run.source, run.drawing
-    clouds, readings = run.clouds, readings_of(source)
+    clouds, readings = with_executed(run.clouds, executed, budget.clouds), readings_of(source)
     cameras = cameras_of(source, drawing.circles)
     events, in_all = events_of(source)
     at, ticks = _moments(source, run.tracks)
