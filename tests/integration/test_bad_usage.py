@@ -106,7 +106,7 @@ def test_files_of_other_kinds_are_refused_with_the_command_that_takes_them(tmp_p
     assert_one_line(here("run", recorded), 2, f"dynpf replay {recorded}")
     assert_one_line(here("run", "landmark-mrclam", "--log", bag), 2, bag, "dynpf import rosbag")
     assert_one_line(
-        here("run", "landmark-mrclam", "--log", tmp_path), 2, tmp_path, "is a folder", "dynpf import rosbag"
+        here("run", "landmark-mrclam", "--log", tmp_path), 2, tmp_path, "it is a folder", "dynpf import rosbag"
     )
 
 

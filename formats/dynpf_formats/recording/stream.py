@@ -122,7 +122,7 @@ def stream(path: Path | str) -> Iterator[Item]:
         raise RecordingError(f"{path}: no such file") from None
     except IsADirectoryError:
         raise RecordingError(
-            f"{path}: is a folder, expected the file of a recording; of a ROS 2 bag dynpf import rosbag makes one"
+            f"{path}: cannot be read: it is a folder; of a ROS 2 bag dynpf import rosbag makes a recording"
         ) from None
     except (OSError, ValueError) as error:  # a name with a null character is a ValueError
         raise RecordingError(f"{path}: cannot be read: {getattr(error, 'strerror', error)}") from error
