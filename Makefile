@@ -11,7 +11,7 @@ SCENARIO ?= parts-3-easy
 
 .DELETE_ON_ERROR:
 .PHONY: run test fuzz test-browser test-container test-ros2 test-wheels test-machines test-arm64 test-old-x86 check format docs
-.PHONY: check-types check-rules peers ros2 lock hooks clean
+.PHONY: check-types check-rules peers ros2 viewers lock hooks clean
 
 run: .venv/.project
 	$(BIN)/dynpf run $(SCENARIO)
@@ -81,6 +81,9 @@ peers: .venv-peers/.installed
 # The other side of tests/ros2, in an environment of its own, too.
 ros2: .venv-ros2/.installed
 
+# Rerun, which reads in tests what dynpf exports; beside .venv, whose packages it uses.
+viewers: .venv-viewers/.installed
+
 # Keeps the versions that are locked, as far as pyproject.toml lets it; `make lock UPGRADE=1` takes the newest.
 COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --fork-strategy fewest \
 	--no-emit-index-url --no-emit-find-links --custom-compile-command 'make lock' $(if $(UPGRADE),--upgrade)
@@ -90,6 +93,8 @@ lock: .venv/.dev
 	$(COMPILE) $(BOTH) --group pyproject.toml:dev --constraint requirements.lock --output-file requirements-dev.lock
 	$(COMPILE) benchmarks/peers.in --output-file requirements-peers.lock
 	$(COMPILE) tests/ros2/oracles.in --output-file requirements-ros2.lock
+	$(COMPILE) tests/unit/exporters/viewers.in --constraint requirements-dev.lock --no-emit-package numpy \
+		--no-emit-package pillow --no-emit-package pyarrow --output-file requirements-viewers.lock
 
 # Every commit then has to pass `make check`.
 HOOK = $(shell git rev-parse --git-path hooks)/pre-commit
@@ -99,7 +104,7 @@ hooks:
 	chmod +x $(HOOK)
 
 clean:
-	rm -rf .venv .venv-peers .venv-ros2 tests/browser/node_modules .machines .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
+	rm -rf .venv .venv-peers .venv-ros2 .venv-viewers tests/browser/node_modules .machines .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
 	find checks docs dynpf experiments formats lab protocol runtime services systems tests -name __pycache__ -prune -exec rm -rf {} +
 
 .venv/.runtime: requirements.lock
@@ -137,4 +142,10 @@ OLD_ENOUGH := import ensurepip, sys, venv; sys.exit(not (3, 11) <= sys.version_i
 	echo "Installing the locked packages of ROS 2 for $$("$$python" --version) into .venv-ros2"; \
 	"$$python" -m venv --clear .venv-ros2
 	@.venv-ros2/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes --requirement requirements-ros2.lock
+	@touch $@
+
+.venv-viewers/.installed: requirements-viewers.lock
+	@echo "Installing the locked viewers into .venv-viewers"
+	@$(PYTHON) -m venv --clear .venv-viewers
+	@.venv-viewers/bin/python -m pip --disable-pip-version-check --quiet install --require-hashes --no-deps --requirement $<
 	@touch $@

@@ -12,6 +12,7 @@ from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.info import ended, in_words, restarts
 from dynpf_formats.recording.reader import Recording
 from dynpf_formats.shipped import listed, load
+from dynpf_protocol.json_text import read_json
 from dynpf_protocol.messages import Message
 from dynpf_protocol.topics import is_compared
 from dynpf_services.scenario.build import plan_of
@@ -22,6 +23,7 @@ from dynpf_experiments.messages import RunMessages, recorded
 
 __all__ = [
     "Measures",
+    "described",
     "differing",
     "estimates_of",
     "lines_of",
@@ -115,6 +117,32 @@ def _measured(run: RunMessages, *, truth_align: bool) -> dict[str, Any]:
         aligned = measures.aligned(run) if truth_align and measures.aligned is not None else run
         found |= (measures.of_recording or measures.of_run)(aligned)
     return {**found, "truth_aligned": True} if truth_align else found
+
+
+def described(recording: Recording) -> dict[str, Any]:
+    """Return what a run was, for scripts: the file, scenario, seed, clock, duration, and its nodes.
+
+    ``kinds`` has the kind of each node, ``settings`` its table of the scenario with every default, ``estimates`` the
+    number of messages by the topic of each estimator.
+    """
+    scenario = override_resolved(recording.header.scenario, (), str(recording.path))
+    raw = read_json(recording.header.scenario, dict[str, Any])
+    listed_nodes = raw.get("nodes") or []
+    tables = {**raw, **{str(table.get("name")): table for table in listed_nodes if isinstance(table, dict)}}
+    settings = {name: tables[name] for name in scenario.nodes if isinstance(tables.get(name), dict)}
+    stamps = [record.stamp_ns for record in recording.messages()]
+    end = recording.end
+    return {
+        "recording": str(recording.path),
+        "scenario": scenario.title,
+        "seed": recording.header.seed,
+        "clock": recording.header.clock,
+        "reason": end.reason if end is not None else "its end was never written",
+        "duration_s": (max(stamps) - min(stamps)) * 1e-9 if stamps else 0.0,
+        "estimates": {topic: sum(1 for _ in recording.messages(topic)) for topic in estimates_of(recorded(recording))},
+        "kinds": {name: table.get("kind", "") for name, table in settings.items()},
+        "settings": {name: {k: v for k, v in table.items() if k != "kind"} for name, table in settings.items()},
+    }
 
 
 def lines_of(measures: Mapping[str, Any]) -> list[str]:

@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 
 import msgspec
 from dynpf_protocol.errors import UsageError
-from dynpf_runtime.progress import show_progress
+from dynpf_runtime.progress import Share
 from dynpf_services.scenario.overrides import value_of
 from joblib import Parallel, delayed
 
@@ -56,14 +56,9 @@ def run_study(study: Study, settings: msgspec.Struct, trials: int, seed: int, jo
     """Return the rows of a study, which do not depend on the number of jobs."""
     tasks = study.tasks(settings, trials, seed)
     samples: list[Sample] = []
-    _show_progress(0, len(tasks))
-    for done, found in enumerate(
-        Parallel(jobs, return_as="generator")(delayed(study.run_task)(task) for task in tasks)
-    ):
-        samples += found
-        _show_progress(done + 1, len(tasks))
+    with Share(len(tasks), "tasks") as progress:
+        results = Parallel(jobs, return_as="generator")(delayed(study.run_task)(task) for task in tasks)
+        for done, found in enumerate(results, start=1):
+            samples += found
+            progress.show(done)
     return study.rows(samples)
-
-
-def _show_progress(done: int, tasks: int) -> None:
-    show_progress(f"{done} of {tasks} tasks" if done < tasks else "")

@@ -77,7 +77,7 @@ def run_inline(
     begun = begun or Begun(0, {name: Seat(spec, plan, BOOT) for name, spec in graph.specs.items()})
     run = _Run(begun.seats, sink, observe)
     source = run.seats[graph.source]
-    progress = Progress()
+    progress = Progress(plan.max_ticks)
     ticks, outcome = begun.ticks, Outcome.BUDGET
     for feed in islice(_feeds(plan, log, source.boot), begun.ticks, None):
         ready = source.take(feed.stamp_ns)

@@ -15,6 +15,8 @@ import msgspec
 import numpy as np
 from dynpf_protocol.messages import Message
 
+from dynpf.types import FloatArray
+
 __all__ = [
     "Adopting",
     "Doubting",
@@ -24,6 +26,7 @@ __all__ = [
     "Refusing",
     "Rehearsing",
     "Result",
+    "Showing",
     "State",
     "Step",
     "Takeover",
@@ -124,6 +127,14 @@ class Doubting(Protocol):
 
     def doubts(self) -> Sequence[str]:
         """Return a sentence for each."""
+
+
+@runtime_checkable
+class Showing(Protocol):
+    """A node with particles, which can show more of them than it publishes."""
+
+    def shown(self, most: int) -> FloatArray | None:
+        """Return poses (3, M), M <= most, that represent the node's belief after its last step; None without one."""
 
 
 class Takeover(Enum):

@@ -12,6 +12,7 @@ from dynpf_formats.recording.diff import first_field
 from dynpf_formats.recording.journals import messages_of
 from dynpf_formats.recording.reader import Recording
 from dynpf_formats.recording.seek import Moment, Origin
+from dynpf_formats.recording.stream import Source
 from dynpf_formats.recording.writer import RecordingWriter
 from dynpf_protocol.codec import decode
 from dynpf_protocol.control import Outcome
@@ -22,8 +23,9 @@ from dynpf_protocol.topics import EVENT_PREFIX, Topic, is_compared
 from msgspec.structs import replace
 
 from dynpf_runtime.executor import Executor, Sent
-from dynpf_runtime.node import Received
+from dynpf_runtime.node import Node, Received
 from dynpf_runtime.plan import Plan
+from dynpf_runtime.progress import Share
 from dynpf_runtime.snapshot import thaw_executor
 
 __all__ = [
@@ -99,10 +101,19 @@ class Replayed(NamedTuple):
     executed: tuple[tuple[str, tuple[Sent, ...], JournalEntry], ...]
 
 
-def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = False, span: Span = _WHOLE) -> Replayed:
+def replay_node(
+    recording: Recording,
+    plan: Plan,
+    name: str,
+    *,
+    keep: bool = False,
+    span: Span = _WHOLE,
+    observe: Callable[[Node, JournalEntry], None] = lambda *_: None,
+) -> Replayed:
     """Replay the node ``name`` of ``plan`` on its recorded inputs, and compare the results with the recorded ones.
 
     The comparison covers messages, sequence numbers, stamps, state digests, and whether and why a step was the last.
+    ``observe`` is shown the node after each step.
 
     Raises UsageError if the recording has no journal of the node, MissingMessageError if it lacks an input that the
     journal names, BadMessageError if the snapshot of the span is none of the node.
@@ -120,9 +131,10 @@ def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = Fal
     kept: list[tuple[str, tuple[Sent, ...], JournalEntry]] = []
     for boot in boots if span.origin is None else boots[boots.index(span.origin.boot) :]:
         executor = Executor(node, spec, topics, boot, plan.state_digest_ticks)
-        for entry in _entries(recording, executor, span):
+        for entry in _shown(_entries(recording, executor, span), recording, name, boot):
             inputs = list(_inputs(recording, topics, name, entry))
             sent, finished = executor.step(entry.tick, entry.stamp_ns, inputs, 0)
+            observe(node, entry)
             last = entry.last or finished
             # The host's work is not repeated.
             again = executor.unchained(entry.tick, entry.stamp_ns, inputs, sent, hosted=entry.hosted, last=last)
@@ -140,6 +152,14 @@ def replay_node(recording: Recording, plan: Plan, name: str, *, keep: bool = Fal
                 first = first or _compare_outcome(recording, plan, entry, finished=finished)
     duration_ns = stamps[-1] - stamps[0] if stamps else 0
     return Replayed(name, steps, messages, digests, duration_ns, first, tuple(kept))
+
+
+def _shown(entries: Iterator[JournalEntry], recording: Recording, name: str, boot: str) -> Iterator[JournalEntry]:
+    """Yield the entries, showing how many of those of the node's boot are executed."""
+    with Share(len(recording.of(Source(JOURNAL_PREFIX + name, name, boot))), f"steps of {name}") as progress:
+        for done, entry in enumerate(entries):
+            progress.show(done)
+            yield entry
 
 
 def _entries(recording: Recording, executor: Executor, span: Span) -> Iterator[JournalEntry]:

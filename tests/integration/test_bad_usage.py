@@ -44,6 +44,8 @@ def assert_one_line(told, code, *parts):
         (["run", "landmark-mrclam"], ["--log IN.mcap"]),
         (["info", "no.mcap"], ["no.mcap", "no such file"]),
         (["rnu"], ["unknown command 'rnu'", "did you mean 'run'?"]),
+        ([*RUN, "--seed", "abc"], ["--seed", "'abc': expected a whole number", "--help"]),
+        ([*RUN, "--sed", "1"], ["--sed", "did you mean --seed?"]),
     ],
 )
 def test_wrong_words_are_refused(words, parts, here):
@@ -93,6 +95,28 @@ def test_a_foreign_mcap_is_refused(here):
     for command in ("info", "replay", "metrics", "diff", "play"):
         words = [path, path] if command == "diff" else [path]
         assert_one_line(here(command, *words), 2, path, "not a dynpf recording")
+
+
+def test_files_of_other_kinds_are_refused_with_the_command_that_takes_them(tmp_path, recorded, here):
+    bag, amcl = tmp_path / "a.bag", tmp_path / "amcl.yaml"
+    bag.write_bytes(b"#ROSBAG V2.0\n\x8b")
+    amcl.write_text("amcl:\n  alpha1: 0.2\n")
+    assert_one_line(here("run", bag), 2, bag, "dynpf localize")
+    assert_one_line(here("run", amcl), 2, f"dynpf import amcl {amcl}")
+    assert_one_line(here("run", recorded), 2, f"dynpf replay {recorded}")
+    assert_one_line(here("run", "landmark-mrclam", "--log", bag), 2, bag, "dynpf import rosbag")
+    assert_one_line(
+        here("run", "landmark-mrclam", "--log", tmp_path), 2, tmp_path, "it is a folder", "dynpf import rosbag"
+    )
+
+
+def test_an_imported_log_is_told_from_a_run(tmp_path, here):
+    poses, log = tmp_path / "poses.txt", tmp_path / "log.mcap"
+    poses.write_text("".join(f"{second} {second} 0 0 0 0 0 1\n" for second in range(3)))
+    assert here("import", "tum", poses, "-o", log).code == 0
+    for command in ("metrics", "replay"):
+        assert_one_line(here(command, log), 2, log, "an imported log, no run", f"dynpf run SCENARIO --log {log}")
+    assert here("info", log).code == 0
 
 
 def test_a_recording_that_is_no_log_is_refused_as_one(recorded, here):

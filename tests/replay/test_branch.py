@@ -111,7 +111,7 @@ def test_a_person_reads_a_table(run: Path, capsys: pytest.CaptureFixture[str]) -
     assert lines[0] == "from tick 120 on with estimator.n=60"
     assert lines[1].startswith("first difference: tick 12")
     assert lines[2].split() == ["before", "after", "change"]
-    assert any(line.startswith("position_rmse_m") and line.endswith("%") for line in lines[3:])
+    assert any(line.startswith("Position RMSE") and line.endswith("%") for line in lines[3:])
 
 
 def test_an_exchange_is_a_setting() -> None:

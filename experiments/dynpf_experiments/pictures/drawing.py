@@ -105,11 +105,13 @@ class Drawing(NamedTuple):
     """What is drawn of a run.
 
     ``circles`` returns what to draw over the frame of a camera's topic, by the frame's stamp in ns. ``replaced`` are
-    the ids of scene entities that need not be drawn, as tracks or shapes show the same.
+    the ids of scene entities that need not be drawn, as tracks or shapes show the same. ``cells`` are maps that are
+    drawn as shapes, and that viewers get as cells.
     """
 
     unit: Unit = Metre
     grids: Sequence[OccupancyGrid] = ()
+    cells: Sequence[OccupancyGrid] = ()
     shapes: Sequence[Shape] = ()
     layers: Sequence[Layer] = ()
     tracks: Sequence[Track] = ()
@@ -130,6 +132,7 @@ def merged(drawings: Sequence[Drawing]) -> Drawing:
     return Drawing(
         unit=drawings[0].unit if drawings else Metre,
         grids=[grid for drawing in drawings for grid in drawing.grids],
+        cells=[grid for drawing in drawings for grid in drawing.cells],
         shapes=[shape for drawing in drawings for shape in drawing.shapes],
         layers=[layer for drawing in drawings for layer in drawing.layers],
         tracks=[track for drawing in drawings for track in drawing.tracks],

@@ -17,7 +17,7 @@ _UNITS = {
     "_percent": ("%", 1.0),
     "_fraction": ("%", 100.0),
 }
-_SHARES = frozenset({"lost_by_verdict"})
+_SHARE = "_by_verdict"
 _WORDS = {
     "rmse": "RMSE",
     "p95": "95th percentile",
@@ -61,7 +61,7 @@ def figures(measures: Mapping[str, Any]) -> list[Figure]:
 
 
 def _unit(name: str) -> tuple[str, float, str]:
-    if name in _SHARES:
+    if name.endswith(_SHARE):
         return "%", 100.0, name
     end = next((end for end in _UNITS if name.endswith(end)), "")
     unit, scale = _UNITS.get(end, ("", 1.0))

@@ -20,6 +20,7 @@ from dynpf_experiments.pictures.drawing import Track
 from dynpf_experiments.pictures.estimates import Span
 from dynpf_experiments.pictures.event import Event
 from dynpf_experiments.pictures.events import events_of, faults_of
+from dynpf_experiments.pictures.executed import with_executed
 from dynpf_experiments.pictures.figures import Figure, figures
 from dynpf_experiments.pictures.source import Budget, RunSource
 from dynpf_experiments.pictures.tracks import Clouds, Readings, readings_of
@@ -28,6 +29,9 @@ from dynpf_experiments.pictures.whole import whole
 __all__ = ["Apart", "Head", "RunPicture", "apart", "measures_in_words", "run_picture"]
 
 MOST_ROWS = 60
+
+_ELSEWHERE = frozenset({"NEES", "lost", "health"})
+"""Measures that a page does not say in its first words: plots, timeline and table have them."""
 
 Others = tuple[Sequence[Clouds], Sequence[Readings], Sequence[Camera]]
 
@@ -75,14 +79,18 @@ class Apart(NamedTuple):
     measures: list[tuple[str, str, str]]
 
 
-def run_picture(recording: Recording, measures: Mapping[str, Any], budget: Budget) -> RunPicture:
+def run_picture(
+    recording: Recording, measures: Mapping[str, Any], budget: Budget, executed: Sequence[Clouds] = ()
+) -> RunPicture:
     """Return what a page shows of a recording, whose ``measures`` are those of ``measure``.
+
+    ``executed`` are clouds of particles that are drawn in the place of those recorded.
 
     Raises a RecordingError where the file is found to be damaged only now.
     """
     run = whole(recording, budget)
     source, drawing = run.source, run.drawing
-    clouds, readings = run.clouds, readings_of(source)
+    clouds, readings = with_executed(run.clouds, executed, budget.clouds), readings_of(source)
     cameras = cameras_of(source, drawing.circles)
     events, in_all = events_of(source)
     at, ticks = _moments(source, run.tracks)
@@ -182,7 +190,7 @@ def measures_in_words(measures: Mapping[str, Any]) -> list[tuple[str, str]]:
             name, before = rows.pop()
             texts = [f"{before.removesuffix('.')}. {texts[0]}"]
         rows += [(name, text) for text in texts]
-    return rows
+    return [(name, text) for name, text in rows if name not in _ELSEWHERE]
 
 
 def _replay(recording: Recording) -> str:

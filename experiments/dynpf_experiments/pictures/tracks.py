@@ -25,7 +25,7 @@ from dynpf.types import FloatArray
 from dynpf_experiments.pictures.drawing import Track
 from dynpf_experiments.pictures.source import RunSource, robot_of
 
-__all__ = ["Clouds", "Readings", "clouds_of", "columns_of", "readings_of", "tracks_of"]
+__all__ = ["Clouds", "Readings", "clouds_of", "columns_of", "greatest_range", "readings_of", "scan_points", "tracks_of"]
 
 TRUTHS = ("truth/robot", "log/truth")
 RECKONED = "/dead_reckoning"
@@ -149,7 +149,7 @@ def columns_of(rows: list[tuple[float, float, float, float]]) -> tuple[FloatArra
 
 def _readings(source: RunSource, topic: str, most: int) -> Readings:
     node = topic.rpartition("/")[0]
-    greatest = _greatest_range(source, f"{node}/scanner")
+    greatest = greatest_range(source, f"{node}/scanner")
     forms = {LaserScan: "scan", LandmarkReadings: "rays", LineReadings: "segments", PositionFix: "fix"}
     form = forms[source.recording.topics[topic].type]
     known = list(source.messages(topic, most))
@@ -158,7 +158,8 @@ def _readings(source: RunSource, topic: str, most: int) -> Readings:
     return Readings(topic, robot_of(node), form, seconds, points, len(source.records(topic)))
 
 
-def _greatest_range(source: RunSource, topic: str) -> float:
+def greatest_range(source: RunSource, topic: str) -> float:
+    """Return what a scanner reads where a beam meets nothing, m, by what it says on a topic; infinity by default."""
     ranges = [m.range_max for _, m in source.messages(topic, 10) if isinstance(m, Scanner)]
     return min(ranges, default=math.inf)
 
@@ -167,7 +168,7 @@ def _seen(message: Message, greatest: float) -> FloatArray:
     """Return what a reading shows, as points (2, M) in the robot's frame, of a fix in the map's."""
     match message:
         case LaserScan():
-            return _scan(message, greatest)
+            return scan_points(message, greatest, MOST_BEAMS)
         case LandmarkReadings(readings=readings):
             return _polar([(reading.range, reading.bearing) for reading in readings])
         case LineReadings(readings=readings):
@@ -177,11 +178,12 @@ def _seen(message: Message, greatest: float) -> FloatArray:
     return np.empty((2, 0))
 
 
-def _scan(scan: LaserScan, greatest: float) -> FloatArray:
-    """Return the ends of some of a scan's beams, without those that met nothing."""
+def scan_points(scan: LaserScan, greatest: float, most: int | None = None) -> FloatArray:
+    """Return the ends of at most ``most`` of a scan's beams as the robot sees them, (2, M); without those that met
+    nothing."""
     beams = len(scan.ranges)
     step = (scan.end_angle - scan.start_angle) / max(1, beams - 1)
-    stride = -(-beams // MOST_BEAMS)
+    stride = 1 if most is None else -(-beams // most)
     at, turn = scan.pose.position, heading(scan.pose.orientation)
     rows = [
         (scan.ranges[beam], scan.start_angle + beam * step + turn)

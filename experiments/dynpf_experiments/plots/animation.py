@@ -7,6 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 from dynpf_protocol.errors import UsageError
+from dynpf_runtime.progress import Share
 from numpy.typing import NDArray
 
 from dynpf_experiments.extras import plotting
@@ -55,7 +56,7 @@ def _pictures(run: Whole, moments: list[float]) -> Iterator[NDArray[np.uint8]]:
     with pyplot.rc_context(dict(RC)):
         drawn, axes = pyplot.subplots(figsize=SIZE_INCHES, dpi=DPI, layout="constrained")
         try:
-            for at in moments:
+            for at in _shown(moments):
                 axes.clear()
                 draw_map(axes, run, at)
                 draw_paths(axes, run, at)
@@ -65,6 +66,14 @@ def _pictures(run: Whole, moments: list[float]) -> Iterator[NDArray[np.uint8]]:
                 yield _rendered(drawn)
         finally:
             pyplot.close(drawn)
+
+
+def _shown(moments: list[float]) -> Iterator[float]:
+    """Yield the moments, showing how many pictures are drawn."""
+    with Share(len(moments), "pictures") as progress:
+        for done, at in enumerate(moments):
+            progress.show(done)
+            yield at
 
 
 def _rendered(drawn: Any) -> NDArray[np.uint8]:

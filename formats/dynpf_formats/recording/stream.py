@@ -116,12 +116,23 @@ def stream(path: Path | str) -> Iterator[Item]:
             if start != MAGIC:
                 if MAGIC.startswith(start):
                     raise TruncatedRecordingError(f"{path}: the file ends inside its first bytes; nothing is recorded")
-                raise NotMcapError(f"{path}: not an MCAP file: it begins with {start!r}")
+                raise NotMcapError(f"{path}: not an MCAP file: it begins with {start!r}{_importer_of(start)}")
             yield from _Pass(path, size).items(scan(file, size))
     except FileNotFoundError:
         raise RecordingError(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise RecordingError(
+            f"{path}: cannot be read: it is a folder; of a ROS 2 bag dynpf import rosbag makes a recording"
+        ) from None
     except (OSError, ValueError) as error:  # a name with a null character is a ValueError
         raise RecordingError(f"{path}: cannot be read: {getattr(error, 'strerror', error)}") from error
+
+
+def _importer_of(start: bytes) -> str:
+    """Return which command makes a recording of a file that begins so, as the end of a sentence."""
+    if start.startswith((b"#ROSBAG", b"SQLite")):
+        return "; it is a bag: dynpf import rosbag makes a log of it, and dynpf localize does all in one"
+    return ""
 
 
 class _Pass:

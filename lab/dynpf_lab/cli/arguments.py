@@ -28,7 +28,9 @@ DEFAULT_PORT = 7447
 SPEED = "seconds of the run in a second, 0: as fast as it goes"
 
 
-def add_recording(parser: argparse.ArgumentParser, *, optional: bool = False, text: str | None = None) -> None:
+def add_recording(
+    parser: argparse.ArgumentParser, *, optional: bool = False, text: str = "the recording of a run"
+) -> None:
     """Add RUN.mcap."""
     parser.add_argument("recording", type=Path, metavar="RUN.mcap", nargs="?" if optional else None, help=text)
 
@@ -61,7 +63,12 @@ def add_durable(parser: argparse.ArgumentParser) -> None:
 
 def add_clock(parser: argparse.ArgumentParser) -> None:
     """Add --clock."""
-    parser.add_argument("--clock", choices=["lockstep", "realtime"])
+    parser.add_argument(
+        "--clock",
+        choices=["lockstep", "realtime"],
+        help="lockstep: as fast as it goes, each tick once round all nodes; realtime: by the wall clock (default: the "
+        "scenario's)",
+    )
 
 
 def add_connect(

@@ -27,8 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "other inputs or is another. With --repo, of one recording: which commit made its replay differ. The exit code "
         "is 0 if a cause was found, else 1."
     )
-    parser.add_argument("a", type=Path, metavar="A.mcap")
-    parser.add_argument("b", type=Path, nargs="?", metavar="B.mcap")
+    parser.add_argument("a", type=Path, metavar="A.mcap", help="the recording of a run; with --repo the only one")
+    parser.add_argument("b", type=Path, nargs="?", metavar="B.mcap", help="that of the run that differs")
     parser.add_argument(
         "--repo",
         type=Path,

@@ -209,7 +209,16 @@ def _in_words(summary: "ImportSummary", output: Path) -> str:
 
 
 def _in_text(value: Any) -> str:
-    """Return a setting as text: of spans of time, each in seconds."""
-    if isinstance(value, list) and all(isinstance(item, tuple) for item in value):
-        return ", ".join(f"{first:.1f}..{last:.1f}" for first, last in value) or "none"
-    return "none" if value is None else str(value)
+    """Return a setting as text: of spans of time, each in seconds, of a table each entry."""
+    match value:
+        case dict():
+            return ", ".join(f"{name} ({_in_text(inner)})" for name, inner in value.items()) or "none"
+        case list() if all(isinstance(item, tuple) for item in value):
+            return ", ".join(f"{first:.1f}..{last:.1f}" for first, last in value) or "none"
+        case list() | tuple():
+            return ", ".join(map(_in_text, value)) or "none"
+        case float():
+            return f"{value:.6g}"
+        case None:
+            return "none"
+    return str(value)

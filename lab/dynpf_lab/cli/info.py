@@ -2,8 +2,15 @@
 
 import argparse
 import json
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from dynpf_protocol.errors import DynpfError
 
 from dynpf_lab.cli.arguments import add_json, add_recording
+
+if TYPE_CHECKING:
+    from dynpf_formats.recording.reader import Recording
 
 __all__ = ["add_arguments"]
 
@@ -27,6 +34,32 @@ def run(options: argparse.Namespace) -> int:
         told = describe_capture(read_capture(options.recording))
         print(json.dumps(told) if options.json else "\n".join(summary_lines(told)))
         return 0
-    summary = describe(read_recording(options.recording, allow_truncated=True))
-    print(json.dumps(summary) if options.json else text(summary))
+    recording = read_recording(options.recording, allow_truncated=True)
+    summary = describe(recording)
+    if options.json:
+        print(json.dumps({**_of_run(recording), **summary}))
+        return 0
+    print(text(summary))
+    if lines := _measured(recording):
+        print("\n".join(f"  {line}" for line in lines))
     return 0
+
+
+def _of_run(recording: "Recording") -> dict[str, Any]:
+    """Return clock, kinds and settings of the nodes of a run; nothing of an imported log."""
+    from dynpf_experiments.measures import described
+
+    with suppress(DynpfError):
+        known = described(recording)
+        return {name: known[name] for name in ("scenario", "clock", "kinds", "settings", "estimates")}
+    return {}
+
+
+def _measured(recording: "Recording") -> list[str]:
+    """Return what a run's measures say, in a few lines; nothing of an imported log."""
+    from dynpf_experiments.measures import lines_of, measure_run
+    from dynpf_experiments.messages import recorded
+
+    with suppress(DynpfError):
+        return lines_of(measure_run(recorded(recording)))
+    return []

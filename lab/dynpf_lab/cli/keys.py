@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``dynpf keys``."""
     actions = parser.add_subparsers(metavar="init|issue|revoke|list", required=True)
     init = actions.add_parser("init", help="make a folder with a certificate authority")
-    init.add_argument("folder", type=Path, metavar="FOLDER")
+    init.add_argument("folder", type=Path, metavar="FOLDER", help="where to put the authority, its key and all others")
     _add_days(init, "the authority, and no certificate of it longer (default 365)")
     init.set_defaults(run=_init)
     issue = actions.add_parser("issue", help="make a key and a certificate for each of some processes")
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_days(issue, "the certificates (default 7)")
     issue.set_defaults(run=_issue)
     revoke = actions.add_parser("revoke", help="withdraw the certificate of a process")
-    revoke.add_argument("name", metavar="NAME")
+    revoke.add_argument("name", metavar="NAME", help="whose certificate is not to be believed any more")
     revoke.set_defaults(run=_revoke)
     listing = actions.add_parser("list", help="the certificates, and when they expire")
     listing.set_defaults(run=_list)

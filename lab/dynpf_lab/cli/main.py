@@ -3,13 +3,14 @@
 import argparse
 import difflib
 import os
+import re
 import sys
 import traceback
 import warnings
 from collections.abc import Sequence
 from importlib import import_module
 from io import TextIOWrapper
-from typing import Any
+from typing import Any, NoReturn
 
 from dynpf_protocol.errors import DynpfError, StepError
 
@@ -54,6 +55,8 @@ _COMMANDS = {
     "references": ("references", "check the reference recordings, or record them again"),
 }
 
+_EXPECTED = {"int": "expected a whole number", "float": "expected a number"}
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code: 0 done or same, 1 differs or failed, 2 wrong usage."""
@@ -74,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0 if words else 2
     command = words[0]
     if command not in _COMMANDS:
-        close = difflib.get_close_matches(command, _COMMANDS, n=1)
+        close = difflib.get_close_matches(command, [*_COMMANDS, "--version"], n=1)
         hint = f"did you mean {close[0]!r}?" if close else "dynpf --help shows the commands"
         print(f"dynpf: unknown command {command!r}; {hint}", file=sys.stderr)
         return 2
@@ -139,15 +142,30 @@ def _in_users_code(error: BaseException) -> bool:
     return False
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser that tells of a mistake in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Tell what is wrong and where the options are told, and exit with code 2."""
+        text = re.sub(r"invalid (int|float) value: (.*)", lambda found: f"{found[2]}: {_EXPECTED[found[1]]}", message)
+        if message.startswith("unrecognized arguments: "):
+            word = message.split()[2].partition("=")[0]
+            close = difflib.get_close_matches(word, self._option_string_actions, n=1)
+            text += f"; did you mean {close[0]}?" if close else ""
+        self.exit(2, f"{self.prog}: error: {text} ({self.prog} --help tells the options)\n")
+
+
 def _parser() -> "tuple[argparse.ArgumentParser, argparse._SubParsersAction[Any]]":
-    parser = argparse.ArgumentParser(prog="dynpf", allow_abbrev=False)
+    parser = _Parser(prog="dynpf", allow_abbrev=False)
     return parser, parser.add_subparsers(required=True)
 
 
 def _load(command: str, commands: "argparse._SubParsersAction[Any]") -> None:
     """Add the parser of a command, with the arguments from the command's module."""
     module, text = _COMMANDS[command]
-    import_module(f"dynpf_lab.cli.{module}").add_arguments(commands.add_parser(command, help=text))
+    import_module(f"dynpf_lab.cli.{module}").add_arguments(
+        commands.add_parser(command, help=text, description=f"{text[:1].upper()}{text[1:]}.")
+    )
 
 
 def _complete() -> None:
@@ -168,7 +186,8 @@ def _overview() -> str:
     rows = "\n".join(f"  {name:<11} {text}" for name, (_, text) in _COMMANDS.items())
     return (
         "usage: dynpf COMMAND ...\n\nA localization laboratory: processes on a bus, one recording a run, exact replay."
-        f"\n\n{rows}\n\ndynpf COMMAND --help tells more, dynpf --version the versions in use."
+        f"\n\n{rows}\n\ndynpf COMMAND --help tells more, dynpf --version the versions in use. Exit codes: 0 done or "
+        "the same, 1 differs\nor failed, 2 wrong usage."
     )
 
 

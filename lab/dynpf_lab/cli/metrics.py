@@ -22,12 +22,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Execute ``dynpf metrics`` and return its exit code."""
-    from dynpf_experiments.measures import measure, summary
+    from dynpf_experiments.measure_table import table_of
+    from dynpf_experiments.measures import described, measure, summary
     from dynpf_formats.recording.reader import read_recording
 
     recording = read_recording(options.recording)
     measures = measure(recording, truth_align=options.truth_align)
-    print(json.dumps(measures) if options.json else summary(recording, measures))
-    if options.truth_align and not options.json:
+    if options.json:
+        print(json.dumps({**described(recording), **measures}))
+        return 0
+    print(summary(recording, measures))
+    if options.truth_align:
         print("            against the reference moved into the frame of the estimate (--truth-align)")
+    if rows := table_of(measures):
+        print("\n" + "\n".join(rows))
     return 0

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 __all__ = ["add_no_page", "leave_page"]
 
 
-def add_no_page(parser: argparse.ArgumentParser) -> None:
+def add_no_page(parser: argparse.ArgumentParser, text: str = "make no page (NAME.html beside the recording)") -> None:
     """Add --no-page."""
-    parser.add_argument("--no-page", action="store_true", help="make no page (NAME.html beside the recording)")
+    parser.add_argument("--no-page", action="store_true", help=text)
 
 
 def leave_page(

@@ -251,7 +251,9 @@ def _compare(options: argparse.Namespace, recording: "Recording", write: Callabl
         if options.output is not None:
             _leave_page(options)
         name = f"with {' '.join(options.overrides)}"
-        return print_difference(recording, read_recording(path), str(options.recording), name, as_json=options.json)
+        after = read_recording(path)
+        heads = ("before", "after")
+        return print_difference(recording, after, str(options.recording), name, as_json=options.json, heads=heads)
 
 
 def _leave_page(options: argparse.Namespace) -> None:

@@ -192,7 +192,7 @@ def _run_on_bus(
 
 def print_summary(command: str, path: Path, *, with_page: bool, as_json: bool) -> int:
     """Print what became of a run of a command, and return the exit code."""
-    from dynpf_experiments.measures import measure, summary
+    from dynpf_experiments.measures import described, measure, summary
     from dynpf_formats.recording.reader import read_recording
 
     recording = read_recording(path)
@@ -201,7 +201,7 @@ def print_summary(command: str, path: Path, *, with_page: bool, as_json: bool) -
         print(summary(recording, measures), flush=True)  # before the page, which takes a moment
     page = leave_page(command, path, recording, measures) if with_page else None
     if as_json:
-        print(json.dumps({"recording": str(path), **({} if page is None else {"page": str(page)}), **measures}))
+        print(json.dumps({**described(recording), **({} if page is None else {"page": str(page)}), **measures}))
     elif page is not None:
         print(f"page        {page}")
     return 0 if measures["complete"] else 1

@@ -107,19 +107,19 @@ def _outcome(verdict: "Verdict") -> str:
 
 def _play(campaign: "Campaign", options: argparse.Namespace) -> int:
     """Play all schedules; print how many runs were whole, and the story of those that break an invariant."""
-    from dynpf_runtime.progress import show_progress
+    from dynpf_runtime.progress import Share
 
     jobs = options.jobs or os.cpu_count() or 1
     began_s = time.monotonic()
     played, whole = 0, 0
     failures: list[Verdict] = []
-    for verdict in campaign.verdicts(range(options.schedules), jobs):
-        played += 1
-        whole += verdict.whole
-        if verdict.broken:
-            failures.append(verdict)
-        show_progress(f"{played} of {options.schedules} schedules, {len(failures)} broken")
-    show_progress("")
+    with Share(options.schedules, "schedules") as progress:
+        for verdict in campaign.verdicts(range(options.schedules), jobs):
+            played += 1
+            whole += verdict.whole
+            if verdict.broken:
+                failures.append(verdict)
+            progress.show(played, f", {len(failures)} broken")
     failures.sort(key=lambda verdict: verdict.number)
     took_s = time.monotonic() - began_s
     if options.json:

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,10 +10,16 @@ from typing import TYPE_CHECKING
 from dynpf_experiments.catalogue import study_names
 
 from dynpf_lab.cli.arguments import add_json, add_set
+from dynpf_lab.cli.page import add_no_page
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import msgspec
+    from dynpf_experiments.rows import Row
     from dynpf_experiments.study import Study
+
+    from dynpf_lab.page.study import Told
 
 __all__ = ["add_arguments", "add_report_options", "report"]
 
@@ -39,7 +46,14 @@ def add_report_options(parser: argparse.ArgumentParser) -> None:
         "--jobs", type=int, metavar="N", help="number of processes, without effect on the results (default: all cores)"
     )
     add_json(parser)
-    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder for rows.json, rows.csv and figures")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="folder for rows.json, rows.csv, figures, and index.html that shows them",
+    )
+    add_no_page(parser, "make no page (index.html in the folder)")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -68,6 +82,9 @@ def report(
     from dynpf_experiments.study import run_study
     from dynpf_protocol.errors import UsageError
 
+    from dynpf_lab.page.study import Told
+
+    asked = {key: value for key, value in msgspec.to_builtins(settings).items() if not isinstance(value, dict)}
     jobs = (os.cpu_count() or 1) if options.jobs is None else options.jobs
     if jobs < 1:
         raise UsageError(f"--jobs {jobs}: expected at least 1")
@@ -84,10 +101,29 @@ def report(
             figures = study.figures(settings, seed, rows, folder)
         except UsageError as error:  # rows do not need what draws figures
             print(f"{options.prog}: no figures: {error}", file=sys.stderr)
-            return 0
-        for path in figures:
+            figures = []
+        page = (
+            []
+            if options.no_page
+            else [_page(folder, Told(name, study.about, _said(), asked, trials, seed), rows, figures)]
+        )
+        for path in (*figures, *page):
             print(f"{options.prog}: {path}", file=sys.stderr)
     return 0
+
+
+def _page(folder: Path, told: "Told", rows: "Sequence[Row]", figures: "Sequence[Path]") -> Path:
+    """Write the page of a study and return its path."""
+    from dynpf_lab.page.study import study_page
+
+    path = folder / "index.html"
+    path.write_text(study_page(told, rows, figures), encoding="utf-8")
+    return path
+
+
+def _said() -> str:
+    """Return the command as it was given."""
+    return shlex.join(["dynpf", *sys.argv[1:]])
 
 
 def _make(folder: Path) -> None:

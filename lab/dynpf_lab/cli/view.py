@@ -9,6 +9,7 @@ from dynpf_protocol.errors import UsageError
 
 from dynpf_lab.cli.arguments import add_connect, add_keys
 from dynpf_lab.cli.options import add_allow_code
+from dynpf_lab.cli.serve import add_viewers, serve, viewer_of
 
 __all__ = ["add_arguments", "open_browser"]
 
@@ -27,6 +28,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, metavar="PAGE.html", help="the page to write (default: beside the recording)"
     )
+    parser.add_argument(
+        "--particles",
+        choices=["recorded", "all"],
+        default="recorded",
+        help="recorded: at most 200 of a cloud (default); all: up to 5000, for which filters are executed again",
+    )
+    add_viewers(parser)
     parser.add_argument("--no-open", action="store_true", help="only make the page and print its path")
     parser.add_argument("--live", action="store_true", help="follow a run that goes on")
     parser.add_argument(
@@ -56,12 +64,19 @@ def run(options: argparse.Namespace) -> int:
 
     from dynpf_formats.recording.reader import read_recording
 
+    if (viewer := viewer_of(options)) is not None:
+        if options.other is not None:
+            raise UsageError(f"{options.other}: a viewer is given one run")
+        return serve(options.recording, viewer, open_link=not options.no_open and _has_screen())
+    from dynpf_services.scenario.replay import scenario_of_replay
+
     from dynpf_lab.page import make_page, page_of
 
     paths = [path for path in (options.recording, options.other) if path is not None]
     page = options.output or page_of(*paths)
     recordings = [read_recording(path, allow_truncated=True) for path in paths]
-    make_page(recordings, page)
+    scenarios = [scenario_of_replay(each) for each in recordings] if options.particles == "all" else []
+    make_page(recordings, page, scenarios=scenarios)
     print(page)
     if not options.no_open:
         open_browser(page.resolve().as_uri())

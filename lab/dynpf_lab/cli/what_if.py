@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import math
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,6 +18,7 @@ __all__ = ["print_branch"]
 
 def print_branch(options: argparse.Namespace) -> int:
     """Branch the run, print the first tick that differs and the measures before and after; return the exit code."""
+    from dynpf_experiments.measure_table import changes_of
     from dynpf_experiments.measures import measure
     from dynpf_formats.recording.diff import diff
     from dynpf_formats.recording.reader import read_recording
@@ -39,32 +39,12 @@ def print_branch(options: argparse.Namespace) -> int:
         branched = branch_run(recording, moment_of(options.at), overrides, options.allow_code, path)
         after = read_recording(path)
         first = diff(recording, after).first
-        rows = _rows(measure(recording), measure(after))
+        rows = changes_of(measure(recording), measure(after))
     if options.json:
         print(json.dumps({**_document(branched, first), "metrics": rows}))
     else:
         _print(branched, first, rows, overrides)
     return 0 if first is None else 1
-
-
-def _rows(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return each measure before and after, and its change in percent where there is one, else None."""
-    names = [name for name in {**before, **after} if name != "content_digest"]
-    return {
-        name: {
-            "before": before.get(name),
-            "after": after.get(name),
-            "change_percent": _change(before.get(name), after.get(name)),
-        }
-        for name in names
-    }
-
-
-def _change(before: Any, after: Any) -> float | None:
-    numbers = [value for value in (before, after) if isinstance(value, int | float) and not isinstance(value, bool)]
-    if len(numbers) < 2 or not all(map(math.isfinite, numbers)) or before == 0:
-        return None
-    return round(100 * (numbers[1] - numbers[0]) / abs(numbers[0]), 3)
 
 
 def _document(branched: "Branched", first: "FirstDifference | None") -> dict[str, Any]:
@@ -83,6 +63,8 @@ def _document(branched: "Branched", first: "FirstDifference | None") -> dict[str
 def _print(
     branched: "Branched", first: "FirstDifference | None", rows: Mapping[str, Mapping[str, Any]], overrides: list[str]
 ) -> None:
+    from dynpf_experiments.measure_table import before_and_after
+
     print(f"from tick {branched.at} on with {' '.join(overrides)}")
     for name in branched.fresh:
         print(f"{name} cannot take over the state of the node before it, and begins there in its first state")
@@ -90,14 +72,4 @@ def _print(
         print("the rest of the run is the same")
     else:
         print(f"first difference: tick {first.tick}, node {first.node}, {first.topic} {first.sequence}, {first.field}")
-    width = max(map(len, rows))
-    print(f"{'':{width}}  {'before':>14}  {'after':>14}  {'change':>9}")
-    for name, row in rows.items():
-        change = "" if row["change_percent"] is None else f"{row['change_percent']:+.1f} %"
-        print(f"{name:{width}}  {_cell(row['before']):>14}  {_cell(row['after']):>14}  {change:>9}")
-
-
-def _cell(value: Any) -> str:
-    if value is None:
-        return "-"
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    print("\n".join(before_and_after(rows)))

@@ -69,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
     from dynpf_experiments.why.figure import draw
     from dynpf_formats.recording.reader import read_recording
     from dynpf_formats.regular_files import exists
-    from dynpf_runtime.progress import show_progress
+    from dynpf_runtime.progress import Share
     from dynpf_services.scenario.user_code import add_folders, code_folders
 
     add_folders(code_folders(options.code))
@@ -79,14 +79,8 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f"{options.output}: the file exists; choose another name")
     recording = read_recording(options.recording)
     effort = Effort(options.futures, options.within, options.jobs or os.cpu_count() or 1, options.seed)
-    answer = ask_why(
-        recording,
-        options.when,
-        effort,
-        allow_code=options.allow_code,
-        show=lambda spent: show_progress(f"{spent} of at most {options.futures} futures"),
-    )
-    show_progress("")
+    with Share(options.futures, "futures at most") as progress:
+        answer = ask_why(recording, options.when, effort, allow_code=options.allow_code, show=progress.show)
     if options.output is not None:
         bars = list(_bars(answer))
         title = f"{options.recording.name}: {options.when}"

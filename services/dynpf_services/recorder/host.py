@@ -94,7 +94,7 @@ class RecorderFile:
         self._plan, self._boot, self._path, self._attachments = plan, boot, path, tuple(attachments)
         self._writer: RecordingWriter | None = None
         self._placed = False
-        self._progress = Progress()
+        self._progress = Progress(plan.max_ticks)
 
     def __enter__(self) -> Self:
         return self
@@ -122,7 +122,7 @@ class RecorderFile:
             case Flush(now_ns):
                 return Flushed() if self._placed and self._open.flush_if_due(now_ns) else None
             case Show(ticks, messages, paused):
-                self._progress.show(ticks, messages, "paused at " if paused else "")
+                self._progress.show(ticks, messages, paused=paused)
             case Close(complete, reason, outcome):
                 self._progress.clear()
                 self.end = self._open.close(complete=complete, reason=reason, outcome=outcome)

@@ -26,7 +26,17 @@ from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.files import make_paths_absolute, with_files
 from dynpf_services.scenario.kinds import fact_kind, fact_names, node_kind, node_kinds
 from dynpf_services.scenario.overrides import apply_override
-from dynpf_services.scenario.problems import explain, folded, nearest, not_one_of, unknown_keys
+from dynpf_services.scenario.problems import (
+    IMPORTED_LOG,
+    chosen_elsewhere,
+    explain,
+    faulty_faults,
+    folded,
+    nearest,
+    no_scenario,
+    not_one_of,
+    unknown_keys,
+)
 from dynpf_services.scenario.schema import LogFacts, RunTable, Scenario, key_of
 from dynpf_services.scenario.user_code import source_digests
 
@@ -65,13 +75,14 @@ def scenario_files() -> list[Path]:
 def find_scenario(name: str) -> Path:
     """Return the file of a scenario given by name or path; raises ScenarioError with the nearest name."""
     path = Path(name)
-    if path.suffix in {".toml", ".json"} or path.parent != Path():
+    if path.suffix in {".toml", ".json"} or (path.parent != Path() and not path.exists()):
         if not path.is_file():
             raise ScenarioError(f"scenario file {name}: no such file")
         return path
     known = {file.stem: file for file in scenario_files()}
     if name not in known:
-        raise ScenarioError(f"unknown scenario {name!r}{nearest(name, list(known))} (dynpf list shows them)")
+        unknown = f"unknown scenario {name!r}{nearest(name, list(known))} (dynpf list shows them)"
+        raise ScenarioError(f"{name}: {no_scenario(path)}" if path.exists() else unknown)
     return known[name]
 
 
@@ -145,6 +156,8 @@ def override_resolved(resolved: str, overrides: Sequence[str], where: str) -> Sc
         raw = json.loads(resolved)
         if not isinstance(raw, dict):
             raise ScenarioError(f"{where}: its scenario is a {type(raw).__name__}, expected a table of keys")
+        if isinstance(raw.get("import"), dict):  # an importer describes its source instead of a scenario
+            raise ScenarioError(f"{where}: {IMPORTED_LOG.format(where)}")
         with _located(where):
             raw = _with_tables(raw)
         for override in overrides:
@@ -273,7 +286,9 @@ def _kind(name: str, table: Any, section: str | None) -> tuple[str, Any]:
     if not isinstance(table, dict):
         raise ScenarioError(f"{key}: {table!r}; expected a table, such as [{key}]")
     if not isinstance(kind, str) or kind not in kinds:
-        raise ScenarioError(f"{key}.kind: {not_one_of(kind or None, sorted(kinds))}")
+        told = not_one_of(kind or None, [*sorted(kinds), "package.module:Name"])
+        others = chosen_elsewhere(str(kind), {name: node_kind(text).config for name, text in sorted(kinds.items())})
+        raise ScenarioError(f"{key}.kind: {told}{'' if 'did you mean' in told else others}")
     text = kinds[kind]
     tag = node_kind(text).config.__struct_config__.tag  # type: ignore[attr-defined]
     given = {name: value for name, value in table.items() if name != "kind"}
@@ -370,7 +385,7 @@ def _contradictions(scenario: Scenario) -> Iterator[str]:
         yield "simulator: a run that plays a log (needs_log) has no simulator"
     if bool(players) != scenario.needs_log:
         yield "sensors.kind: 'log' and needs_log = true go together"
-    yield from _faulty_faults(scenario)
+    yield from faulty_faults(scenario)
     for name, config in scenario.nodes.items():
         yield from node_kind(scenario.kinds[name]).problems(config, Context(scenario, name))
     for key, value in scenario.facts.items():
@@ -378,12 +393,3 @@ def _contradictions(scenario: Scenario) -> Iterator[str]:
     for user in scenario.user_classes:
         if not CLASS_NAME.fullmatch(user.text):
             yield f"{user.key}: {user.text!r}; expected package.module:Name"
-
-
-def _faulty_faults(scenario: Scenario) -> Iterator[str]:
-    first: dict[tuple[str, str], int] = {}
-    for index, fault in enumerate(scenario.faults):
-        if first.setdefault((fault.topic, fault.to), index) != index:
-            yield f"faults.{index}: {fault.topic} to {fault.to} stands in faults.{first[fault.topic, fault.to]} already"
-        if fault.to not in scenario.nodes:
-            yield f"faults.{index}.to: {fault.to!r} is not a node of this run{nearest(fault.to, [*scenario.nodes])}"

@@ -1,6 +1,7 @@
 """Overrides of the command line: ``--set key=value`` changes one key of a scenario before it is checked."""
 
 import json
+import re
 import tomllib
 from collections.abc import Mapping
 from typing import Any
@@ -48,17 +49,24 @@ def value_of(text: str) -> Any:
 
 
 def apply_override(raw: dict[str, Any], override: str) -> None:
-    """Set one key of ``raw``; raises ScenarioError unless it is key=value and its parent is a table or a list."""
+    """Set one key of ``raw``; raises ScenarioError unless it is key=value and its parent is a table or a list.
+
+    The number after a list's last one appends to it.
+    """
     key, equals, text = override.partition("=")
+    key = key.strip()
     if not equals or not key:
         raise ScenarioError(f"--set {override}: expected key=value, such as estimator.n=500")
+    if (dotted := re.sub(r"\[(\d+)\]", r".\1", key)) != key:
+        raise ScenarioError(f"--set {override}: an item of a list is named by its number after a dot: {dotted}")
     value = value_of(text)
     *parents, last = key.split(".")
     table: Any = raw
     for depth, name in enumerate(parents, start=1):
         table = _child(table, name, ".".join(parents[:depth]), override)
     if isinstance(table, list):
-        table[_index(table, last, key, override)] = value
+        index = _index(table, last, key, override, appending=True)
+        table[index : index + 1] = [value]
     elif isinstance(table, dict):
         table[last] = value
     else:
@@ -73,8 +81,9 @@ def _child(table: Any, name: str, path: str, override: str) -> Any:
     raise ScenarioError(f"--set {override}: {path} lies inside {table!r}, which has no keys")
 
 
-def _index(table: list[Any], name: str, path: str, override: str) -> int:
-    if not name.isdecimal() or int(name) >= len(table):
-        expected = f"expected an index from 0 to {len(table) - 1}, got {name!r}" if table else "the list is empty"
-        raise ScenarioError(f"--set {override}: {path}: {expected}")
-    return int(name)
+def _index(table: list[Any], name: str, path: str, override: str, *, appending: bool = False) -> int:
+    if name.isdecimal() and int(name) < len(table) + appending:
+        return int(name)
+    expected = f"expected an index from 0 to {len(table) - 1}" if table else "the list is empty"
+    more = f", or {len(table)} to append" if appending else ""
+    raise ScenarioError(f"--set {override}: {path}: {expected}{more}; got {name!r}")

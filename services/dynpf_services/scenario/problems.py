@@ -4,13 +4,33 @@ import difflib
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from dynpf_services.scenario.user_component import UserComponent
 
-__all__ = ["explain", "folded", "nearest", "not_one_of", "unfolded", "unknown_keys"]
+if TYPE_CHECKING:
+    from dynpf_services.scenario.schema import Scenario
+
+__all__ = [
+    "IMPORTED_LOG",
+    "chosen_elsewhere",
+    "explain",
+    "folded",
+    "nearest",
+    "no_scenario",
+    "not_one_of",
+    "unfolded",
+    "unknown_keys",
+]
+
+
+IMPORTED_LOG = (
+    "an imported log, no run; dynpf run SCENARIO --log {} plays it, dynpf info and dynpf view show what is in it"
+)
+"""What to tell of a recording without a scenario, whose path goes into the braces."""
 
 
 def folded(info: Any, value: Any) -> Any:
@@ -98,11 +118,50 @@ def _further_nodes(fields: Mapping[str, Any]) -> Iterator[str]:
             yield from (f"nodes.{node.encode_name}" for node in nodes)
 
 
+def no_scenario(path: Path) -> str:
+    """Return what a file that is no scenario probably is, and the command that takes it."""
+    if path.is_dir() or path.suffix in {".bag", ".db3", ".log", ".clf"}:
+        return (
+            "a folder or a log, no scenario; dynpf localize takes a robot's log, dynpf import makes a recording of it"
+        )
+    if path.suffix in {".yaml", ".yml"}:
+        return f"no scenario; AMCL's parameters become one by dynpf import amcl {path} -o MINE.toml"
+    if path.suffix == ".mcap":
+        return (
+            f"a recording, no scenario; dynpf replay {path} executes its run again, dynpf view shows it, and "
+            f"dynpf run SCENARIO --log {path} plays an imported log"
+        )
+    return "no scenario; expected a .toml file, or a name that dynpf list shows"
+
+
+def faulty_faults(scenario: "Scenario") -> Iterator[str]:
+    """Yield a text for each fault of a scenario that is there twice, or meets no node of the run."""
+    first: dict[tuple[str, str], int] = {}
+    for index, fault in enumerate(scenario.faults):
+        if first.setdefault((fault.topic, fault.to), index) != index:
+            yield f"faults.{index}: {fault.topic} to {fault.to} stands in faults.{first[fault.topic, fault.to]} already"
+        if fault.to not in scenario.nodes:
+            yield f"faults.{index}.to: {fault.to!r} is not a node of this run{nearest(fault.to, [*scenario.nodes])}"
+
+
 def not_one_of(value: Any, choices: Sequence[str]) -> str:
     """Return the end of a sentence: that ``value`` is none of ``choices``."""
     given = "missing" if value is None else repr(value)
     close = difflib.get_close_matches(str(value), choices, n=1)
     return f"{given}; expected one of {', '.join(choices)}" + (f"; did you mean {close[0]!r}?" if close else "")
+
+
+def chosen_elsewhere(value: str, configs: Mapping[str, type[msgspec.Struct]]) -> str:
+    """Return the end of a sentence: which key of which kind of node takes ``value``, or one much like it; or ""."""
+    for kind, config in configs.items():
+        info = msgspec.inspect.type_info(config)
+        for field in info.fields if isinstance(info, msgspec.inspect.StructType) else ():
+            choices = field.type.types if isinstance(field.type, msgspec.inspect.UnionType) else ()
+            tags = [str(choice.tag) for choice in choices if isinstance(choice, msgspec.inspect.StructType)]
+            close = [tag for tag in tags if value and value in tag] or difflib.get_close_matches(value, tags, n=1)
+            if close:
+                return f"; {kind} has it as {field.encode_name} = {close[0]!r}"
+    return ""
 
 
 def nearest(name: str, known: Sequence[str]) -> str:

@@ -5,7 +5,6 @@ its measures.
 """
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,11 +14,13 @@ from dynpf_protocol.messages import Estimate, PoseInFrame, RobotState
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from dynpf.filters.health import Status
 from dynpf.metrics.alignment import Alignment, alignment, moved_into
 from dynpf.metrics.consistency import mean_square, nees
 from dynpf.metrics.trajectory import Trajectory, pose_errors, score, thin
 from dynpf.types import FloatArray
 from dynpf_systems.rooms.fit import estimated_path, fit_of, tracking
+from dynpf_systems.rooms.words import LOST_M, lines_of
 
 __all__ = [
     "FOUND_M",
@@ -38,9 +39,6 @@ STATE = "/state"
 
 FOUND_M, FOUND_RAD = 0.5, math.radians(15.0)
 """Errors of position and heading within which an estimate has found the robot; each study says for how long."""
-
-LOST_M = 1.0
-"""The robot counts as lost while the estimate is farther than this from the truth, in metres."""
 
 NO_REFERENCE = "no estimate has a reference"
 
@@ -62,7 +60,8 @@ def localization(run: RunMessages, estimator: str = "estimator") -> dict[str, An
     - ``lost_fraction``: share of the scored estimates that are farther than ``LOST_M`` from the truth. It says where
       the robot was lost, whether or not the filter detected it
     - ``lost_by_verdict``: share of all estimates whose health status is "lost": how often the filter considered itself
-      lost, whether or not it was; runs without health have none
+      lost, whether or not it was; ``tracking_by_verdict`` and so on are those of the other statuses, of the rare ones
+      where they occur; runs without health have none
     - ``nees_mean``, ``nees_low``, ``nees_high``: normalized estimation error squared over pose or, where the heading is
       measured, position; its mean and the 95 % band of that for an honest filter
     - ``dead_reckoning_rmse_m``: position_rmse_m of odometry alone
@@ -92,7 +91,9 @@ def localization(run: RunMessages, estimator: str = "estimator") -> dict[str, An
         "lost_fraction": float(np.mean(distance > LOST_M)) if distance.size else np.nan,
     }
     if verdicts := [estimate.health.status for estimate in estimates if estimate.health]:
-        measures["lost_by_verdict"] = verdicts.count("lost") / len(verdicts)
+        shares = {status.value: verdicts.count(status.value) / len(verdicts) for status in Status}
+        always = (Status.TRACKING, Status.UNCERTAIN, Status.LOST)
+        measures |= {f"{name}_by_verdict": share for name, share in shares.items() if share or name in always}
     measures |= _consistency(errors.errors, errors.heading_valid, [estimates[index] for index in chosen])
     measures |= _dead_reckoning(run, estimator, reference, truth)
     found = {name: value for name, value in measures.items() if np.isfinite(value)}
@@ -266,45 +267,6 @@ def _recorded(run: RunMessages) -> dict[str, Any]:
     return {"robot_localization": found} if found else {}
 
 
-def _lines(measures: Mapping[str, Any]) -> list[str]:
-    lines = []
-    if "position_rmse_m" in measures:
-        text = f"position    RMSE {measures['position_rmse_m']:.4f} m, median {measures['position_median_m']:.4f} m"
-        if "dead_reckoning_rmse_m" in measures:
-            text += f"; odometry alone {measures['dead_reckoning_rmse_m']:.3f} m"
-        lines.append(text)
-    if "heading_rmse_rad" in measures:
-        lines.append(f"heading     RMSE {np.degrees(measures['heading_rmse_rad']):.2f} deg")
-    if "near_walls_fraction" in measures:
-        lines.append(_fit_in_words(measures))
-    if "alignment" in measures:
-        lines += _frames(measures["alignment"])
-    if theirs := measures.get("robot_localization"):
-        lines.append(_theirs(theirs))
-    if "unscored" in measures:
-        lines.append(f"position    not scored: {measures['unscored']}")
-    return lines + (_table(measures["estimators"]) if "estimators" in measures else [])
-
-
-def _fit_in_words(measures: Mapping[str, Any]) -> str:
-    near = f"{100.0 * measures['near_walls_fraction']:.0f} % of the beams end within 10 cm of a wall at the estimates"
-    chance = measures.get("near_walls_by_chance_fraction")
-    return f"fit         {near}" + (f", {100.0 * chance:.0f} % would anywhere on the map" if chance is not None else "")
-
-
-def _theirs(found: Mapping[str, Any]) -> str:
-    """Return what to say of the localization that ran on the robot."""
-    if "from_ours_median_m" in found:
-        return f"robot's own localization {found['from_ours_median_m']:.3f} m from ours in the median"
-    other = found.get("alignment")
-    figures = other or found
-    told = (
-        f"RMSE {figures.get('position_rmse_m', np.nan):.4f} m, median {figures.get('position_median_m', np.nan):.4f} m"
-    )
-    where = " after alignment: it is in another frame than the reference" if other else ""
-    return f"robot's own localization {told}{where}"
-
-
 def wrong_share(run: RunMessages, estimator: str = "estimator") -> float:
     """Return the share of the estimates with a reference that are wrong while the filter says that it is on its track.
 
@@ -319,40 +281,12 @@ def wrong_share(run: RunMessages, estimator: str = "estimator") -> float:
     return float(np.mean(wrong[errors.position_valid])) if errors.position_valid.any() else 0.0
 
 
-def _frames(found: Mapping[str, Any]) -> list[str]:
-    """Return what to say of an error that a change of frames makes much smaller."""
-    x, y, theta = found["truth_offset"]
-    offset = f"{x:.4f} {y:.4f} {theta:.5f}"
-    left = f"RMSE {found['position_rmse_m']:.4f} m, median {found['position_median_m']:.4f} m"
-    return [
-        f"frames      after alignment: {left}; offset {x:.3f} m, {y:.3f} m, {math.degrees(theta):.2f} deg",
-        "            The reference looks like another frame, or the filter follows another place that looks alike.",
-        f"            Import with --truth-offset {offset}, or score with dynpf metrics --truth-align.",
-    ]
-
-
-def _table(estimators: Mapping[str, Mapping[str, float]]) -> list[str]:
-    """Return a line for each estimator of a run: position and heading errors, and how consistent it is."""
-    width = max(len(name) for name in (*estimators, "estimator"))
-    rows = [f"{'estimator':<{width}}  RMSE m  median m  heading deg   NEES  lost"]
-    for name, figures in estimators.items():
-        cells = (
-            f"{figures.get('position_rmse_m', np.nan):6.4f}",
-            f"{figures.get('position_median_m', np.nan):8.4f}",
-            f"{np.degrees(figures.get('heading_rmse_rad', np.nan)):11.2f}",
-            f"{figures.get('nees_mean', np.nan):5.2f}",
-            f"{100.0 * figures.get('lost_fraction', np.nan):3.0f}%",
-        )
-        rows.append("  ".join((f"{name:<{width}}", *cells)))
-    return rows
-
-
 MEASURES = Measures(
     estimate=Estimate,
     reads=(RobotState, Estimate, PoseInFrame),
     truths=_TRUTHS,
     of_run=_measured,
     of_recording=_with_fit,
-    lines=_lines,
+    lines=lines_of,
     aligned=aligned,
 )

@@ -35,6 +35,7 @@ def _draw(source: RunSource) -> Drawing | None:
     walls = [_walls(maps, room) for room in rooms[:1]] or [_walls(maps, None)]
     return Drawing(
         grids=[maps.grid] if maps.grid is not None and maps.segments is None else [],
+        cells=[maps.grid] if maps.grid is not None and maps.segments is not None else [],
         shapes=[*(wall for wall in walls if wall is not None), *_marks(landmarks)],
         layers=[_company(source)] if source.carrying(Obstacles) else [],
         replaced=REPLACED,

@@ -153,7 +153,7 @@ def fifo(folder: Path) -> Path:
     [
         (fifo, "a pipe or a device; expected a regular file"),
         (lambda _: Path("/dev/zero"), "a pipe or a device; expected a regular file"),
-        (lambda folder: folder, "Is a directory"),
+        (lambda folder: folder, "it is a folder"),
         (lambda folder: folder / ("n" * 300), "File name too long"),
         (lambda folder: folder / "a\0b", "embedded null byte"),
     ],

@@ -86,7 +86,7 @@ def test_files_that_are_no_recording(tmp_path: Path, content: bytes, error: type
 def test_files_that_cannot_be_opened(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"none\.mcap: no such file"):
         read_recording(tmp_path / "none.mcap")
-    with pytest.raises(RecordingError, match="cannot be read: Is a directory"):
+    with pytest.raises(RecordingError, match="cannot be read: it is a folder"):
         read_recording(tmp_path)
 
 

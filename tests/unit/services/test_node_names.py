@@ -99,7 +99,7 @@ def test_a_remap_changes_what_a_nodes_own_name_stands_for_and_nothing_else() -> 
 RESERVED = "expected lower-case letters, digits and _, from a letter on, with / after the name of a robot"
 KINDS = (
     "capsule_estimator, capsule_sensors, capsule_simulator, localization, log, rearrangement_controller, "
-    "rearrangement_estimator, room, simulated, vision, waypoints, workspace"
+    "rearrangement_estimator, room, simulated, vision, waypoints, workspace, package.module:Name"
 )
 
 

@@ -55,9 +55,9 @@ ERRORS: list[tuple[Raw, str]] = [
     (room(clock="lock-step"), "clock: 'lock-step'; expected one of lockstep, realtime; did you mean 'lockstep'?"),
     (
         room(simulator={"kind": "rom"}),
-        "simulator.kind: 'rom'; expected one of capsule, room, workspace; did you mean 'room'?",
+        "simulator.kind: 'rom'; expected one of capsule, room, workspace, package.module:Name; did you mean 'room'?",
     ),
-    (room(simulator={}), "simulator.kind: missing; expected one of capsule, room, workspace"),
+    (room(simulator={}), "simulator.kind: missing; expected one of capsule, room, workspace, package.module:Name"),
     (room(simulator=None), "a run needs a source: a [simulator], or [sensors] that play a log"),
     (room(sensors={"kind": "log"}), "sensors.kind: 'log' and needs_log = true go together"),
     (
@@ -171,8 +171,20 @@ def test_overrides(write: Any, override: str, value: Callable[[Any], bool]) -> N
         ("=3", "--set =3: expected key=value, such as estimator.n=500"),
         ("title.x=3", "--set title.x=3: title is 'A room', which has no keys"),
         ("title.x.y=3", "--set title.x.y=3: title.x lies inside 'A room', which has no keys"),
-        ("landmarks.1.x=3", "--set landmarks.1.x=3: landmarks.1: expected an index from 0 to 0, got '1'"),
-        ("landmarks.first=3", "--set landmarks.first=3: landmarks.first: expected an index from 0 to 0, got 'first'"),
+        ("landmarks.1.x=3", "--set landmarks.1.x=3: landmarks.1: expected an index from 0 to 0; got '1'"),
+        (
+            "landmarks.first=3",
+            "--set landmarks.first=3: landmarks.first: expected an index from 0 to 0, or 1 to append; got 'first'",
+        ),
+        (
+            "landmarks[0].x=3",
+            "--set landmarks[0].x=3: an item of a list is named by its number after a dot: landmarks.0.x",
+        ),
+        (
+            "estimator.kind=kalman",
+            "PATH: estimator.kind: 'kalman'; expected one of capsule, localization, rearrangement, "
+            "package.module:Name; localization has it as filter = 'extended_kalman'",
+        ),
         ("seed=x", 'PATH: seed: "x": expected `int`, got `str`'),
         ("sede=1", "PATH: sede: unknown key; did you mean 'seed'?"),
     ],

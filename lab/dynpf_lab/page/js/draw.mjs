@@ -5,6 +5,7 @@ import { ellipse, roundLength, toMap, toScreen } from "./geometry.mjs";
 import { pose } from "./world.mjs";
 
 const DASHES = [[], [7, 4], [2, 3], [9, 3, 2, 3]];
+const MOST_DASHED = 400; // poses
 const LEAST_ROBOT = 7; // px, so that a robot is seen in a large map
 
 /** Draw what holds at time t. `shown` has the names of the parts that are wanted, `colours` those of the theme. */
@@ -147,17 +148,21 @@ function drawText(context, text, u, v) {
   context.textBaseline = "alphabetic";
 }
 
-/** Draw the whole path thinly, and as far as t in full. */
+/** Draw the whole path thinly, and as far as t in full; of a long dashed one the last part, as dashes take long to draw. */
 function drawPath(context, scene, track, view, t, colours) {
   const { colour, dash } = styleOf(scene, track, colours);
   const now = held(track.t, t);
+  const from = dash.length ? Math.max(now - MOST_DASHED, 0) : 0;
   context.strokeStyle = colour;
-  context.setLineDash(dash);
-  for (const [end, alpha, width] of [[track.t.length - 1, 0.28, 1], [now, 1, track.role === "truth" ? 3 : 1.8]]) {
+  for (const [begin, end, alpha, width, dashes] of [
+    [0, track.t.length - 1, 0.28, 1, []],
+    [from, now, 1, track.role === "truth" ? 3 : 1.8, dash],
+  ]) {
+    context.setLineDash(dashes);
     context.globalAlpha = track.role === "truth" && alpha === 1 ? 0.55 : alpha;
     context.lineWidth = width;
     context.beginPath();
-    for (let index = 0; index <= end; index += 1) context.lineTo(...toScreen(view, track.x[index], track.y[index]));
+    for (let index = begin; index <= end; index += 1) context.lineTo(...toScreen(view, track.x[index], track.y[index]));
     context.stroke();
   }
   context.globalAlpha = 1;

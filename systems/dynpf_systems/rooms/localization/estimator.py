@@ -11,10 +11,12 @@ from dynpf_services.estimates import gap_warning, warning
 from dynpf_services.scenario.context import Context
 from dynpf_services.scenario.schema import key_of
 
+from dynpf.filters.cloud import Cloud
 from dynpf.filters.models import Models, Outcome
 from dynpf.filters.start import drawn
 from dynpf.motion.model import Twist
 from dynpf.rng import Stream
+from dynpf.types import FloatArray
 from dynpf_systems.rooms.localization.beginning import Beginning
 from dynpf_systems.rooms.localization.components import Moved, localizer_of, measurements_of, motion_of
 from dynpf_systems.rooms.localization.config import LocalizationConfig
@@ -90,6 +92,15 @@ class LocalizationEstimator:
         self._correct()
         self._predict()
         return Result((*(self._report() if self._belief is not None else ()), *self._logs))
+
+    def shown(self, most: int) -> FloatArray | None:
+        """See Showing: all particles of a cloud, if they are not too many; else some, by weight."""
+        match self._belief:
+            case None:
+                return None
+            case Cloud(particles=particles) if particles.shape[1] <= most:
+                return np.asarray(particles[:3], dtype=np.float64)
+        return np.asarray(self._localizer.shown(self._belief, most), dtype=np.float64)
 
     def doubts(self) -> Sequence[str]:
         """See Doubting."""

@@ -1,0 +1,1 @@
+"""Runs as other people's viewers read them: Foxglove, Lichtblick and Rerun."""

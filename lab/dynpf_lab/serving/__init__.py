@@ -1,0 +1,1 @@
+"""Files of a run served on loopback, for viewers that run in a browser."""
