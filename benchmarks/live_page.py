@@ -13,6 +13,7 @@ carried again and again: from the request to the message of the tick that has it
 import argparse
 import http.client
 import json
+import os
 import re
 import signal
 import socket
@@ -22,11 +23,14 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from dynpf_formats.recording.reader import read_recording
+
+from dynpf.types import FloatArray
 
 BEGIN_S = 1.0
 """How long what was changed may take to have its effect."""
@@ -48,15 +52,15 @@ def main() -> None:
 
 
 @contextmanager
-def watched(scenario: str, path: Path, *words: str) -> Iterator[str]:
-    """Run a scenario with --watch while the block lasts; yield the page's address."""
+def watched(scenario: str, path: Path, *words: str) -> Iterator[tuple[str, int]]:
+    """Run a scenario with --watch while the block lasts; yield the page's address and the run's process."""
     with started(scenario, path, "--watch", *words) as run:
         assert run.stderr is not None
         told = ""
         while (found := re.search(r"live page: (http://\S+)", told)) is None:
             told += run.stderr.readline().decode()
         threading.Thread(target=run.stderr.read, daemon=True).start()
-        yield found[1]
+        yield found[1], run.pid
 
 
 @contextmanager
@@ -68,6 +72,20 @@ def started(scenario: str, path: Path, *words: str) -> Iterator[subprocess.Popen
         yield run
         run.send_signal(signal.SIGINT)
         run.wait()
+
+
+def processor_s(run: int) -> tuple[float, float]:
+    """Return what a run's processes have taken of the processor so far, and what its page's server has, s."""
+    found = [0.0, 0.0]
+    for entry in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = entry.read_text().rpartition(")")[2].split()
+            words = entry.with_name("cmdline").read_bytes()
+        except OSError:  # it has ended
+            continue
+        if int(fields[1]) == run:
+            found[b"--live" in words] += (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return found[0], found[1]
 
 
 def connected(address: str) -> socket.socket:
@@ -92,7 +110,7 @@ def looking_on(address: str, browsers: int) -> Iterator[list[int]]:
     frames = [0] * browsers
 
     def read(number: int) -> None:
-        with links[number].makefile("rb") as lines:
+        with suppress(OSError), links[number].makefile("rb") as lines:
             for line in lines:
                 if line.startswith(b'data: {"t"'):
                     json.loads(line[6:])
@@ -109,41 +127,65 @@ def looking_on(address: str, browsers: int) -> Iterator[list[int]]:
             link.close()
 
 
+class Turn(NamedTuple):
+    """A time in which browsers looked on, or none did, and what the run and the page's server took in it, s."""
+
+    looked_on: bool
+    begin_s: float
+    end_s: float
+    run_s: float
+    page_s: float
+
+
 def rates(scenario: str, rounds: int, seconds: float, browsers: int) -> dict[str, float]:
     """Return the ticks a second of one run with and without browsers that look on, and how many frames these got."""
-    turns: list[tuple[bool, float, float]] = []
+    turns: list[Turn] = []
     shown = 0.0
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.mcap"
-        with watched(scenario, path, "--speed", "0") as address:
+        with watched(scenario, path, "--speed", "0") as (address, run):
+
+            def turn(looked_on: bool) -> None:
+                begin_s, before = time.time(), processor_s(run)
+                time.sleep(seconds)
+                after = processor_s(run)
+                turns.append(Turn(looked_on, begin_s, time.time(), after[0] - before[0], after[1] - before[1]))
+
             time.sleep(5 * BEGIN_S)
             with looking_on(address, 1):  # from the first browser on the server listens to the run
                 time.sleep(BEGIN_S)
             for _ in range(rounds):
                 time.sleep(BEGIN_S)
-                turns.append((False, time.time(), time.time() + seconds))
-                time.sleep(seconds)
+                turn(False)
                 with looking_on(address, browsers) as frames:
                     time.sleep(BEGIN_S)
                     before = sum(frames)
-                    turns.append((True, time.time(), time.time() + seconds))
-                    time.sleep(seconds)
+                    turn(True)
                     shown += (sum(frames) - before) / (seconds * browsers * rounds)
         recording = read_recording(path)
         published = np.array([record.publish_ns for record in recording.messages("truth/robot")]) * 1e-9
-    counted = {
-        with_them: [
-            np.sum((published >= begin) & (published < end)) / seconds for on, begin, end in turns if on is with_them
-        ]
-        for with_them in (False, True)
-    }
-    alone, shared = (float(np.median(counted[with_them])) for with_them in (False, True))
+    alone, shared = (measured([each for each in turns if each.looked_on is on], published) for on in (False, True))
     return {
-        "ticks_per_s_alone": alone,
-        "ticks_per_s_with_browsers": shared,
-        "ratio": shared / alone,
+        "ticks_per_s_alone": alone[0],
+        "ticks_per_s_with_browsers": shared[0],
+        "ratio": shared[0] / alone[0],
+        "processor_ms_per_tick_alone": alone[1],
+        "processor_ms_per_tick_with_browsers": shared[1],
+        "processor_ratio": shared[1] / alone[1],
+        "page_processor_share": shared[2],
         "frames_per_s_and_browser": shown,
     }
+
+
+def measured(turns: list[Turn], published: FloatArray) -> tuple[float, float, float]:
+    """Return ticks a second, the run's processor time a tick, ms, and the server's share of a core: medians."""
+    ticks = [int(np.sum((published >= each.begin_s) & (published < each.end_s))) for each in turns]
+    rows = [
+        (count / (each.end_s - each.begin_s), 1e3 * each.run_s / count, each.page_s / (each.end_s - each.begin_s))
+        for count, each in zip(ticks, turns, strict=True)
+    ]
+    rate, processor, share = np.median(np.array(rows), axis=0).tolist()
+    return rate, processor, share
 
 
 def delays(scenario: str, acts: int) -> dict[str, float]:
@@ -151,7 +193,7 @@ def delays(scenario: str, acts: int) -> dict[str, float]:
     asked: list[float] = []
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.mcap"
-        with watched(scenario, path) as address:
+        with watched(scenario, path) as (address, _):
             host, port, token = parts_of(address)
             time.sleep(5 * BEGIN_S)
             for number in range(acts):
