@@ -7,11 +7,9 @@ from msgspec import Meta
 
 from dynpf.types import Count, NonNegative, Positive, Share
 from dynpf_systems.parts.camera_model import CameraParams
-from dynpf_systems.parts.task import Noise, RearrangementTask
+from dynpf_systems.parts.task import Index, Noise, RearrangementTask
 
 __all__ = ["FilterName", "Hiding", "Intervention", "RearrangementConfig", "WorkspaceConfig"]
-
-Index = Annotated[int, Meta(ge=0, lt=64)]
 
 FilterName = Literal["optimal", "prior", "auxiliary", "local_linearization", "extended_kalman", "unscented_kalman"]
 

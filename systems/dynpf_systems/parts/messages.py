@@ -9,12 +9,15 @@ __all__ = [
     "Detection",
     "Detections",
     "Gripper",
+    "Identities",
     "PartEstimate",
     "PartState",
     "PartsCommand",
     "PartsEstimate",
     "PartsState",
 ]
+
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
 class PartState(Piece, frozen=True, kw_only=True):
@@ -78,6 +81,19 @@ class PartsEstimate(Message, frozen=True, kw_only=True):
     schema_name = "dynpf.PartsEstimate"
     parts: Annotated[tuple[PartEstimate, ...], Meta(max_length=64)]
     held: Annotated[int, Meta(ge=-1, lt=64)]  # index of the part in the gripper, or -1
+
+
+class Identities(Message, frozen=True, kw_only=True):
+    """How sure it is who is who: probabilities that the discs taken for the robot and the parts are these.
+
+    A part's disc may as well be that of a part with which it is interchangeable. ``robot_among`` are the indices of the
+    parts whose disc may be the robot instead.
+    """
+
+    schema_name = "dynpf.Identities"
+    robot: Share
+    parts: Annotated[tuple[Share, ...], Meta(max_length=64)]
+    robot_among: Annotated[tuple[Annotated[int, Meta(ge=0, lt=64)], ...], Meta(max_length=64)] = ()
 
 
 class PartsCommand(Message, frozen=True, kw_only=True):

@@ -7,6 +7,7 @@ import numpy as np
 from dynpf_protocol.errors import ScenarioError
 from dynpf_services.scenario.context import Context
 from msgspec import Meta
+from numpy.typing import NDArray
 
 from dynpf.fields.layout import Layout
 from dynpf.types import FloatArray, NonNegative, Positive
@@ -14,6 +15,7 @@ from dynpf_systems.parts.messages import PartsState
 
 __all__ = [
     "NOISE",
+    "Index",
     "Noise",
     "NoiseLevel",
     "NoisyLevel",
@@ -26,6 +28,7 @@ __all__ = [
 ]
 
 Point = tuple[float, float]
+Index = Annotated[int, Meta(ge=0, lt=64)]
 NoisyLevel = Literal["low", "medium", "high"]
 NoiseLevel = Literal["none", NoisyLevel]
 
@@ -65,6 +68,25 @@ class RearrangementTask(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     reach: NonNegative = 0.01  # gap between robot and held part
     # Variances of the motion, 0.06 cm^2, and of measured positions, 0.2, 1 or 5 cm^2; other tables may override them.
     noise: NoiseLevel = "low"
+    # Parts that may lie in each other's goals, as lists of their indices: [[0, 3]].
+    interchangeable: tuple[tuple[Index, ...], ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse groups with parts that do not exist, or in which a part is twice: ValueError."""
+        named = [part for group in self.interchangeable for part in group]
+        for part in named:
+            if part >= len(self.parts):
+                raise ValueError(f"interchangeable: part {part}; the task has parts 0 to {len(self.parts) - 1}")
+            if named.count(part) > 1:
+                raise ValueError(f"interchangeable: part {part} twice; expected each part in one group at most")
+
+    @property
+    def kinds(self) -> NDArray[np.intp]:
+        """The parts' kinds, (p,): those of the same kind are interchangeable."""
+        kinds = np.arange(len(self.parts))
+        for group in self.interchangeable:
+            kinds[list(group)] = min(group, default=0)
+        return kinds
 
     @property
     def variances(self) -> Noise:
