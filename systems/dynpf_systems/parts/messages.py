@@ -10,6 +10,7 @@ __all__ = [
     "Detections",
     "Gripper",
     "Identities",
+    "Mode",
     "PartEstimate",
     "PartState",
     "PartsCommand",
@@ -17,6 +18,7 @@ __all__ = [
     "PartsState",
 ]
 
+Mode = Literal["idle", "mate", "move", "leave", "look", "undecided"]
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
@@ -97,9 +99,13 @@ class Identities(Message, frozen=True, kw_only=True):
 
 
 class PartsCommand(Message, frozen=True, kw_only=True):
-    """The command of the gripper until the next one, and the current subtask: its part and stage."""
+    """The command of the gripper until the next one, and the current subtask: its part and stage.
+
+    In the mode "look" the robot moves to find out which disc it is. "undecided" ends the run: which part is which is
+    not known, and nothing else is left to do.
+    """
 
     schema_name = "dynpf.PartsCommand"
-    mode: Literal["idle", "mate", "move", "leave"]
+    mode: Mode
     target: Annotated[int, Meta(ge=-1, lt=64)] = -1  # index of the part, or -1
     grip: bool = False

@@ -89,6 +89,6 @@ ESTIMATOR = NodeKind(
 CONTROLLER = NodeKind(
     config=RearrangementControllerConfig,
     build="dynpf_systems.parts.controller:build",
-    reads=lambda *_: {"estimator/parts", "estimator/identities", "estimator/state"},
-    writes=lambda *_: {"controller/parts", "controller/command"},
+    reads=lambda *_: {"estimator/parts", "estimator/identities", "estimator/state", "sensors/gripper"},
+    writes=lambda *_: {"controller/parts", "controller/command", "log"},
 )

@@ -89,7 +89,7 @@ class WorkspaceSimulator:
             outputs.append(Output("truth/scene", scene))
         if self._config.camera is not None:
             outputs.append(Output("camera/image", self._photograph(self._config.camera, step)))
-        return Result(tuple(outputs), finished=self._command.finished)
+        return Result(tuple(outputs), finished=self._command.finished or self._handling.mode == "undecided")
 
     def freeze(self) -> State:
         """Return pose, parts, commands and counters."""
