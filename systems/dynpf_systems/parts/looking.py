@@ -30,7 +30,7 @@ class Look(NamedTuple):
 
         ``longest`` is the longest step of a tick. Without a safe direction the robot only waits.
         """
-        if self.ticks:
+        if self.ticks > 1:
             return self._replace(ticks=self.ticks - 1)
         distance = config.look_distance + config.look_sigmas * min(scene.robot_sigma, config.max_sigma)
         way = safe_direction(scene, layout, distance, config.margin)
