@@ -36,7 +36,7 @@ HOME_TOLERANCE_M = 0.025
 """Greatest distance, in metres, of a part's centre from its goal at which the part is home."""
 SETTLED_S = 1.0
 """Time in seconds after its first estimate from which the robot's filter is judged."""
-SURE = 0.99
+SURE = 0.9999
 """Probability of an identity from which on the estimator counts as sure of it."""
 
 TOPICS = (
@@ -53,8 +53,8 @@ class Course(NamedTuple):
     Over the T ticks of the truth: positions (T, 2) and (T, p, 2) and speeds (T,). Over the E ticks with an estimate,
     whose indices among all ticks are ``known`` (E,): the estimates of the robot (E, 2) with covariances (E, 2, 2) and
     of the parts (E, p, 2), the index of the part estimated to be held, or -1 (E,), and the probabilities of the
-    identities of robot and parts (E, p + 1). ``clouds`` are the published particles, (2, M) each. ``noise`` is what the
-    filter assumes.
+    identities of robot and parts (E, p + 1), zero of parts out of view. ``clouds`` are the published particles, (2, M)
+    each. ``noise`` is what the filter assumes.
     """
 
     task: RearrangementTask
@@ -152,7 +152,8 @@ def course_of(run: RunMessages, noise: Noise | None = None) -> Course | None:
         held=np.array([message.held for message in found] if complete else [-1] * len(estimates), dtype=np.int64),
         identities=np.array(
             [_probabilities(said[timed.stamp_ns]) if timed.stamp_ns in said else certain for timed in estimated]
-        ).reshape(-1, len(certain)),
+        ).reshape(-1, len(certain))
+        * _in_view(found if complete else [], (len(estimates), len(certain))),
         clouds=[np.array([(pose.position.x, pose.position.y) for pose in cloud.poses]).T for cloud in clouds],
     )
 
@@ -160,6 +161,14 @@ def course_of(run: RunMessages, noise: Noise | None = None) -> Course | None:
 def _probabilities(timed: Timed) -> list[float]:
     (message,) = of_type([timed], Identities)
     return [message.robot, *message.parts]
+
+
+def _in_view(found: list[PartsEstimate], shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Return whether robot and parts are seen, (E, p + 1); the robot counts as seen."""
+    seen = np.ones(shape, dtype=bool)
+    if found:
+        seen[:, 1:] = [[part.seen for part in message.parts] for message in found]
+    return seen
 
 
 def rearrangement(course: Course) -> dict[str, Any]:
@@ -238,6 +247,8 @@ def _lines(measures: Mapping[str, Any]) -> list[str]:
         error_cm = 100.0 * measures["final_error_max_m"]
         collisions = measures["collisions"]
         lines.append(f"task        {home}, {collisions} collisions, farthest part {error_cm:.2f} cm from its goal")
+        if measures["finished"] != measures["completed"]:
+            lines.append(f"controller  {'' if measures['finished'] else 'NOT '}finished, as it says itself")
         lines.append(f"paths       npl {measures['npl']:.3f}, nrl {measures['nrl']:.3f} (1 = straight lines)")
     if "crlb_ratio" in measures:
         lines.append(f"bound       robot's RMS error {measures['crlb_ratio']:.2f} times the Cramer-Rao bound")

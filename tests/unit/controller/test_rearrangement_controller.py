@@ -16,7 +16,7 @@ from dynpf_systems.parts.task import PartSpec, RearrangementTask
 GOALS = ((0.0, 0.55), (-0.476, -0.275), (0.476, -0.275))
 RADII = (0.06, 0.08, 0.11)
 TASK = RearrangementTask(parts=tuple(PartSpec(radius=r, goal=g) for r, g in zip(RADII, GOALS, strict=True)))
-TOPICS = {
+TOPICS: dict[type, str] = {
     Estimate: "estimator/state",
     PartsEstimate: "estimator/parts",
     Identities: "estimator/identities",
