@@ -54,6 +54,7 @@ class IdentityConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """How discs that look alike are told apart."""
 
     radius_bias: Positive = 0.00025  # m, standard deviation of what stays wrong in a disc's radius however often seen
+    colour_sigma: Positive = 20.0  # levels of blue, green and red, of a disc's colour in any light
     grey_sigmas: Positive = 3.0  # from so many grey_sigma on the given greys of robot and parts tell them apart
     start_sigma: Positive = 0.03  # m, of a start that the task gives, and of the place where a lost part turns up again
     moved: OpenShare = 0.01  # probability that one is somewhere else instead

@@ -18,6 +18,7 @@ from dynpf_runtime.every import Every
 from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.estimates import gap_warning, particles_picture, robot_transform
 from dynpf_services.scenario.context import Context
+from msgspec import UNSET
 from numpy.typing import NDArray
 
 from dynpf.filters.association import associate
@@ -186,7 +187,8 @@ class RearrangementEstimator:
             return matches, None
         found = np.append(self._robot is not None, self._located)
         lost = ~seen & (~found | (self._missed >= self._config.lost_after))
-        identities.update(Look(seen, measured.centres[at], measured.radii[at]), lost, self._held, *motion)
+        look = Look(seen, measured.centres[at], measured.radii[at], measured.colours[at])
+        identities.update(look, lost, self._held, *motion)
         order = identities.better()
         if order is None:
             return matches, None
@@ -314,18 +316,20 @@ class RearrangementEstimator:
 
 
 class _Measured(msgspec.Struct, frozen=True):
-    """Detections as arrays: centres (m, 2), radii (m,), greys (m,)."""
+    """Detections as arrays: centres (m, 2), radii (m,), greys (m,), colours (m, 3), NaN without any."""
 
     centres: FloatArray
     radii: FloatArray
     greys: FloatArray
+    colours: FloatArray
 
     @classmethod
     def of(cls, detections: Detections | None) -> "_Measured":
         """Return the detections as arrays, empty without a message."""
         discs = () if detections is None else detections.discs
         table = np.array([(disc.x, disc.y, disc.radius, disc.grey) for disc in discs]).reshape(-1, 4)
-        return cls(table[:, :2], table[:, 2], table[:, 3])
+        colours = [(math.nan,) * 3 if disc.colour is UNSET else disc.colour for disc in discs]
+        return cls(table[:, :2], table[:, 2], table[:, 3], np.array(colours).reshape(-1, 3))
 
 
 def build(config: RearrangementConfig, context: Context) -> RearrangementEstimator:

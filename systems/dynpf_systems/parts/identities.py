@@ -1,8 +1,8 @@
 """Who is who among discs that look alike: a belief over all ways to give the names to the discs.
 
 Tracks follow discs by where they are; names are robot and parts. Each pair of a name and a track has an evidence, a
-log-likelihood: of the radii seen, the grey, a start that the task gives, where one that was lost was last seen, and of
-the motion: the robot's disc moves as commanded, a part's rests unless it is held. A hypothesis is an assignment of
+log-likelihood: of the radii and colours seen, a start that the task gives, where one that was lost was last seen, and
+of the motion: the robot's disc moves as commanded, a part's rests unless it is held. A hypothesis is an assignment of
 names to tracks, its log-likelihood the sum of its pairs; none is ever dropped. The probability of a pair is that of the
 best hypothesis with it, relative to the best with each other track.
 """
@@ -25,16 +25,18 @@ __all__ = ["Look", "WhoIsWho", "alike", "hypotheses"]
 
 ROBOT = 0  # the first of the names; part i is name i + 1
 IMPOSSIBLE = 60.0  # nats: what keeps apart names that do not look alike, and the most that motion tells
+LEVELS = 256.0  # of a colour
 UNKNOWN = 1e3  # m^2, variance of a position of which nothing is known
 MOST_AT_ONCE = 8.0  # nats, that a single frame tells by motion: a disc may be a false one
 
 
 class Look(NamedTuple):
-    """What is seen of each track in a tick, (k,): whether anything, centre (k, 2), radius."""
+    """What is seen of each track in a tick, (k,): whether anything, centre (k, 2), radius, colour (k, 3) or NaN."""
 
     seen: NDArray[np.bool_]
     centres: FloatArray
     radii: FloatArray
+    colours: FloatArray
 
 
 class _Bank(NamedTuple):
@@ -86,11 +88,14 @@ class WhoIsWho:
         self._alike = alike(task, config)
         self._noise, self._process = noise, config.part_process_variance
         self._radius_variance = config.radius_sigma * config.radius_sigma
+        self._colours = np.array([colour or (np.nan,) * 3 for colour in task.colours])
         self._starts = [task.robot_start, *(part.start for part in task.parts)]
         self._density = 1.0 / (task.width * task.height)
         count = len(self._radii)
         self._seen = np.zeros(count, dtype=np.int64)  # radii so far of each track ...
         self._radius_sum = np.zeros(count)  # ... and their sum
+        self._coloured = np.zeros(count, dtype=np.int64)  # colours so far of each track ...
+        self._colour_sum = np.zeros((count, 3))  # ... and their sum
         self._places = np.zeros((count, count))  # evidence of starts, and of where lost ones turned up
         self._motion = np.zeros(count)  # how much more likely each track's motion is for the robot than for a part
         self._moving = _Bank(np.zeros((count, 2)), np.full(count, UNKNOWN))
@@ -156,6 +161,9 @@ class WhoIsWho:
         self._motion = np.where(known, np.clip(self._motion + told, -IMPOSSIBLE, IMPOSSIBLE), self._motion)
         self._seen = self._seen + look.seen
         self._radius_sum = self._radius_sum + np.where(look.seen, look.radii, 0.0)
+        coloured = look.seen & ~np.isnan(look.colours[:, 0])
+        self._coloured = self._coloured + coloured
+        self._colour_sum = self._colour_sum + np.where(coloured[:, None], look.colours, 0.0)
         if not self._lost.any():
             self._gone[:] = False
         self._resolve()
@@ -173,6 +181,7 @@ class WhoIsWho:
     def rename(self, order: NDArray[np.intp]) -> None:
         """Give name i to track ``order[i]``."""
         self._seen, self._radius_sum = self._seen[order], self._radius_sum[order]
+        self._coloured, self._colour_sum = self._coloured[order], self._colour_sum[order]
         self._places, self._motion = self._places[:, order], self._motion[order]
         self._moving = _Bank(self._moving.means[order], self._moving.variances[order])
         self._resting = _Bank(self._resting.means[order], self._resting.variances[order])
@@ -184,6 +193,8 @@ class WhoIsWho:
         return {
             "seen": self._seen.copy(),
             "radius_sum": self._radius_sum.copy(),
+            "coloured": self._coloured.copy(),
+            "colour_sum": self._colour_sum.copy(),
             "places": self._places.copy(),
             "motion": self._motion.copy(),
             "moving": [array.copy() for array in self._moving],
@@ -197,6 +208,7 @@ class WhoIsWho:
     def thaw(self, state: State) -> None:
         """Continue from what freeze returned."""
         self._seen, self._radius_sum = state["seen"].copy(), state["radius_sum"].copy()
+        self._coloured, self._colour_sum = state["coloured"].copy(), state["colour_sum"].copy()
         self._places, self._motion = state["places"].copy(), state["motion"].copy()
         self._moving = _Bank(*(array.copy() for array in state["moving"]))
         self._resting = _Bank(*(array.copy() for array in state["resting"]))
@@ -218,9 +230,21 @@ class WhoIsWho:
         error = self._radius_sum / count - self._radii[:, None]
         evidence = np.where(self._seen > 0, -0.5 * error * error / variance, 0.0) + self._places
         evidence[ROBOT] += self._motion
+        evidence += self._of_colours()
         evidence[~self._alike] -= 10.0 * IMPOSSIBLE
         result: FloatArray = evidence
         return result
+
+    def _of_colours(self) -> FloatArray:
+        """Return what the tracks' mean colours say for each name, (k, k); a name without a colour may have any."""
+        variance = self._config.colour_sigma * self._config.colour_sigma
+        mean = self._colour_sum / np.maximum(self._coloured, 1)[:, None]
+        apart = self._colours[:, None] - mean
+        squared = apart[:, :, 0] * apart[:, :, 0] + apart[:, :, 1] * apart[:, :, 1] + apart[:, :, 2] * apart[:, :, 2]
+        density = np.maximum(-0.5 * squared / variance, -IMPOSSIBLE)
+        anything = 1.5 * math.log(math.tau * variance) - 3.0 * math.log(LEVELS)
+        told: FloatArray = np.where(np.isnan(squared), anything, density)
+        return np.where(self._coloured > 0, told, 0.0)
 
     def _lose(self, tracks: NDArray[np.bool_]) -> None:
         """The discs of these tracks are gone: remember where their names were."""
@@ -231,6 +255,7 @@ class WhoIsWho:
         """A track has a disc: it is one of the names that were lost, most likely one that was lost here."""
         self._lost[track] = self._settled[track] = False
         self._seen[track], self._radius_sum[track], self._motion[track] = 0, 0.0, 0.0
+        self._coloured[track], self._colour_sum[track] = 0, 0.0
         for bank in (self._moving, self._resting):
             bank.means[track], bank.variances[track] = look.centres[track], UNKNOWN
         offset = look.centres[track] - self._last

@@ -3,7 +3,7 @@
 from typing import Annotated, Literal
 
 from dynpf_protocol.messages.base import Angle, Count, Message, NonNegative, Piece, Positive
-from msgspec import Meta
+from msgspec import UNSET, Meta, UnsetType
 
 __all__ = [
     "Detection",
@@ -51,6 +51,7 @@ class Detection(Piece, frozen=True, kw_only=True):
     radius: Positive  # m
     grey: float  # grey levels, 0 to 255, less the background's
     residual: NonNegative = 0.0  # m, RMS distance of the edge points from the fitted circle
+    colour: tuple[float, float, float] | UnsetType = UNSET  # median blue, green, red; left out where none is asked for
 
 
 class Detections(Message, frozen=True, kw_only=True):

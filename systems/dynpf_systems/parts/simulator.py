@@ -167,11 +167,12 @@ class WorkspaceSimulator:
         x, y, theta = self._pose.tolist()
         hidden = self._hidden(self._ticks - 1)
         discs = [
-            DrawnDisc(part_x, part_y, spec.radius, camera.part_colour)
+            DrawnDisc(part_x, part_y, spec.radius, spec.colour or camera.part_colour)
             for index, ((part_x, part_y), spec) in enumerate(zip(self._parts.tolist(), self._task.parts, strict=True))
             if index not in hidden
         ]
-        return [*discs, DrawnDisc(x, y, self._task.robot_radius, camera.robot_colour, theta)]
+        colour = self._task.robot_colour or camera.robot_colour
+        return [*discs, DrawnDisc(x, y, self._task.robot_radius, colour, theta)]
 
     def _robot_state(self) -> RobotState:
         command = self._command

@@ -11,10 +11,13 @@ from dynpf_systems.parts.task import Noise, PartSpec, RearrangementTask
 NOISE = Noise(0.06e-4, 0.2e-4)
 PLACES = np.array([(0.0, 0.0), (0.5, 0.0), (-0.5, 0.3)])
 STILL = np.zeros(2)
+NONE = ((math.nan,) * 3,) * 3
+RED, BLUE = (20, 20, 200), (200, 40, 20)
 
 
-def task(radii=(0.08, 0.08), robot_radius=0.08, starts=(None, None), **more):
-    parts = tuple(PartSpec(radius=radius, goal=(0.0, 0.0), start=at) for radius, at in zip(radii, starts, strict=True))
+def task(radii=(0.08, 0.08), robot_radius=0.08, starts=(None, None), colours=(None, None), **more):
+    given = zip(radii, starts, colours, strict=True)
+    parts = tuple(PartSpec(radius=radius, goal=(0.0, 0.0), start=at, colour=paint) for radius, at, paint in given)
     return RearrangementTask(parts=parts, robot_radius=robot_radius, **more)
 
 
@@ -22,10 +25,12 @@ def belief(given, **config):
     return WhoIsWho(given, RearrangementConfig(**config), NOISE)
 
 
-def see(who, centres=PLACES, *, radii=(0.08, 0.08, 0.08), missing=(), lost=(), shift=STILL):
+def see(who, centres=PLACES, *, radii=(0.08, 0.08, 0.08), colours=NONE, missing=(), lost=(), shift=STILL):
     """Show the discs of all tracks but the ``missing``; the ``lost`` have been missing for long."""
     seen, gone = (~np.isin(np.arange(3), which) for which in (missing, lost))
-    who.update(Look(seen, np.array(centres), np.array(radii)), ~gone & ~seen, -1, shift, NOISE.process)
+    who.update(
+        Look(seen, np.array(centres), np.array(radii), np.array(colours)), ~gone & ~seen, -1, shift, NOISE.process
+    )
 
 
 def test_two_names_have_the_odds_of_the_two_hypotheses():
@@ -100,6 +105,22 @@ def test_starts_that_the_task_gives_tell_parts_apart():
     who = belief(task(robot_radius=0.2, starts=((-0.5, 0.3), (0.5, 0.0))))
     see(who, radii=(0.2, 0.08, 0.08))
     order = who.better()
+    assert order is not None
+    assert order.tolist() == [0, 2, 1]
+    who.rename(order)
+    assert who.certainties.min() > 0.999
+
+
+@pytest.mark.parametrize("seen", [((60, 60, 60), (190, 60, 20), (30, 20, 180)), NONE])
+def test_colours_tell_discs_apart_in_any_light_where_they_are_seen(seen):
+    """The blue part is on the red one's track; the robot, whose colour nobody gave, has what is left."""
+    who = belief(task(colours=(RED, BLUE)))
+    for _ in range(3):
+        see(who, colours=seen)
+    order = who.better()
+    if seen is NONE:
+        assert order is None
+        return
     assert order is not None
     assert order.tolist() == [0, 2, 1]
     who.rename(order)

@@ -81,3 +81,19 @@ def test_two_that_were_hidden_and_moved_meanwhile_are_told_where_one_is_not_conf
     assert found["swaps_unnoticed"] == 0
     assert found["finished"] == found["completed"] == (moved == 1)
     assert (identities[1:].max() > 0.999) == (moved == 1)
+
+
+def test_colours_tell_two_equal_parts_apart_in_the_cameras_frames():
+    """Robot and parts are as large as each other; the control has them in one colour."""
+    colours = ((20, 20, 200), (200, 40, 20))
+
+    def certain(given):
+        painted = zip(PAIR.parts, given, strict=True)
+        parts = tuple(msgspec.structs.replace(part, colour=colour) for part, colour in painted)
+        task = msgspec.structs.replace(PAIR, parts=parts)
+        found, identities = outcome(alike_scenario(task, 3, "low", "nothing", camera=True), 12)
+        assert found["swaps_unnoticed"] == 0
+        return identities[1:]
+
+    assert certain(colours).min() > 0.999
+    np.testing.assert_allclose(certain(colours[:1] * 2), 0.5, atol=1e-3)
