@@ -242,7 +242,7 @@ class WhoIsWho:
         apart = self._colours[:, None] - mean
         squared = apart[:, :, 0] * apart[:, :, 0] + apart[:, :, 1] * apart[:, :, 1] + apart[:, :, 2] * apart[:, :, 2]
         density = np.maximum(-0.5 * squared / variance, -IMPOSSIBLE)
-        anything = 1.5 * math.log(math.tau * variance) - 3.0 * math.log(LEVELS)
+        anything = 1.5 * log(math.tau * variance) - 3.0 * log(LEVELS)
         told: FloatArray = np.where(np.isnan(squared), anything, density)
         return np.where(self._coloured > 0, told, 0.0)
 

@@ -130,12 +130,15 @@ class VisionNode:
 
 def _colours(data: bytes, discs: Sequence[Disc]) -> list[tuple[float, float, float] | UnsetType]:
     """Return the median blue, green and red within each disc of a frame that has been decoded before, where in view."""
-    image = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_COLOR_4))
-    rows, columns = np.ogrid[: image.shape[0], : image.shape[1]]
+    whole = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED))
+    image = whole.reshape(*whole.shape[:2], -1)[SUBSAMPLING // 2 :: SUBSAMPLING, SUBSAMPLING // 2 :: SUBSAMPLING, :3]
+    if image.shape[2] < 3:  # a grey frame
+        image = np.repeat(image[:, :, :1], 3, axis=2)
+    rows, columns = np.arange(image.shape[0])[:, None], np.arange(image.shape[1])
     found: list[tuple[float, float, float] | UnsetType] = []
     for disc in discs:
         reach = _INNER * disc.radius_px
-        inside = (columns - disc.x_px) ** 2 + (rows - disc.y_px) ** 2 <= reach * reach
+        inside = np.square(columns - disc.x_px) + np.square(rows - disc.y_px) <= reach * reach
         if inside.any():
             blue, green, red = np.median(image[inside], axis=0).tolist()
             found.append((blue, green, red))
