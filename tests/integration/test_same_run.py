@@ -15,6 +15,8 @@ SEEDS = (1, 2)
 
 METRICS = {
     "completed",
+    "finished",
+    "swaps_unnoticed",
     "collisions",
     "npl",
     "nrl",

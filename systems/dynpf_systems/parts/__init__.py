@@ -15,6 +15,7 @@ STUDIES = {
     "parts-time": "dynpf_systems.parts.studies.times:STUDY",
     "parts-vision": "dynpf_systems.parts.studies.vision:STUDY",
     "parts-layouts": "dynpf_systems.parts.studies.layouts:STUDY",
+    "parts-alike": "dynpf_systems.parts.studies.alike:STUDY",
 }
 
 KINDS = {

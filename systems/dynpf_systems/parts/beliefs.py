@@ -12,29 +12,38 @@ from dynpf.fields.laws import Margins
 from dynpf.portable import norm
 from dynpf.types import FloatArray
 from dynpf_systems.parts.controller_config import RearrangementControllerConfig
-from dynpf_systems.parts.messages import PartsEstimate
+from dynpf_systems.parts.messages import Identities, PartsEstimate
 
 __all__ = ["Construction", "Motion", "Scene", "Subtask", "margins_of"]
 
 
 class Scene(NamedTuple):
-    """Pose (3,) of the robot, positions (p, 2) of the parts, and standard deviations of their coordinates."""
+    """Pose (3,) of the robot, positions (p, 2) of the parts, and standard deviations of their coordinates.
+
+    ``identities`` are the probabilities that the discs taken for robot and parts are these, (p + 1,), and
+    ``robot_among`` the parts whose disc may be the robot instead.
+    """
 
     pose: FloatArray
     robot_sigma: float
     parts: FloatArray
     sigmas: FloatArray
     held: int
+    identities: FloatArray
+    robot_among: tuple[int, ...] = ()
 
     @classmethod
-    def of(cls, estimate: Estimate, parts: PartsEstimate) -> "Scene":
-        """Return the scene of estimates with the same stamp."""
+    def of(cls, estimate: Estimate, parts: PartsEstimate, identities: Identities | None) -> "Scene":
+        """Return the scene of estimates with the same stamp; without ``identities`` nothing looks alike."""
+        certain = [1.0] * (len(parts.parts) + 1)
         return cls(
             pose=np.array([estimate.x, estimate.y, estimate.theta]),
             robot_sigma=math.sqrt(max(estimate.covariance[0] + estimate.covariance[4], 0.0) / 2.0),
             parts=np.array([(part.x, part.y) for part in parts.parts]).reshape(-1, 2),
             sigmas=np.sqrt(np.array([part.variance for part in parts.parts])),
             held=parts.held,
+            identities=np.array(certain if identities is None else [identities.robot, *identities.parts]),
+            robot_among=() if identities is None else identities.robot_among,
         )
 
     def sigmas_between(self, most: float) -> FloatArray:

@@ -5,13 +5,11 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from dynpf.types import Count, NonNegative, Positive, Share
+from dynpf.types import Count, NonNegative, OpenShare, Positive, Share
 from dynpf_systems.parts.camera_model import CameraParams
-from dynpf_systems.parts.task import Noise, RearrangementTask
+from dynpf_systems.parts.task import Index, Noise, RearrangementTask
 
-__all__ = ["FilterName", "Hiding", "Intervention", "RearrangementConfig", "WorkspaceConfig"]
-
-Index = Annotated[int, Meta(ge=0, lt=64)]
+__all__ = ["FilterName", "Hiding", "IdentityConfig", "Intervention", "RearrangementConfig", "WorkspaceConfig"]
 
 FilterName = Literal["optimal", "prior", "auxiliary", "local_linearization", "extended_kalman", "unscented_kalman"]
 
@@ -52,6 +50,18 @@ class WorkspaceConfig(
     camera: CameraParams | None = None  # the overhead camera; absent: no frames are rendered
 
 
+class IdentityConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How discs that look alike are told apart."""
+
+    radius_bias: Positive = 0.00025  # m, standard deviation of what stays wrong in a disc's radius however often seen
+    colour_sigma: Positive = 20.0  # levels of blue, green and red, of a disc's colour in any light
+    grey_sigmas: Positive = 3.0  # from so many grey_sigma on the given greys of robot and parts tell them apart
+    start_sigma: Positive = 0.03  # m, of a start that the task gives, and of the place where a lost part turns up again
+    moved: OpenShare = 0.01  # probability that one is somewhere else instead
+    sure: OpenShare = 0.9999  # probability of an identity from which on others are not considered any more
+    relabel: NonNegative = 2.0  # nats by which another hypothesis has to be better to take the place of the present one
+
+
 class RearrangementConfig(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="rearrangement"
 ):
@@ -72,6 +82,8 @@ class RearrangementConfig(
     robot_grey: float | None = None  # expected grey minus the background's; absent: greys are learnt ...
     part_grey: float | None = None  # ... and at first only radii distinguish the discs
     grey_sigma: Positive = 20.0
+    miss_cost: float = 3.5  # nats: minus the log-likelihood ratio of missing a disc and having a false one
+    identity: IdentityConfig = IdentityConfig()
     prior_variance: Positive = 1.0  # m^2, of an unknown position
     lost_after: Count = 20  # consecutive detections without an object after which its position counts as unknown
     particle_period_s: NonNegative = 0.2  # logical time between published clouds

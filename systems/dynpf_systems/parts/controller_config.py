@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from dynpf.types import Count, NonNegative, Positive, Rate
+from dynpf.types import Count, NonNegative, OpenShare, Positive, Rate
 
 __all__ = ["RearrangementControllerConfig"]
 
@@ -62,3 +62,9 @@ class RearrangementControllerConfig(
     goal_gap: NonNegative = 0.005  # m, between a free goal and the other parts
     stall_ticks: Count = 60  # without progress, after which another part is tried
     home_ticks: Count = 10  # with all parts home, after which the task is finished
+
+    sure: OpenShare = 0.9999  # probability of an identity below which a part is left alone, and the robot looks ...
+    look_distance: NonNegative = 0.02  # ... moving by this, m, plus ...
+    look_sigmas: NonNegative = 3.0  # ... this many sigmas of the robot ...
+    look_ticks: Count = 10  # ... and standing still as long between two moves
+    doubt_ticks: Count = 100  # with nothing left to do but parts of doubtful identity, after which the run ends

@@ -3,10 +3,12 @@
 The robot's filter draws from the optimal importance density (PARTS eq. 3.19-3.24) unless another is named, and moves
 its particles with the velocity last commanded, as the robot does whatever its true position. A part is a random walk
 until it is held; then it moves with the gripper, and its detections also measure the robot. Detections carry no
-identity: they are associated with the robot and the parts by position, radius and the grey observed so far.
+identity: they are associated with the robot and the parts by position, radius and the grey observed so far. Where some
+look alike, ``WhoIsWho`` has the belief about who is who.
 """
 
 import math
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -16,6 +18,7 @@ from dynpf_runtime.every import Every
 from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.estimates import gap_warning, particles_picture, robot_transform
 from dynpf_services.scenario.context import Context
+from msgspec import UNSET
 from numpy.typing import NDArray
 
 from dynpf.filters.association import associate
@@ -23,7 +26,8 @@ from dynpf.portable import log, sincos
 from dynpf.rng import Stream
 from dynpf.types import FloatArray
 from dynpf_systems.parts.config import RearrangementConfig
-from dynpf_systems.parts.messages import Detections, Gripper, PartEstimate, PartsCommand, PartsEstimate
+from dynpf_systems.parts.identities import Look, WhoIsWho
+from dynpf_systems.parts.messages import Detections, Gripper, Identities, PartEstimate, PartsCommand, PartsEstimate
 from dynpf_systems.parts.robot_filters import Belief, Seen, fused, robot_filter
 from dynpf_systems.parts.task import RearrangementTask, layout_of, task_of
 
@@ -56,6 +60,8 @@ class RearrangementEstimator:
         self._radii = np.concatenate([[task.robot_radius], self._layout.radii])
         self._robot_filter = robot_filter(config)
         self._robot: Belief | None = None
+        identities = WhoIsWho(task, config, self._noise)
+        self._identities = identities if identities.needed else None
         self._parts = np.zeros((count, 2))
         self._variances = np.full(count, config.prior_variance)
         expected = [config.robot_grey, *[config.part_grey] * count]
@@ -106,7 +112,7 @@ class RearrangementEstimator:
 
     def freeze(self) -> State:
         """Return the beliefs, the learnt greys, counters and the last commands."""
-        return {
+        state: dict[str, Any] = {
             "robot": None if self._robot is None else self._robot.freeze(),
             "parts": self._parts.copy(),
             "variances": self._variances.copy(),
@@ -123,6 +129,9 @@ class RearrangementEstimator:
             "held": self._held,
             "shown_ns": self._shown_ns,
         }
+        if self._identities is not None:
+            state["identities"] = self._identities.freeze()
+        return state
 
     def thaw(self, state: State) -> None:
         """Continue from what freeze returned."""
@@ -135,6 +144,8 @@ class RearrangementEstimator:
         self._handling = msgspec.convert(state["handling"], PartsCommand)
         self._theta, self._contact = state["theta"], state["contact"]
         self._held, self._shown_ns = state["held"], state["shown_ns"]
+        if self._identities is not None:
+            self._identities.thaw(state["identities"])
 
     def _filter(self, detections: Detections | None, elapsed_s: float, number: int) -> None:
         """Predict, associate the detections, and update: first the robot, then the parts."""
@@ -143,18 +154,57 @@ class RearrangementEstimator:
         variance = self._noise.process * ticks
         self._variances = self._variances + self._config.part_process_variance * ticks
         measured = _Measured.of(detections)
-        predicted, variances = self._predictions(shift, variance)
-        matches = associate(self._costs(measured, predicted, variances))
+        costs = self._costs(measured, *self._predictions(shift, variance))
+        if self._identities is not None:
+            for tracks, *predictions in self._identities.predictions(shift, variance):
+                others = self._costs(measured, *predictions)
+                costs = np.where(tracks[:, None], np.minimum(costs, others), costs)
+        matches = associate(costs, self._config.miss_cost)
         self._seen = matches[1:] >= 0
         if detections is not None:
             self._remember(matches, measured)
         stream = Stream.of(self._seed, self.name, number, "robot")
-        seen = fused(self._sights(matches, measured))
+        moved: Seen | None = None
+        if self._identities is not None and detections is not None:
+            matches, moved = self._identify(self._identities, matches, measured, Seen(shift, variance))
+        seen = fused(self._sights(matches, measured)) if moved is None else moved
         if self._robot is not None:
             self._robot = self._robot_filter.step(self._robot, shift, variance, seen, stream)
         elif seen is not None:
             self._robot = self._robot_filter.start(seen, stream)
         self._update_parts(matches[1:], measured)
+
+    def _identify(
+        self, identities: WhoIsWho, matches: NDArray[np.intp], measured: "_Measured", motion: Seen
+    ) -> tuple[NDArray[np.intp], Seen | None]:
+        """Update the identities, and give other tracks their names where that has become more likely.
+
+        ``motion`` is the robot's since the last step. Returns the matches by the new names, and where the robot is if
+        its track is another now.
+        """
+        seen, at = matches >= 0, np.maximum(matches, 0)
+        if not seen.any():
+            return matches, None
+        found = np.append(self._robot is not None, self._located)
+        lost = ~seen & (~found | (self._missed >= self._config.lost_after))
+        look = Look(seen, measured.centres[at], measured.radii[at], measured.colours[at])
+        identities.update(look, lost, self._held, *motion)
+        order = identities.better()
+        if order is None:
+            return matches, None
+        identities.rename(order)
+        self._missed, self._greys, self._toned = self._missed[order], self._greys[order], self._toned[order]
+        renamed, found = order != np.arange(len(order)), found[order]
+        self._located = found[1:]
+        parts, variances = identities.part_positions()
+        self._parts = np.where(renamed[1:, None], parts, self._parts)
+        variances = np.minimum(variances, self._config.prior_variance)
+        self._variances = np.where(renamed[1:], variances, self._variances)
+        self._seen = matches[order][1:] >= 0
+        if not renamed[ROBOT]:
+            return matches[order], None
+        self._robot = None
+        return matches[order], identities.robot_position() if found[ROBOT] else None
 
     def _predictions(self, shift: FloatArray, variance: float) -> tuple[FloatArray, FloatArray]:
         """Return the predicted positions of the objects, (p + 1, 2), and the variances of a coordinate, (p + 1,)."""
@@ -177,11 +227,9 @@ class RearrangementEstimator:
         distance = (aside * aside + ahead * ahead) / innovation_variance
         radius_error = measured.radii - self._radii[:, None]
         grey_error = np.where(self._toned[:, None], measured.greys - self._greys[:, None], 0.0)
+        grey_cost = np.minimum(np.square(grey_error / config.grey_sigma), config.gate)
         costs: FloatArray = 0.5 * (
-            distance
-            + 2.0 * log(innovation_variance)
-            + np.square(radius_error / config.radius_sigma)
-            + np.square(grey_error / config.grey_sigma)
+            distance + 2.0 * log(innovation_variance) + np.square(radius_error / config.radius_sigma) + grey_cost
         )
         costs[(distance > config.gate) | (np.abs(radius_error) > config.radius_gate)] = np.inf
         return costs
@@ -251,11 +299,14 @@ class RearrangementEstimator:
         )
         stamp = timestamp(step.stamp_ns)
         pose = PoseInFrame(timestamp=stamp, frame_id=frames.MAP, pose=planar_pose(x, y, self._theta))
-        outputs = [
-            Output("estimator/parts", PartsEstimate(parts=parts, held=self._held)),  # before the state, which triggers
-            Output("estimator/state", estimate),
-            Output("estimator/pose", pose),
-        ]
+        outputs = [Output("estimator/parts", PartsEstimate(parts=parts, held=self._held))]
+        if self._identities is not None:
+            robot_is, *parts_are = self._identities.certainties.tolist()
+            among = self._identities.robot_among
+            certain = Identities(robot=robot_is, parts=tuple(parts_are), robot_among=among)
+            outputs.append(Output("estimator/identities", certain))
+        # The state triggers its readers, so it comes after what belongs to it.
+        outputs += [Output("estimator/state", estimate), Output("estimator/pose", pose)]
         if self._shown.due(step.stamp_ns, self._shown_ns):
             self._shown_ns = step.stamp_ns
             shown = np.vstack((robot.shown, np.full(robot.shown.shape[1], self._theta)))
@@ -265,18 +316,20 @@ class RearrangementEstimator:
 
 
 class _Measured(msgspec.Struct, frozen=True):
-    """Detections as arrays: centres (m, 2), radii (m,), greys (m,)."""
+    """Detections as arrays: centres (m, 2), radii (m,), greys (m,), colours (m, 3), NaN without any."""
 
     centres: FloatArray
     radii: FloatArray
     greys: FloatArray
+    colours: FloatArray
 
     @classmethod
     def of(cls, detections: Detections | None) -> "_Measured":
         """Return the detections as arrays, empty without a message."""
         discs = () if detections is None else detections.discs
         table = np.array([(disc.x, disc.y, disc.radius, disc.grey) for disc in discs]).reshape(-1, 4)
-        return cls(table[:, :2], table[:, 2], table[:, 3])
+        colours = [(math.nan,) * 3 if disc.colour is UNSET else disc.colour for disc in discs]
+        return cls(table[:, :2], table[:, 2], table[:, 3], np.array(colours).reshape(-1, 3))
 
 
 def build(config: RearrangementConfig, context: Context) -> RearrangementEstimator:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from dynpf_experiments.measures import Measures
-from dynpf_experiments.messages import RunMessages, of_type
+from dynpf_experiments.messages import RunMessages, Timed, of_type
 from dynpf_protocol.messages import Estimate, PosesInFrame, RobotState
 from numpy.typing import NDArray
 
@@ -15,13 +15,15 @@ from dynpf.metrics import rearrangement as metrics
 from dynpf.metrics.consistency import nees
 from dynpf.types import FloatArray
 from dynpf_systems.parts.config import RearrangementConfig
-from dynpf_systems.parts.messages import PartsEstimate, PartsState
+from dynpf_systems.parts.goals import shared_out
+from dynpf_systems.parts.messages import Identities, PartsEstimate, PartsState
 from dynpf_systems.parts.task import Noise, RearrangementTask
 
 __all__ = [
     "HOME_TOLERANCE_M",
     "MEASURES",
     "SETTLED_S",
+    "SURE",
     "TOPICS",
     "Course",
     "course_of",
@@ -34,8 +36,13 @@ HOME_TOLERANCE_M = 0.025
 """Greatest distance, in metres, of a part's centre from its goal at which the part is home."""
 SETTLED_S = 1.0
 """Time in seconds after its first estimate from which the robot's filter is judged."""
+SURE = 0.9999
+"""Probability of an identity from which on the estimator counts as sure of it."""
 
-TOPICS = ("truth/robot", "truth/parts", "estimator/state", "estimator/parts", "estimator/particles")
+TOPICS = (
+    *("truth/robot", "truth/parts"),
+    *("estimator/state", "estimator/parts", "estimator/identities", "estimator/particles"),
+)
 """Topics from which a course is made."""
 _KALMAN = frozenset({"extended_kalman", "unscented_kalman"})
 
@@ -45,8 +52,9 @@ class Course(NamedTuple):
 
     Over the T ticks of the truth: positions (T, 2) and (T, p, 2) and speeds (T,). Over the E ticks with an estimate,
     whose indices among all ticks are ``known`` (E,): the estimates of the robot (E, 2) with covariances (E, 2, 2) and
-    of the parts (E, p, 2), and the index of the part estimated to be held, or -1 (E,). ``clouds`` are the published
-    particles, (2, M) each. ``noise`` is what the filter assumes.
+    of the parts (E, p, 2), the index of the part estimated to be held, or -1 (E,), and the probabilities of the
+    identities of robot and parts (E, p + 1), zero of parts out of view. ``clouds`` are the published particles, (2, M)
+    each. ``noise`` is what the filter assumes.
     """
 
     task: RearrangementTask
@@ -62,12 +70,14 @@ class Course(NamedTuple):
     covariances: FloatArray
     parts_estimate: FloatArray
     held: NDArray[np.int64]
+    identities: FloatArray
     clouds: list[FloatArray]
 
     @property
     def goals(self) -> FloatArray:
-        """The goals of the parts, (p, 2) in metres."""
-        return np.array([part.goal for part in self.task.parts])
+        """The goals of the parts, (p, 2) in metres: of interchangeable ones as they have shared them out at the end."""
+        goals = np.array([part.goal for part in self.task.parts])
+        return goals[shared_out(self.parts[-1], goals, self.task.kinds)]
 
     @property
     def radii(self) -> FloatArray:
@@ -84,6 +94,21 @@ class Course(NamedTuple):
         """Information, (E,) in 1/m^2, of each tick's readings about the robot: of its disc and a held part."""
         sights: FloatArray = 1.0 + (self.held >= 0).astype(np.float64)
         return sights / self.noise.measurement
+
+    @property
+    def swapped(self) -> NDArray[np.bool_]:
+        """Whether a tick with an estimate has an identity taken for sure that is another's, (E,).
+
+        That is robot or part whose estimate lies nearer to the truth of one that is not interchangeable with it.
+        """
+        if not len(self.parts_estimate):
+            return np.zeros(len(self.known), dtype=bool)
+        truths = np.concatenate([self.robot[self.known, None], self.parts[self.known]], axis=1)
+        found = np.concatenate([self.robot_estimate[:, None], self.parts_estimate], axis=1)
+        kinds = np.append(-1, self.task.kinds)
+        distance = np.linalg.norm(found[:, :, None] - truths[:, None], axis=3)
+        wrong = kinds[distance.argmin(axis=2)] != kinds
+        return np.asarray(np.any(wrong & (self.identities >= SURE), axis=1))
 
     @property
     def settled(self) -> slice:
@@ -108,6 +133,8 @@ def course_of(run: RunMessages, noise: Noise | None = None) -> Course | None:
     beside = {timed.stamp_ns: timed for timed in run.topic("estimator/parts")}
     found = of_type([beside[timed.stamp_ns] for timed in estimated if timed.stamp_ns in beside], PartsEstimate)
     complete = len(found) == len(estimates) and all(len(message.parts) == len(task.parts) for message in found)
+    said = {timed.stamp_ns: timed for timed in run.topic("estimator/identities")}
+    certain = [1.0] * (len(task.parts) + 1)
     clouds = of_type(run.topic("estimator/particles"), PosesInFrame)
     return Course(
         task=task,
@@ -123,14 +150,34 @@ def course_of(run: RunMessages, noise: Noise | None = None) -> Course | None:
         covariances=np.array([estimate.covariance for estimate in estimates]).reshape(-1, 3, 3)[:, :2, :2],
         parts_estimate=np.array([[(part.x, part.y) for part in message.parts] for message in found if complete]),
         held=np.array([message.held for message in found] if complete else [-1] * len(estimates), dtype=np.int64),
+        identities=np.array(
+            [_probabilities(said[timed.stamp_ns]) if timed.stamp_ns in said else certain for timed in estimated]
+        ).reshape(-1, len(certain))
+        * _in_view(found if complete else [], (len(estimates), len(certain))),
         clouds=[np.array([(pose.position.x, pose.position.y) for pose in cloud.poses]).T for cloud in clouds],
     )
+
+
+def _probabilities(timed: Timed) -> list[float]:
+    (message,) = of_type([timed], Identities)
+    return [message.robot, *message.parts]
+
+
+def _in_view(found: list[PartsEstimate], shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Return whether robot and parts are seen, (E, p + 1); the robot counts as seen."""
+    seen = np.ones(shape, dtype=bool)
+    if found:
+        seen[:, 1:] = [[part.seen for part in message.parts] for message in found]
+    return seen
 
 
 def rearrangement(course: Course) -> dict[str, Any]:
     """Return the measures of the task; measures without data in the run are left out.
 
-    - ``completed``: whether at the end every part is home, within ``HOME_TOLERANCE_M`` of its goal
+    - ``completed``: whether at the end every part is home, within ``HOME_TOLERANCE_M`` of its goal, or of that of a
+      part with which it is interchangeable
+    - ``finished``: whether the controller said so
+    - ``swaps_unnoticed``: ticks in which the estimator took one for another and was sure of it
     - ``collisions``: ticks with a contact that is not allowed
     - ``npl``, ``nrl``, ``pi``: see ``normalized_part_length``, ``normalized_robot_length``, ``positional_inaccuracy``
     - ``final_error_mean_m``, ``final_error_max_m``: distance of a part from its goal at the end, m: mean over the
@@ -142,6 +189,7 @@ def rearrangement(course: Course) -> dict[str, Any]:
     distances = np.linalg.norm(final - goals, axis=1)
     measures: dict[str, Any] = {
         "completed": metrics.all_home(final, goals, HOME_TOLERANCE_M),
+        "finished": course.finished,
         "collisions": course.contacts,
         "npl": metrics.normalized_part_length(course.parts, goals),
         "nrl": metrics.normalized_robot_length(course.robot, course.parts, goals, radii, course.task.robot_radius),
@@ -153,6 +201,7 @@ def rearrangement(course: Course) -> dict[str, Any]:
         measures["comp"] = metrics.packing_density(goals, radii)
     if len(course.parts_estimate):
         measures["rpee_m"] = metrics.robot_position_error(course.robot[course.known], course.robot_estimate)
+        measures["swaps_unnoticed"] = int(course.swapped.sum())
         measures["ppee_m"] = metrics.part_position_error(course.parts[course.known], course.parts_estimate)
     return measures
 
@@ -198,6 +247,8 @@ def _lines(measures: Mapping[str, Any]) -> list[str]:
         error_cm = 100.0 * measures["final_error_max_m"]
         collisions = measures["collisions"]
         lines.append(f"task        {home}, {collisions} collisions, farthest part {error_cm:.2f} cm from its goal")
+        if measures["finished"] != measures["completed"]:
+            lines.append(f"controller  {'' if measures['finished'] else 'NOT '}finished, as it says itself")
         lines.append(f"paths       npl {measures['npl']:.3f}, nrl {measures['nrl']:.3f} (1 = straight lines)")
     if "crlb_ratio" in measures:
         lines.append(f"bound       robot's RMS error {measures['crlb_ratio']:.2f} times the Cramer-Rao bound")

@@ -3,18 +3,23 @@
 from typing import Annotated, Literal
 
 from dynpf_protocol.messages.base import Angle, Count, Message, NonNegative, Piece, Positive
-from msgspec import Meta
+from msgspec import UNSET, Meta, UnsetType
 
 __all__ = [
     "Detection",
     "Detections",
     "Gripper",
+    "Identities",
+    "Mode",
     "PartEstimate",
     "PartState",
     "PartsCommand",
     "PartsEstimate",
     "PartsState",
 ]
+
+Mode = Literal["idle", "mate", "move", "leave", "look", "undecided"]
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
 class PartState(Piece, frozen=True, kw_only=True):
@@ -46,6 +51,7 @@ class Detection(Piece, frozen=True, kw_only=True):
     radius: Positive  # m
     grey: float  # grey levels, 0 to 255, less the background's
     residual: NonNegative = 0.0  # m, RMS distance of the edge points from the fitted circle
+    colour: tuple[float, float, float] | UnsetType = UNSET  # median blue, green, red; left out where none is asked for
 
 
 class Detections(Message, frozen=True, kw_only=True):
@@ -80,10 +86,27 @@ class PartsEstimate(Message, frozen=True, kw_only=True):
     held: Annotated[int, Meta(ge=-1, lt=64)]  # index of the part in the gripper, or -1
 
 
+class Identities(Message, frozen=True, kw_only=True):
+    """How sure it is who is who: probabilities that the discs taken for the robot and the parts are these.
+
+    A part's disc may as well be that of a part with which it is interchangeable. ``robot_among`` are the indices of the
+    parts whose disc may be the robot instead.
+    """
+
+    schema_name = "dynpf.Identities"
+    robot: Share
+    parts: Annotated[tuple[Share, ...], Meta(max_length=64)]
+    robot_among: Annotated[tuple[Annotated[int, Meta(ge=0, lt=64)], ...], Meta(max_length=64)] = ()
+
+
 class PartsCommand(Message, frozen=True, kw_only=True):
-    """The command of the gripper until the next one, and the current subtask: its part and stage."""
+    """The command of the gripper until the next one, and the current subtask: its part and stage.
+
+    In the mode "look" the robot moves to find out which disc it is. "undecided" ends the run: which part is which is
+    not known, and nothing else is left to do.
+    """
 
     schema_name = "dynpf.PartsCommand"
-    mode: Literal["idle", "mate", "move", "leave"]
+    mode: Mode
     target: Annotated[int, Meta(ge=-1, lt=64)] = -1  # index of the part, or -1
     grip: bool = False

@@ -80,12 +80,15 @@ ESTIMATOR = NodeKind(
         *("vision/detections", "sensors/overhead", "sensors/gripper", "controller/command", "controller/parts"),
         GAPS,
     },
-    writes=lambda *_: (*(f"estimator/{name}" for name in ("parts", "state", "pose", "particles", "transforms")), "log"),
+    writes=lambda *_: (
+        *(f"estimator/{name}" for name in ("parts", "identities", "state", "pose", "particles", "transforms")),
+        "log",
+    ),
 )
 
 CONTROLLER = NodeKind(
     config=RearrangementControllerConfig,
     build="dynpf_systems.parts.controller:build",
-    reads=lambda *_: {"estimator/parts", "estimator/state"},
-    writes=lambda *_: {"controller/parts", "controller/command"},
+    reads=lambda *_: {"estimator/parts", "estimator/identities", "estimator/state", "sensors/gripper"},
+    writes=lambda *_: {"controller/parts", "controller/command", "log"},
 )

@@ -7,7 +7,7 @@ from dynpf_protocol.errors import ScenarioError
 from dynpf_protocol.messages import Message
 from dynpf_services.scenario.context import Context
 from dynpf_services.sensors.kind import Read, SensorKind, SensorTable, Simulated, Truth
-from msgspec import Meta
+from msgspec import UNSET, Meta
 
 from dynpf.portable import hypot
 from dynpf.rng import Draws
@@ -70,8 +70,11 @@ def _overhead(sensor: OverheadSensor, context: Context) -> Read:
                 y=y + std * dy,
                 radius=max(radius + sensor.radius_std * dr, radius / 10),  # stays positive for any noise
                 grey=grey,
+                colour=UNSET if colour is None else (float(colour[0]), float(colour[1]), float(colour[2])),
             )
-            for (x, y, radius, grey), (dx, dy, dr), miss in zip(true, noise, missed.tolist(), strict=True)
+            for (x, y, radius, grey), colour, (dx, dy, dr), miss in zip(
+                true, task.colours, noise, missed.tolist(), strict=True
+            )
             if not miss
         ]
         discs += _clutter(sensor, true, task, draws)

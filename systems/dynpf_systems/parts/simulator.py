@@ -105,7 +105,7 @@ class WorkspaceSimulator:
             outputs.append(Output("truth/scene", scene))
         if self._config.camera is not None:
             outputs.append(Output("camera/image", self._photograph(self._config.camera, step)))
-        return Result(tuple(outputs), finished=self._command.finished)
+        return Result(tuple(outputs), finished=self._command.finished or self._handling.mode == "undecided")
 
     def freeze(self) -> State:
         """Return pose, parts, commands and counters."""
@@ -228,11 +228,12 @@ class WorkspaceSimulator:
         x, y, theta = self._pose.tolist()
         hidden = self._hidden(self._ticks - 1)
         discs = [
-            DrawnDisc(part_x, part_y, spec.radius, camera.part_colour)
+            DrawnDisc(part_x, part_y, spec.radius, spec.colour or camera.part_colour)
             for index, ((part_x, part_y), spec) in enumerate(zip(self._parts.tolist(), self._task.parts, strict=True))
             if index not in hidden
         ]
-        return [*discs, DrawnDisc(x, y, self._task.robot_radius, camera.robot_colour, theta)]
+        colour = self._task.robot_colour or camera.robot_colour
+        return [*discs, DrawnDisc(x, y, self._task.robot_radius, colour, theta)]
 
     def _robot_state(self) -> RobotState:
         vx, vy, w = self._commanded

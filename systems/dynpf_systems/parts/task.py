@@ -7,13 +7,16 @@ import numpy as np
 from dynpf_protocol.errors import ScenarioError
 from dynpf_services.scenario.context import Context
 from msgspec import Meta
+from numpy.typing import NDArray
 
 from dynpf.fields.layout import Layout
 from dynpf.types import FloatArray, NonNegative, Positive
+from dynpf_systems.parts.camera_model import Colour
 from dynpf_systems.parts.messages import PartsState
 
 __all__ = [
     "NOISE",
+    "Index",
     "Noise",
     "NoiseLevel",
     "NoisyLevel",
@@ -26,6 +29,7 @@ __all__ = [
 ]
 
 Point = tuple[float, float]
+Index = Annotated[int, Meta(ge=0, lt=64)]
 NoisyLevel = Literal["low", "medium", "high"]
 NoiseLevel = Literal["none", NoisyLevel]
 
@@ -52,6 +56,7 @@ class PartSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     radius: Positive
     goal: Point
     start: Point | None = None  # None: drawn by the seed
+    colour: Colour | None = None  # blue, green, red; absent: that of all parts, by which nothing is told apart
 
 
 class RearrangementTask(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -62,9 +67,34 @@ class RearrangementTask(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     height: Positive = 2.0
     robot_radius: Positive = 0.10
     robot_start: Point | None = None  # None: drawn by the seed
+    robot_colour: Colour | None = None  # as of parts
     reach: NonNegative = 0.01  # gap between robot and held part
     # Variances of the motion, 0.06 cm^2, and of measured positions, 0.2, 1 or 5 cm^2; other tables may override them.
     noise: NoiseLevel = "low"
+    # Parts that may lie in each other's goals, as lists of their indices: [[0, 3]].
+    interchangeable: tuple[tuple[Index, ...], ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse groups with parts that do not exist, or in which a part is twice: ValueError."""
+        named = [part for group in self.interchangeable for part in group]
+        for part in named:
+            if part >= len(self.parts):
+                raise ValueError(f"interchangeable: part {part}; the task has parts 0 to {len(self.parts) - 1}")
+            if named.count(part) > 1:
+                raise ValueError(f"interchangeable: part {part} twice; expected each part in one group at most")
+
+    @property
+    def colours(self) -> tuple[Colour | None, ...]:
+        """The colours of the robot and of the parts, where they are given."""
+        return (self.robot_colour, *(part.colour for part in self.parts))
+
+    @property
+    def kinds(self) -> NDArray[np.intp]:
+        """The parts' kinds, (p,): those of the same kind are interchangeable."""
+        kinds = np.arange(len(self.parts))
+        for group in self.interchangeable:
+            kinds[list(group)] = min(group, default=0)
+        return kinds
 
     @property
     def variances(self) -> Noise:

@@ -3,7 +3,7 @@
 from dynpf_protocol.messages import CompressedImage
 from dynpf_protocol.topics import Delivery, Topic
 
-from dynpf_systems.parts.messages import Detections, Gripper, PartsCommand, PartsEstimate, PartsState
+from dynpf_systems.parts.messages import Detections, Gripper, Identities, PartsCommand, PartsEstimate, PartsState
 
 __all__ = ["TOPICS"]
 
@@ -47,6 +47,13 @@ TOPICS = (
         publishers=("estimator",),
         wakes=False,
         description="Estimate of the parts, and which is held; sent before that of the robot, with the same stamp",
+    ),
+    Topic(
+        name="estimator/identities",
+        type=Identities,
+        publishers=("estimator",),
+        wakes=False,
+        description="How sure it is which disc is which, where some look alike; sent before the robot's estimate",
     ),
     Topic(
         name="controller/parts",

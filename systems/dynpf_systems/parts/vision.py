@@ -10,6 +10,7 @@ import numpy as np
 from dynpf_protocol.messages import CompressedImage, Log, LogLevel, timestamp
 from dynpf_runtime.node import Output, Result, State, Step
 from dynpf_services.scenario.context import Context
+from msgspec import UNSET, UnsetType
 from numpy.typing import NDArray
 
 from dynpf.image_size import is_whole, size_of
@@ -23,6 +24,7 @@ __all__ = ["BrokenFrameError", "VisionNode", "build"]
 SUBSAMPLING = 4  # 1280 x 1024 -> 320 x 256
 MAX_DISCS = 256  # capacity of a Detections message
 
+_INNER = 0.8  # of a disc's radius, within which its colour is looked at
 _JPEG_END = b"\xff\xd9"
 
 
@@ -37,8 +39,10 @@ class VisionNode:
     ``log``. An unusable frame gives an empty list of discs and a warning; a step without a frame gives nothing.
     """
 
-    def __init__(self, *, config: VisionConfig, seed: int, name: str = "vision") -> None:
+    def __init__(self, *, config: VisionConfig, seed: int, name: str = "vision", colours: bool = False) -> None:
+        """Report the ``colours`` of the discs, too."""
         self.name = name
+        self._colours = colours
         self._config = config
         self._seed = seed
         self._calibration = None if isinstance(config.calibration, Board) else config.calibrated()
@@ -57,7 +61,9 @@ class VisionNode:
                 self._calibration = self._config.calibrated(discs, SUBSAMPLING)
                 logs = (self._log(LogLevel.INFO, f"calibrated: {self._calibration.rms_px:.3f} px rms", step),)
             else:
-                detections = self._detections(discs, self._calibration, step.number)
+                data = cast(CompressedImage, newest).data if self._colours else b""
+                colours = _colours(data, discs) if data else [UNSET] * len(discs)
+                detections = self._detections(discs, colours, self._calibration, step.number)
         except (BrokenFrameError, CalibrationError) as error:
             logs = (self._log(LogLevel.WARNING, f"camera/image of tick {step.tick}: {error}", step),)
         return Result((Output("vision/detections", Detections(discs=detections)), *logs))
@@ -77,7 +83,13 @@ class VisionNode:
     def _log(self, level: LogLevel, message: str, step: Step) -> Output:
         return Output("log", Log(timestamp=timestamp(step.stamp_ns), level=level, message=message, name=self.name))
 
-    def _detections(self, discs: Sequence[Disc], calibration: Calibration, number: int) -> tuple[Detection, ...]:
+    def _detections(
+        self,
+        discs: Sequence[Disc],
+        colours: Sequence[tuple[float, float, float] | UnsetType],
+        calibration: Calibration,
+        number: int,
+    ) -> tuple[Detection, ...]:
         if len(discs) > MAX_DISCS:
             raise BrokenFrameError(f"{len(discs)} discs found, at most {MAX_DISCS} fit a message")
         located = calibration.discs_to_workspace(discs, SUBSAMPLING)
@@ -89,8 +101,9 @@ class VisionNode:
                 radius=located_disc.radius,
                 grey=disc.grey,
                 residual=disc.residual_px * located_disc.radius / disc.radius_px,
+                colour=colour,
             )
-            for disc, located_disc, (dx, dy) in zip(discs, located, noise.tolist(), strict=True)
+            for disc, colour, located_disc, (dx, dy) in zip(discs, colours, located, noise.tolist(), strict=True)
         )
 
     def _decode(self, data: bytes) -> NDArray[np.uint8]:
@@ -115,9 +128,29 @@ class VisionNode:
         return (self._config.position_noise_m or 0.0) * draws
 
 
+def _colours(data: bytes, discs: Sequence[Disc]) -> list[tuple[float, float, float] | UnsetType]:
+    """Return the median blue, green and red within each disc of a frame that has been decoded before, where in view."""
+    whole = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED))
+    image = whole.reshape(*whole.shape[:2], -1)[SUBSAMPLING // 2 :: SUBSAMPLING, SUBSAMPLING // 2 :: SUBSAMPLING, :3]
+    if image.shape[2] < 3:  # a grey frame
+        image = np.repeat(image[:, :, :1], 3, axis=2)
+    rows, columns = np.arange(image.shape[0])[:, None], np.arange(image.shape[1])
+    found: list[tuple[float, float, float] | UnsetType] = []
+    for disc in discs:
+        reach = _INNER * disc.radius_px
+        inside = np.square(columns - disc.x_px) + np.square(rows - disc.y_px) <= reach * reach
+        if inside.any():
+            blue, green, red = np.median(image[inside], axis=0).tolist()
+            found.append((blue, green, red))
+        else:
+            found.append(UNSET)
+    return found
+
+
 def build(config: VisionConfig, context: Context) -> VisionNode:
     """Return the vision of a run, with the noise of its task unless the configuration overrides it."""
     task = context.fact("task")
     if config.position_noise_m is None and task is not None:
         config = msgspec.structs.replace(config, position_noise_m=math.sqrt(task.variances.measurement))
-    return VisionNode(config=config, seed=context.seed, name=context.name)
+    colours = task is not None and any(colour is not None for colour in task.colours)
+    return VisionNode(config=config, seed=context.seed, name=context.name, colours=colours)

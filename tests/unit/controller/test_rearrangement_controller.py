@@ -3,18 +3,25 @@
 import math
 from typing import Literal, NamedTuple
 
+import msgspec
 import numpy as np
 import pytest
 from dynpf_protocol.messages import Estimate
 from dynpf_runtime.node import Received, Step, state_digest
 from dynpf_systems.parts.controller import RearrangementController
 from dynpf_systems.parts.controller_config import RearrangementControllerConfig
-from dynpf_systems.parts.messages import PartEstimate, PartsEstimate
+from dynpf_systems.parts.messages import Gripper, Identities, PartEstimate, PartsEstimate
 from dynpf_systems.parts.task import PartSpec, RearrangementTask
 
 GOALS = ((0.0, 0.55), (-0.476, -0.275), (0.476, -0.275))
 RADII = (0.06, 0.08, 0.11)
 TASK = RearrangementTask(parts=tuple(PartSpec(radius=r, goal=g) for r, g in zip(RADII, GOALS, strict=True)))
+TOPICS: dict[type, str] = {
+    Estimate: "estimator/state",
+    PartsEstimate: "estimator/parts",
+    Identities: "estimator/identities",
+    Gripper: "sensors/gripper",
+}
 AWAY = ((0.5, 0.4), (-0.3, 0.6), (-0.1, -0.6))
 
 
@@ -37,8 +44,11 @@ class Commanded(NamedTuple):
 
     @classmethod
     def of(cls, result):
-        assert [output.topic for output in result.outputs] == ["controller/parts", "controller/command"]
-        parts, robot = (output.message for output in result.outputs)
+        assert [output.topic for output in result.outputs if output.topic != "log"] == [
+            "controller/parts",
+            "controller/command",
+        ]
+        parts, robot = (output.message for output in result.outputs[-2:])
         return cls(parts.mode, parts.target, parts.grip, robot.vx, robot.vy, robot.w, robot.finished)
 
 
@@ -52,7 +62,7 @@ class Bench:
         self.node = RearrangementController(config=whole, tick_s=0.05, task=task)
         self.tick = 0
 
-    def decide(self, robot=(0.0, 0.0), theta=0.0, parts=AWAY, held=-1, sigma=0.001):
+    def decide(self, robot=(0.0, 0.0), theta=0.0, parts=AWAY, held=-1, sigma=0.001, *, contact=False, identities=None):
         covariance = tuple(np.diag([sigma**2, sigma**2, 0.0]).ravel().tolist())
         estimate = Estimate(
             x=robot[0],
@@ -62,12 +72,14 @@ class Bench:
             n_eff=100.0,
         )
         found = tuple(PartEstimate(x=x, y=y, variance=sigma**2, seen=True) for x, y in parts)
-        return self.step(self.told(PartsEstimate(parts=found, held=held)), self.told(estimate))
+        beside = () if identities is None else (self.told(identities),)
+        beside = (self.told(Gripper(contact=contact, theta=theta)), *beside)
+        return self.step(*beside, self.told(PartsEstimate(parts=found, held=held)), self.told(estimate))
 
     def told(self, message, tick=None):
         """Return an estimate as it comes, by default of the tick to come."""
         tick = self.tick if tick is None else tick
-        topic = "estimator/parts" if isinstance(message, PartsEstimate) else "estimator/state"
+        topic = TOPICS[type(message)]
         return Received(topic, "estimator", "boot", tick, tick * 50_000_000, message)
 
     def step(self, *inputs):
@@ -277,3 +289,67 @@ def test_a_thawed_controller_continues_as_the_first():
     assert first.decide(robot=(0.1, 0.1)) == second.decide(robot=(0.1, 0.1))
     assert state_digest(first.node.freeze()) == state_digest(second.node.freeze())
     assert state_digest(first.node.freeze()) != state_digest(Bench().node.freeze())
+
+
+ALIKE = RearrangementTask(
+    parts=tuple(PartSpec(radius=0.08, goal=goal) for goal in GOALS), robot_radius=0.08, interchangeable=((0, 1),)
+)
+
+
+def certain(robot=1.0, parts=(1.0, 1.0, 1.0), among=()):
+    return Identities(robot=robot, parts=parts, robot_among=among)
+
+
+def test_interchangeable_parts_take_the_nearer_goals():
+    """Parts 0 and 1 lie at each other's goals; only part 2 has a way to go."""
+    places = (GOALS[1], GOALS[0], (0.0, -0.7))
+    shared, own = (Bench(task) for task in (ALIKE, msgspec.structs.replace(ALIKE, interchangeable=())))
+    assert shared.decide(parts=places).target == 2
+    assert shared.node.freeze()["goals"].tolist() == [1, 0, 2]
+    assert not own.node.freeze().get("goals")
+    for _ in range(20):
+        last = shared.decide(parts=(*places[:2], GOALS[2]))
+        other = own.decide(parts=(*places[:2], GOALS[2]))
+    assert last.finished
+    assert not other.finished
+
+
+def test_a_robot_that_is_not_sure_which_disc_it_is_moves_and_waits():
+    bench = Bench(ALIKE)
+    steps = [bench.decide(identities=certain(robot=0.5, among=(1,))) for _ in range(14)]
+    assert {step.mode for step in steps} == {"look"}
+    assert not any(step.grip for step in steps)
+    moved = [math.hypot(step.vx, step.vy) > 0.0 for step in steps]
+    assert moved == [True, True, True] + [False] * 10 + [True]
+    assert bench.decide(identities=certain()).mode == "mate"
+
+
+def test_no_move_to_find_out_runs_into_what_stands_beside_any_of_the_discs():
+    """The robot, or part 0 that may be the robot, has others on three sides: only down is free of both."""
+    bench = Bench(ALIKE)
+    crowd = ((0.5, 0.0), (0.5, 0.18), (0.0, 0.18))
+    step = bench.decide(robot=(0.0, 0.0), parts=crowd, identities=certain(robot=0.5, among=(0,)))
+    assert step.vy < 0.0
+    assert abs(step.vx) < abs(step.vy)
+
+
+def test_parts_of_doubtful_identity_are_left_alone_and_the_run_is_not_finished():
+    """Both lie where they should, if they are who they are taken for."""
+    bench = Bench(ALIKE, doubt_ticks=20)
+    places = (GOALS[0], GOALS[1], AWAY[2])
+    doubt = certain(parts=(0.5, 0.5, 1.0))
+    assert bench.decide(parts=places, identities=doubt).target == 2
+    bench = Bench(ALIKE, doubt_ticks=20)
+    steps = [bench.decide(parts=GOALS, identities=doubt) for _ in range(40)]
+    assert steps[-1].mode == "undecided"
+    assert not any(step.finished for step in steps)
+    sure = Bench(ALIKE, doubt_ticks=20)
+    assert [sure.decide(parts=GOALS, identities=certain()) for _ in range(40)][-1].finished
+
+
+def test_the_jaws_close_when_the_switch_does_though_the_part_seems_farther():
+    """It seems 2.5 cm away, with a deviation of 6 mm; without the switch the robot goes on."""
+    task = RearrangementTask(parts=(PartSpec(radius=0.08, goal=(0.9, 0.0)),), robot_radius=0.08)
+    at = ((0.185, 0.0),)
+    closed = [Bench(task).decide(parts=at, sigma=0.004, contact=contact) for contact in (True, False)]
+    assert [step.grip for step in closed] == [True, False]

@@ -44,7 +44,8 @@ def found(outputs):
     by_topic = {output.topic: output.message for output in outputs}
     if "estimator/state" not in by_topic:
         return None
-    assert list(by_topic)[:2] == ["estimator/parts", "estimator/state"]
+    topics = list(by_topic)
+    assert topics.index("estimator/parts") < topics.index("estimator/state")
     parts, robot = by_topic["estimator/parts"], by_topic["estimator/state"]
     return Found(robot.x, robot.y, robot.covariance, parts.parts, parts.held)
 

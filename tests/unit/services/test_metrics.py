@@ -47,7 +47,18 @@ LOCALIZATION = {
     "lost_fraction",
 }
 FINAL_ERRORS = {"final_error_mean_m", "final_error_max_m"}
-REARRANGEMENT = {"completed", "collisions", "npl", "nrl", "pi", "comp", "rpee_m", "ppee_m"} | FINAL_ERRORS
+REARRANGEMENT = {
+    "finished",
+    "swaps_unnoticed",
+    "completed",
+    "collisions",
+    "npl",
+    "nrl",
+    "pi",
+    "comp",
+    "rpee_m",
+    "ppee_m",
+} | FINAL_ERRORS
 ALWAYS = {"messages", "gaps", "complete", "outcome", "content_digest"}
 
 ROOM = {"title": "A room", "simulator": {"kind": "room"}}

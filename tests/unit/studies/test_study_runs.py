@@ -34,6 +34,7 @@ SMALL = {
     "parts-bounds": ["parts=[3]", "goals=['I']", "noises=['low']", "n=20", "ticks=60"],
     "parts-time": ["parts=3", "goals=E", "n=[20]"],
     "parts-vision": ["goals=['E']", "noises=['low']", "ticks=5", "frames=false"],
+    "parts-alike": ["layouts=[0]", "noises=['low']", "cameras=[false]", "known=['starts']", "n=20", "ticks=60"],
     "parts-layouts": ["cases=['swap']", "noises=['high']", "n=20"],
 }
 """Settings of the smallest trial."""
@@ -96,7 +97,9 @@ def test_a_trial_recorded_is_the_run_of_its_scenario_and_seed(
 
 
 def test_only_a_node_that_nobody_waits_for_can_be_given_its_inputs_again() -> None:
-    with pytest.raises(ValueError, match="controller reads estimator/parts, estimator/state of estimator"):
+    with pytest.raises(
+        ValueError, match="controller reads estimator/identities, estimator/parts, estimator/state of estimator"
+    ):
         inputs_of(load_scenario("parts-3-tracked"), "estimator", ())
 
 
