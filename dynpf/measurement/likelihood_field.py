@@ -13,7 +13,7 @@ import numpy as np
 
 from dynpf import kernels
 from dynpf.maps.distance import distance_field
-from dynpf.maps.occupancy import OccupancyGrid
+from dynpf.maps.occupancy import OccupancyGrid, faces
 from dynpf.measurement.scan import Scan
 from dynpf.params import validated
 from dynpf.portable import exp, hypot, log
@@ -43,6 +43,9 @@ class LikelihoodFieldParams(
     z_hit: Positive = 0.95  # share of beams that end on a wall of the map
     z_rand: Positive = 0.05  # share of beams that end anywhere up to the range's maximum
     max_beams: Count = 60
+    # The occupied cells that count as walls: "all", or "faces", those at the side of a free cell. Beams end on faces, and
+    # what is behind them only draws the robot on.
+    walls: Literal["all", "faces"] = "all"
     max_distance: Positive = 2.0  # m from a wall; all that lies farther off is as likely
     # "product": the beams are independent. "cubes": 1 + sum of p^3, as in AMCL, which forgives much.
     aggregation: Literal["product", "cubes"] = "product"
@@ -80,7 +83,8 @@ class LikelihoodField:
             raise ValueError("a likelihood field needs a map with an occupied cell; this one has none")
         # A beam may end a little outside the grid and still be close to a wall: the field goes on to where none is.
         outside = math.ceil(params.max_distance / grid.resolution)
-        walls = np.pad(grid.occupied, outside)
+        occupied = grid.occupied if params.walls == "all" else faces(grid.occupied, grid.free)
+        walls = np.pad(occupied, outside)
         self._distances = distance_field(walls, grid.resolution, params.max_distance)
         self._kept: tuple[float, Floats] | None = None
         # The table has a border of one cell, and float32 best holds numbers that start at its corner.
@@ -93,6 +97,15 @@ class LikelihoodField:
         """Return the model for poses whose error moves the ends of beams by ``sigma`` metres, of the same field."""
         made = copy.copy(self)
         made.params = msgspec.structs.replace(self.params, sigma_hit=hypot(float(self.params.sigma_hit), float(sigma)))
+        made._kept = None
+        return made
+
+    def matching(self, sigma: float, beams: int, tempering: float) -> "LikelihoodField":
+        """Return the model of the same field for matching scans: beams' ends of noise ``sigma`` (m), so many of them."""
+        made = copy.copy(self)
+        made.params = msgspec.structs.replace(
+            self.params, sigma_hit=sigma, max_beams=beams, tempering=tempering, aggregation="product", beam_skip=None
+        )
         made._kept = None
         return made
 

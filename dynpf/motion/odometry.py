@@ -1,7 +1,7 @@
 """The odometry motion model: a displacement as a rotation, a translation and a second rotation, each noisy."""
 
 import math
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -24,12 +24,17 @@ SHORTEST_WAY_M = 0.01
 class OdometryParams(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="odometry"
 ):
-    """What the squared movements add to the VARIANCES of the noises: the squared form of table 5.6 and of nav2."""
+    """What movements add to the VARIANCES of the noises: squared as in table 5.6 and nav2, or as they are.
 
-    alpha_1: NonNegative = 0.05  # rad^2 per rad^2: of a rotation, by that rotation
-    alpha_2: NonNegative = 0.05  # rad^2 per m^2: of a rotation, by the translation
-    alpha_3: NonNegative = 0.05  # m^2 per m^2: of the translation, by itself
-    alpha_4: NonNegative = 0.05  # m^2 per rad^2: of the translation, by the two rotations
+    Variances that grow with the movement itself add up to the same in however many steps it is made. Units in brackets
+    are those of ``growth = "linear"``.
+    """
+
+    growth: Literal["squared", "linear"] = "squared"
+    alpha_1: NonNegative = 0.05  # rad^2 per rad^2 (rad): of a rotation, by that rotation
+    alpha_2: NonNegative = 0.05  # rad^2 per m^2 (m): of a rotation, by the translation
+    alpha_3: NonNegative = 0.05  # m^2 per m^2 (m): of the translation, by itself
+    alpha_4: NonNegative = 0.05  # m^2 per rad^2 (rad): of the translation, by the two rotations
 
 
 class Steps(NamedTuple):
@@ -95,7 +100,8 @@ class OdometryMotion:
     def _variances(self, control: Displacement, made: Steps) -> Steps:
         p = self.params
         goes = abs(made.way) >= SHORTEST_WAY_M
-        first, way, second = (step * step for step in (made if goes else Steps(0.0, made.way, control.turn)))
+        grown = _squared if p.growth == "squared" else abs
+        first, way, second = map(grown, made if goes else Steps(0.0, made.way, control.turn))
         return Steps(
             first=p.alpha_1 * first + p.alpha_2 * way,
             way=p.alpha_3 * way + p.alpha_4 * (first + second),
@@ -109,3 +115,7 @@ def steps(displacement: Displacement) -> Steps:
     first = atan2(ahead * displacement.dy, abs(displacement.dx))
     way = ahead * hypot(displacement.dx, displacement.dy)
     return Steps(first, way, math.remainder(displacement.turn - first, 2.0 * math.pi))
+
+
+def _squared(step: float) -> float:
+    return step * step

@@ -23,6 +23,7 @@ from dynpf_systems.rooms.localization.localizers import Found
 from dynpf_systems.rooms.localization.odometer import Odometer
 from dynpf_systems.rooms.localization.publisher import Publisher
 from dynpf_systems.rooms.localization.readings import example_readings
+from dynpf_systems.rooms.localization.strides import Strides
 from dynpf_systems.rooms.localization.user_components import Classes
 from dynpf_systems.rooms.maps import Maps, maps_of
 
@@ -60,6 +61,7 @@ class LocalizationEstimator:
         self._beginning = Beginning(config.start, maps, self._models, key)
         self._intake = Intake(config, measurements, maps.landmarks, name)
         self._odometer = Odometer(config.odometry_delay, self._beginning.pose, self._correct)
+        self._strides = None if config.odometry_step is None else Strides(config.odometry_step)
         self._publisher = Publisher(landmarks)
         self._health = HealthWatch(config.health, name)
         self._outcomes = {outcome.value: 0 for outcome in Outcome}
@@ -107,6 +109,7 @@ class LocalizationEstimator:
         return {
             "belief": None if self._belief is None else self._localizer.freeze(self._belief),
             "odometry": self._odometer.freeze(),
+            **({} if self._strides is None else {"strides": self._strides.freeze()}),
             "intake": self._intake.freeze(),
             "published": self._publisher.freeze(),
             "outcomes": dict(self._outcomes),
@@ -117,6 +120,8 @@ class LocalizationEstimator:
         """Continue from what freeze returned."""
         self._belief = None if state["belief"] is None else self._localizer.thaw(state["belief"])
         self._odometer.thaw(state["odometry"])
+        if self._strides is not None and "strides" in state:
+            self._strides.thaw(state["strides"])
         self._intake.thaw(state["intake"])
         self._publisher.thaw(state["published"])
         self._outcomes = dict(state["outcomes"])
@@ -152,17 +157,16 @@ class LocalizationEstimator:
         if self._belief is None:
             self._begin(readings)
             self._odometer.release()  # the start is made of these readings, and after the movement before
-            self._odometer.mark()
+            self._mark()
             return
         if self._health.report is None:
             self._judge(self._localizer.find(self._belief))
-        if not self._worthwhile():
+        if not self._worthwhile() and not self._localizer.surprised(self._belief_now(), readings):
             return
-        motion = self._odometer.release()
-        self._follow(motion[:-1])
-        control = self._control(motion[-1]) if motion else None
+        motion = self._last_step()
+        control = None if motion is None else self._control(motion)
         self._belief, self._found = self._localizer.update(self._belief, control, readings, self._stream("update"))
-        self._odometer.mark()
+        self._mark()
         for outcome in self._found.outcomes:
             self._outcomes[outcome.value] += 1
         self._judge(self._found, readings)
@@ -175,12 +179,32 @@ class LocalizationEstimator:
 
     def _follow(self, motion: Sequence[Twist | Moved]) -> None:
         for moved in motion:
-            self._belief = self._localizer.predict(self._belief, self._control(moved), self._stream("predict"))
+            step = moved if self._strides is None else self._strides.take(moved)
+            if step is not None:
+                self._belief = self._localizer.predict(self._belief, self._control(step), self._stream("predict"))
             self._found = None
+
+    def _last_step(self) -> Twist | Moved | None:
+        """Return the last step of the motion up to now, after predicting the belief by those before it."""
+        motion = self._odometer.release()
+        if self._strides is None:
+            self._follow(motion[:-1])
+            return motion[-1] if motion else None
+        self._follow(motion)
+        return self._strides.rest()
+
+    def _mark(self) -> None:
+        self._odometer.mark()
+        if self._strides is not None:
+            self._strides.mark()
 
     def _worthwhile(self) -> bool:
         """Return whether the robot has moved far enough since the last correction, or there was none."""
-        moved = self._odometer.travelled
+        if self._strides is None:
+            moved = self._odometer.travelled
+        else:
+            self._follow(self._odometer.release())
+            moved = self._strides.travelled
         return moved is None or moved[0] >= self._config.min_travel or moved[1] >= self._config.min_turn
 
     def _judge(self, found: Found, readings: Sequence[Any] = ()) -> None:
@@ -192,14 +216,22 @@ class LocalizationEstimator:
     def _report(self) -> list[Output]:
         stamp_ns = self._odometer.stamp_ns
         assert stamp_ns is not None
-        found = self._found or self._localizer.find(self._belief)
+        belief = self._belief_now()
+        found = self._found or self._localizer.find(belief)
         if self._health.due(stamp_ns):
             self._judge(found)
         health = self._health.report
         assert health is not None
         return self._publisher.messages(
-            found, health, self._odometer.reckoned, lambda most: self._localizer.shown(self._belief, most), stamp_ns
+            found, health, self._odometer.reckoned, lambda most: self._localizer.shown(belief, most), stamp_ns
         )
+
+    def _belief_now(self) -> Any:
+        """Return the belief after the motion up to now, of which the last is not a step yet."""
+        begun = None if self._strides is None else self._strides.begun
+        if begun is None:
+            return self._belief
+        return self._localizer.predict(self._belief, self._control(begun), self._stream("begun"))
 
     def _stream(self, purpose: str) -> Stream:
         """Return the next stream of this step."""
