@@ -1,4 +1,4 @@
-"""Laser logs made harder: odometry that jitters or slips, short scanners, changed maps, and a corridor of alike alcoves."""
+"""Laser logs made harder: odometry that jitters or slips, short scanners, changed maps, a corridor of alcoves."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -79,7 +79,8 @@ def slips(trial: Trial, random: Random) -> Trial:
             if index in where:
                 shown = compose(shown, np.array([0.3, 0.0, math.radians(20.0) * random.choice([-1.0, 1.0])]))
             last = pose
-            record = record._replace(message=_odometry(shown))
+            records.append(record._replace(message=_odometry(shown)))
+            continue
         records.append(record)
     return trial._replace(records=records)
 

@@ -5,8 +5,9 @@ Usage: DYNPF_DATA=FOLDER python benchmarks/floors.py [accuracy] [stress] [kidnap
 
 Each part prints a table: means over seeds, with the upper end of their 95 % interval in brackets. The settings are
 the same for all logs; ``--only`` takes the rows whose names begin with a word. The estimator runs by itself, from
-record to record, as it does in a run. NEES is the mean over blocks of ten seconds, beside its band for their number. A teleport is
-a scan over which the estimate moves by a metre more than the robot; wrong is 1 m or 20 degrees off.
+record to record, as it does in a run. NEES is the mean over blocks of ten seconds, beside its band for their number. A
+teleport is a scan over which the estimate moves, as seen from where it was, by a metre more or less than the robot
+does; wrong is 1 m or 20 degrees off.
 """
 
 import argparse
@@ -32,7 +33,7 @@ from floor_stress import STRESSES, Trial, alcoves, grid_of
 from dynpf.metrics.consistency import mean_square, nees
 from dynpf.metrics.seeds import mean
 from dynpf.metrics.trajectory import score
-from dynpf.se2 import wrap_angle
+from dynpf.se2 import relative, wrap_angle
 
 LOGS = ("intel", "intel-split", "freiburg-split", "jarvis", "simpath2")
 STRESSED = ("intel", "freiburg", "jarvis", "simpath2")
@@ -124,7 +125,7 @@ def figures(course: Course) -> dict[str, float]:
     position, heading = course.errors
     wrong = (position > WRONG_M) | (heading > WRONG_RAD)
     tracking = np.array([verdict == "tracking" for verdict in course.verdicts])
-    moved = np.diff(course.poses[:2], axis=1) - np.diff(course.true[:2], axis=1)
+    estimated, made = (relative(poses[:, :-1], poses[:, 1:])[:2] for poses in (course.poses, course.true))
     alarms = np.array([verdict in ALARMS for verdict in course.verdicts])
     nees_mean, low, high = block_nees(course)
     return {
@@ -133,7 +134,7 @@ def figures(course: Course) -> dict[str, float]:
         "NEES": nees_mean,
         "low": low,
         "high": high,
-        "teleports": float(np.sum(np.hypot(*moved) > TELEPORT_M)),
+        "teleports": float(np.sum(np.hypot(*(estimated - made)) > TELEPORT_M)),
         "wrong %": 100.0 * float(np.mean(wrong)),
         "and tracking %": 100.0 * float(np.mean(wrong & tracking)),
         "alarm %": 100.0 * float(np.mean(alarms)),

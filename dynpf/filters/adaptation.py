@@ -219,9 +219,9 @@ class Doubt(NamedTuple):
 
     ``places`` are those that a search of the map has found, if there was one; ``unfit`` is how many searches in a row
     have found nowhere that explains the readings as usual. ``jumped`` is how likely it is that the robot has just been
-    set down elsewhere, as far as the rescue can tell. ``unexplained`` counts updates in a row that neither the particles
-    nor a slip explain, and ``unheard`` those of them that are not to be taken in. Where it is ``settled`` that the robot
-    is at the places, the estimate is that of the particles drawn there.
+    set down elsewhere, as far as the rescue can tell. ``unexplained`` counts updates in a row that neither the
+    particles nor a slip explain, and ``unheard`` those of them that are not to be taken in. Where it is ``settled``
+    that the robot is at the places, the estimate is that of the particles drawn there.
     """
 
     memory: tuple[float, ...]
@@ -250,7 +250,10 @@ class Rescuer(Protocol):
 
 @runtime_checkable
 class Following(Protocol):
-    """A rescuer whose memory holds poses, which move with the robot."""
+    """A rescuer whose memory holds poses, which move with the robot.
+
+    It is asked about the cloud that the readings met: moved, under the weights before them, but for its n_eff.
+    """
 
     def carried(self, memory: tuple[float, ...], models: "Models", control: Any) -> tuple[float, ...]:
         """Return the memory after a control."""

@@ -125,7 +125,10 @@ class ParticleFilter(Generic[EstimateT]):
         n_eff = after.n_eff
         ancestors, missing, doubt = proposed.ancestors, 0, None
         if self.rescue is not None and informed:
-            doubt = self.doubt(self.rescue, weighed, readings)
+            judged = weighed
+            if isinstance(self.rescue, Following):
+                judged = weighed._replace(cloud=self.unheard(after, cloud)._replace(n_eff=n_eff))
+            doubt = self.doubt(self.rescue, judged, readings)
             after = after._replace(memory=doubt.memory)
             if doubt.unheard > 0:
                 after, informed = self.unheard(after, cloud), False

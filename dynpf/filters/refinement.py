@@ -1,4 +1,4 @@
-"""Refinement of the belief by scan matching: the particles find the mode, a sharper model says where in it the robot is.
+"""Refinement of the belief by scan matching: particles find the mode, a sharper model says where in it the robot is.
 
 A particle filter's likelihood has to be wide, or hardly any particle would survive it, and so the mean is blunt. Near
 the mode the belief is close to a Gaussian, of which any number of draws can be had: compared with the scan by a sharp
@@ -48,8 +48,8 @@ class ScanMatchingParams(
     draws: Count = 2000
     sigma: Positive = 0.05  # m, of a beam's end
     max_beams: Count = 180
-    # Exponent of the product of beams. The map's errors and the cells' sides are common to many beams, and to scan after
-    # scan; so the covariance is honest only if each counts for little.
+    # Exponent of the product of beams. The map's errors and the cells' sides are common to many beams, and to scan
+    # after scan; so the covariance is honest only if each counts for little.
     tempering: Rate = 0.06
     position_most: Positive = 0.5  # m, standard deviation of the belief, above which there is no one mode to refine
     heading_most: Positive = 0.25  # rad
@@ -98,7 +98,7 @@ class ScanMatching:
         x, y, turn = np.sqrt(np.diagonal(belief.covariance)).tolist()
         # Particles that are copies of one have nothing to be moved along.
         narrow = max(x, y) <= self.params.position_most and turn <= self.params.heading_most
-        return narrow and min(x, y, turn) > LEAST_SIGMA
+        return bool(narrow and min(x, y, turn) > LEAST_SIGMA)
 
 
 LEAST_SIGMA = 1e-4

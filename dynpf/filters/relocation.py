@@ -1,4 +1,4 @@
-"""A robot that is not where it was thought to be: it slipped, or it was set down elsewhere. Neither is believed lightly.
+"""A robot that is not where it was thought to be: it slipped, or was set down elsewhere. Neither is believed lightly.
 
 A scan that the particles do not explain may be of a robot whose wheels have slipped, of one that was carried off, of
 things that are not on the map, or of a place that is not. The first is looked for around the particles, the second
@@ -21,7 +21,7 @@ from dynpf.filters.search import Places, Search
 from dynpf.params import validated
 from dynpf.portable import hypot
 from dynpf.se2 import wrap_angle
-from dynpf.types import Count, FloatArray, OpenShare, Positive
+from dynpf.types import Count, FloatArray, Floats, OpenShare, Positive, Share
 
 __all__ = ["Hypothesis", "Relocation", "RelocationMemory", "RelocationParams"]
 
@@ -42,23 +42,39 @@ class RelocationParams(
     # taken in. It depends on the measurement model, so there is none by default.
     log_likelihood_lost: float | None = None
     alpha: OpenShare = 0.05  # of the way from the usual log-evidence to the newest, at each update
+    n_eff_least: Share = (
+        0.005  # effective particles as a share of all: below it those that explain a scan are stragglers
+    )
     slip_m: Positive = 0.6  # around the particles, where a robot is looked for that has slipped
     slip_rad: Positive = 0.6
-    scans: Count = 3  # that a place has to explain, one after the other
+    scans: Count = 5  # that a place has to explain, one after the other
     proof: Positive = 12.0  # nats by which it explains them better than the track does, in the mean
+    # Share of a scan by which the map contradicts the track more than the place: things not on it contradict little.
+    refuted: Share = 0.35
     margin: Positive = 6.0  # nats by which it is ahead of every other place, altogether
     hypotheses: Count = 8  # places that are followed at once, at most
     patience: Count = 16  # most updates between searches that find nothing
 
 
 class Hypothesis(NamedTuple):
-    """A place where the robot may be instead: its pose now (m, rad), and how it explains the scans since it was found."""
+    """A place where the robot may be instead: its pose now (m, rad), and how it explains the scans since then."""
 
     x: float
     y: float
     theta: float
-    gain: float  # nats, over what the track explains, summed
-    scans: float
+    gain: float = 0.0  # nats, over what the track explains, summed
+    against: float = 0.0  # share of a scan that the map contradicts from the track, less that from here, summed
+    scans: float = 0.0
+
+
+class _Puzzle(NamedTuple):
+    """Readings that neither the track nor a slip explains."""
+
+    readings: Sequence[Any]
+    least: float  # log-evidence from which on they would be explained
+    mean: FloatArray  # pose (3,) of the track
+    track: float  # their log-likelihood at the best pose about it
+    against: float  # their share that the map contradicts from there
 
 
 class RelocationMemory(NamedTuple):
@@ -86,7 +102,8 @@ def recalled(numbers: tuple[float, ...]) -> RelocationMemory:
     rest = numbers[_HYPOTHESES]
     size = len(Hypothesis._fields)
     places = tuple(Hypothesis(*rest[start : start + size]) for start in range(0, len(rest), size))
-    return RelocationMemory(*numbers[:6], places)
+    usual, updates, unexplained, unheard, unfit, wait = numbers[: _HYPOTHESES.start]
+    return RelocationMemory(usual, updates, unexplained, unheard, unfit, wait, places)
 
 
 class Relocation:
@@ -139,31 +156,39 @@ class Relocation:
         known = recalled(cloud.memory)
         least = self._least(known, count)
         averaged = self._averaged(known, max(log_evidence, least) / count)
-        if log_evidence >= least:
+        estimate = pose_estimate(cloud.particles, cloud.weights)
+        together = float(np.max(np.diagonal(estimate.covariance)[:2])) <= self.params.slip_m * self.params.slip_m
+        # A robot that was off the map has particles all over it, some of which explain any scan.
+        scattered = known.unheard > 0.0 and not together
+        spread = cloud.n_eff >= self.params.n_eff_least * cloud.weights.size
+        if log_evidence >= least and spread and not scattered:
             return Doubt(averaged.numbers, 0.0, self.search)
-        mean = pose_estimate(cloud.particles, cloud.weights).mean
-        near = self.search.near(mean, readings, self.params.slip_m, self.params.slip_rad)
-        if near.log_likelihood >= least:
+        near = self.search.near(estimate.mean, readings, self.params.slip_m, self.params.slip_rad)
+        if near.log_likelihood >= least and not scattered:
             return Doubt(averaged.numbers, 1.0, near, near, settled=True)
-        doubted = averaged._replace(
+        heard = together and near.log_likelihood >= self._lost(count)
+        doubted = (averaged if heard else known)._replace(
             unexplained=known.unexplained + 1.0,
-            unheard=known.unheard,
+            unheard=0.0 if heard else known.unheard + 1.0,
             unfit=known.unfit,
             wait=known.wait,
             hypotheses=known.hypotheses,
         )
-        return self._tested(doubted, mean, near, least, count, readings)
+        against = 1.0 if scattered else self.search.contradicted(near.best, readings)
+        track = self._lost(count) if scattered else near.log_likelihood
+        return self._tested(doubted, _Puzzle(readings, least, estimate.mean, track, against))
 
-    def _tested(
-        self, memory: RelocationMemory, mean: FloatArray, track: Places, least: float, count: int, readings: Sequence[Any]
-    ) -> Doubt:
+    def _tested(self, memory: RelocationMemory, puzzle: _Puzzle) -> Doubt:
         """Return the doubt after the hypotheses, and if there are none left what a search finds, were tested."""
-        memory, places = self._followed(memory, track.log_likelihood, least, readings)
+        memory, places = self._followed(memory, puzzle)
         if not memory.hypotheses:
-            memory = self._searched(memory, mean, track.log_likelihood, least, readings)
-        lost = -math.inf if self.params.log_likelihood_lost is None else self.params.log_likelihood_lost * count
-        memory = memory._replace(unheard=memory.unheard + 1.0 if track.log_likelihood < lost else 0.0)
-        doubt = Doubt(
+            memory = self._searched(memory, puzzle)
+        winner = self._proven(memory.hypotheses)
+        if winner is not None:
+            found = places[winner]
+            accepted = RelocationMemory(memory.usual, memory.updates)
+            return Doubt(accepted.numbers, 1.0, found, found, jumped=1.0, settled=True)
+        return Doubt(
             memory.numbers,
             0.0,
             self.search,
@@ -171,49 +196,44 @@ class Relocation:
             unexplained=int(memory.unexplained),
             unheard=int(memory.unheard),
         )
-        winner = self._proven(memory.hypotheses)
-        if winner is None:
-            return doubt
-        memory = RelocationMemory(memory.usual, memory.updates)
-        found = places[winner]
-        return doubt._replace(
-            memory=memory.numbers, share=1.0, source=found, places=found, jumped=1.0, unfit=0, unexplained=0, unheard=0, settled=True
-        )
 
-    def _followed(
-        self, memory: RelocationMemory, track: float, least: float, readings: Sequence[Any]
-    ) -> tuple[RelocationMemory, list[Places]]:
+    def _followed(self, memory: RelocationMemory, puzzle: _Puzzle) -> tuple[RelocationMemory, list[Places]]:
         """Return the memory with those hypotheses that explain the readings, too, and where each is exactly."""
         kept: list[Hypothesis] = []
         where: list[Places] = []
+        reach = 0.5 * self.params.slip_m, 0.5 * self.params.slip_rad
         for place in memory.hypotheses:
-            around = self.search.near(np.array(place[:3]), readings, 0.5 * self.params.slip_m, 0.5 * self.params.slip_rad)
-            if around.log_likelihood < least:
+            around = self.search.near(np.array(place[:3]), puzzle.readings, *reach)
+            if around.log_likelihood < puzzle.least:
                 continue
-            x, y, theta = around.best.tolist()
-            found = Hypothesis(x, y, theta, place.gain + around.log_likelihood - track, place.scans + 1.0)
+            found = self._judged(around.best, around.log_likelihood, puzzle, place)
             if not any(_same(found, other) for other in kept):
                 kept.append(found)
                 where.append(around)
         return memory._replace(hypotheses=tuple(kept)), where
 
-    def _searched(
-        self, memory: RelocationMemory, mean: FloatArray, track: float, least: float, readings: Sequence[Any]
-    ) -> RelocationMemory:
+    def _searched(self, memory: RelocationMemory, puzzle: _Puzzle) -> RelocationMemory:
         """Return the memory with the places that a search of the map finds, unless it waits."""
         if memory.wait > 0.0:
             return memory._replace(wait=memory.wait - 1.0)
-        places = self.search.places(readings)
-        here = Hypothesis(*mean.tolist(), 0.0, 0.0)
+        places = self.search.places(puzzle.readings)
+        here = Hypothesis(*puzzle.mean.tolist())
         found = [
-            Hypothesis(*pose.tolist(), log_likelihood - track, 1.0)
+            self._judged(pose, log_likelihood, puzzle, here)
             for pose, log_likelihood in places.distinct(self.params.hypotheses, APART_M, APART_RAD)
-            if log_likelihood >= least
+            if log_likelihood >= puzzle.least
         ]
         found = [place for place in found if not _same(place, here)]
         unfit = 0.0 if found else memory.unfit + 1.0
         wait = min(math.ldexp(1.0, min(int(unfit), _MOST_DOUBLINGS)), float(self.params.patience)) - 1.0
         return memory._replace(hypotheses=tuple(found), unfit=unfit, wait=wait)
+
+    def _judged(self, pose: Floats, log_likelihood: float, puzzle: _Puzzle, before: Hypothesis) -> Hypothesis:
+        """Return a hypothesis at a pose after one scan more than ``before``."""
+        x, y, theta = pose.tolist()
+        gain = before.gain + log_likelihood - puzzle.track
+        against = before.against + puzzle.against - self.search.contradicted(pose, puzzle.readings)
+        return Hypothesis(x, y, theta, gain, against, before.scans + 1.0)
 
     def _proven(self, places: Sequence[Hypothesis]) -> int | None:
         """Return which hypothesis is to be believed, None for none."""
@@ -221,10 +241,12 @@ class Relocation:
             return None
         order = sorted(range(len(places)), key=lambda index: -places[index].gain)
         best = places[order[0]]
-        if best.scans < self.params.scans or best.gain < self.params.proof * best.scans:
+        params = self.params
+        if best.scans < params.scans:
             return None
-        ahead = len(order) < 2 or best.gain - places[order[1]].gain >= self.params.margin
-        return order[0] if ahead else None
+        proven = best.gain >= params.proof * best.scans and best.against >= params.refuted * best.scans
+        ahead = len(order) < 2 or best.gain - places[order[1]].gain >= params.margin
+        return order[0] if proven and ahead else None
 
     def _first(self, log_evidence: float, count: int, readings: Sequence[Any]) -> Doubt:
         places = self.search.places(readings)
@@ -233,10 +255,12 @@ class Relocation:
 
     def _least(self, known: RelocationMemory, count: int) -> float:
         """Return the log-evidence from which on so many readings are explained."""
-        least = known.usual * count - self.params.drop
-        if self.params.log_likelihood_lost is not None:
-            least = max(least, self.params.log_likelihood_lost * count)
-        return least
+        return max(known.usual * count - self.params.drop, self._lost(count))
+
+    def _lost(self, count: int) -> float:
+        """Return the log-evidence below which so many readings are of nothing on the map."""
+        least = self.params.log_likelihood_lost
+        return -math.inf if least is None else least * count
 
     def _averaged(self, memory: RelocationMemory, newest: float) -> RelocationMemory:
         rate = max(self.params.alpha, 1.0 / (memory.updates + 1.0))

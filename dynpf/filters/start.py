@@ -16,6 +16,7 @@ from dynpf.filters.search import Search, SearchStart
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.params import validated
 from dynpf.rng import Stream
+from dynpf.se2 import is_far
 from dynpf.types import Count, Floats, NonNegative
 
 __all__ = [
@@ -194,12 +195,12 @@ def start_poses(
 
 
 def around(start: KnownStart, count: int, stream: Stream) -> Floats:
-    """Return ``count`` poses drawn around a known one, shape (3, count) float32.
+    """Return ``count`` poses drawn around a known one, shape (3, count) float32; float64 where that is too coarse.
 
     Raises ValueError where a parameter is out of its range.
     """
     validated(start)
     mean = np.array([start.x, start.y, start.theta])
     sigma = np.array([start.sigma_position, start.sigma_position, start.sigma_heading])
-    poses: Floats = (mean[:, None] + sigma[:, None] * stream.normals(3, count)).astype(np.float32)
-    return poses
+    poses: Floats = mean[:, None] + sigma[:, None] * stream.normals(3, count)
+    return poses if is_far(poses) else poses.astype(np.float32)

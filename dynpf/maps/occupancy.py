@@ -126,7 +126,7 @@ def check_size(width: float, height: float, most: int = MOST_CELLS) -> None:
 
 
 def faces(occupied: Bools, free: Bools) -> Bools:
-    """Return the occupied cells that share a side with a free one, (H, W): the faces of walls, from where one sees them.
+    """Return the occupied cells that share a side with a free one, (H, W): the faces of walls.
 
     What lies behind a face is never the end of a beam but by noise. Where no occupied cell is at a free one there is
     nothing to choose by: all of them are returned.

@@ -1,6 +1,7 @@
 """The odometry motion model: a displacement as a rotation, a translation and a second rotation, each noisy."""
 
 import math
+from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import msgspec
@@ -100,7 +101,7 @@ class OdometryMotion:
     def _variances(self, control: Displacement, made: Steps) -> Steps:
         p = self.params
         goes = abs(made.way) >= SHORTEST_WAY_M
-        grown = _squared if p.growth == "squared" else abs
+        grown: Callable[[float], float] = _squared if p.growth == "squared" else abs
         first, way, second = map(grown, made if goes else Steps(0.0, made.way, control.turn))
         return Steps(
             first=p.alpha_1 * first + p.alpha_2 * way,

@@ -259,7 +259,9 @@ def _adaptation(
 def _rescue(
     config: LocalizationConfig, recovery: Recovery | JumpParams | RelocationParams, models: Models, maps: Maps, key: str
 ) -> Rescuer:
-    restart = config.restart or (SearchStart() if isinstance(recovery, JumpParams | RelocationParams) else UniformStart())
+    restart = config.restart or (
+        SearchStart() if isinstance(recovery, JumpParams | RelocationParams) else UniformStart()
+    )
     try:
         source = pose_source(restart, grid=maps.grid, models=models)
     except ValueError as error:

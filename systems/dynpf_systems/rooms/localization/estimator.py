@@ -14,13 +14,14 @@ from dynpf_services.scenario.schema import key_of
 from dynpf.filters.models import Models, Outcome
 from dynpf.motion.model import Twist
 from dynpf.rng import Stream
-from dynpf_systems.rooms.localization.beginning import Beginning
+from dynpf_systems.rooms.localization.beginning import Beginning, doubts_of
 from dynpf_systems.rooms.localization.components import Moved, localizer_of, measurements_of, motion_of
 from dynpf_systems.rooms.localization.config import LocalizationConfig
 from dynpf_systems.rooms.localization.health import HealthWatch, signs_of
 from dynpf_systems.rooms.localization.intake import Intake
 from dynpf_systems.rooms.localization.localizers import Found
 from dynpf_systems.rooms.localization.odometer import Odometer
+from dynpf_systems.rooms.localization.origin import local_origin
 from dynpf_systems.rooms.localization.publisher import Publisher
 from dynpf_systems.rooms.localization.readings import example_readings
 from dynpf_systems.rooms.localization.strides import Strides
@@ -51,15 +52,19 @@ class LocalizationEstimator:
     ) -> None:
         """Build the filter from the config, the run's maps and the user's classes by name."""
         self.name = name
-        self._seed, self._config, self._maps = seed, config, maps
         key = key_of(name)
+        self._doubts = tuple(doubts_of(config.start, maps.grid))
+        self._origin = local_origin(config, maps)
+        if self._origin is not None:
+            config, maps = self._origin.config(config), self._origin.maps(maps)
+        self._seed, self._config, self._maps = seed, config, maps
         motion = motion_of(config, maps, classes, key)
         measurements = measurements_of(config, maps, classes, key)
         self._control = motion.control
         self._models = Models(motion.model, measurements)
         self._localizer = localizer_of(config, motion.model, measurements, maps, classes, key=key)
         self._beginning = Beginning(config.start, maps, self._models, key)
-        self._intake = Intake(config, measurements, maps.landmarks, name)
+        self._intake = Intake(config, measurements, maps.landmarks, name, self._origin)
         self._odometer = Odometer(config.odometry_delay, self._beginning.pose, self._correct)
         self._strides = None if config.odometry_step is None else Strides(config.odometry_step)
         self._publisher = Publisher(landmarks)
@@ -92,7 +97,7 @@ class LocalizationEstimator:
 
     def doubts(self) -> Sequence[str]:
         """See Doubting."""
-        return tuple(self._beginning.doubts())
+        return self._doubts
 
     def rehearse(self) -> None:
         """See Rehearsing; a user's measurement model takes part if it gives a reading by ``example()``."""
@@ -222,8 +227,19 @@ class LocalizationEstimator:
             self._judge(found)
         health = self._health.report
         assert health is not None
+        reckoned = self._odometer.reckoned
+        if self._origin is None:
+            return self._publisher.messages(
+                found, health, reckoned, lambda most: self._localizer.shown(belief, most), stamp_ns
+            )
+        origin = self._origin
+        reckoned = None if reckoned is None else origin.poses(reckoned)
         return self._publisher.messages(
-            found, health, self._odometer.reckoned, lambda most: self._localizer.shown(belief, most), stamp_ns
+            origin.published(found),
+            health,
+            reckoned,
+            lambda most: origin.poses(self._localizer.shown(belief, most)),
+            stamp_ns,
         )
 
     def _belief_now(self) -> Any:

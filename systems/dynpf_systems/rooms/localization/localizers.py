@@ -126,8 +126,9 @@ class ParticleLocalizer:
 
     def surprised(self, belief: Cloud, readings: Sequence[Any]) -> bool:
         """See Localizer."""
-        rescue = self.filter.rescue if isinstance(self.filter, ParticleFilter) else None
-        return isinstance(rescue, Relocation) and rescue.surprised(belief, self.filter.models, readings)
+        if not isinstance(self.filter, ParticleFilter) or not isinstance(self.filter.rescue, Relocation):
+            return False
+        return self.filter.rescue.surprised(belief, self.filter.models, readings)
 
     def find(self, belief: Cloud) -> Found:
         """See Localizer."""
