@@ -139,8 +139,10 @@ class Relocation:
         if len(memory) <= _HYPOTHESES.start:
             return memory
         known = recalled(memory)
+        if not hasattr(models.motion, "expected"):  # nothing tells where they go
+            return known._replace(hypotheses=()).numbers
         poses = np.array([place[:3] for place in known.hypotheses]).T
-        moved = models.motion.expected(poses, control)  # type: ignore[attr-defined]
+        moved = models.motion.expected(poses, control)
         places = (
             place._replace(x=x, y=y, theta=theta)
             for place, (x, y, theta) in zip(known.hypotheses, moved[:3].T.tolist(), strict=True)

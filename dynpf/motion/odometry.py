@@ -1,7 +1,6 @@
 """The odometry motion model: a displacement as a rotation, a translation and a second rotation, each noisy."""
 
 import math
-from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import msgspec
@@ -27,8 +26,9 @@ class OdometryParams(
 ):
     """What movements add to the VARIANCES of the noises: squared as in table 5.6 and nav2, or as they are.
 
-    Variances that grow with the movement itself add up to the same in however many steps it is made. Units in brackets
-    are those of ``growth = "linear"``.
+    Variances that grow with the movement itself add up to the same in however many steps it is made; both rotations
+    then are as noisy as half of the turn, lest a step sideways be taken for two turns. Units in brackets are those of
+    ``growth = "linear"``.
     """
 
     growth: Literal["squared", "linear"] = "squared"
@@ -100,9 +100,12 @@ class OdometryMotion:
 
     def _variances(self, control: Displacement, made: Steps) -> Steps:
         p = self.params
+        if p.growth == "linear":
+            turn, way = abs(0.5 * control.turn), abs(made.way)
+            rotation = p.alpha_1 * turn + p.alpha_2 * way
+            return Steps(rotation, p.alpha_3 * way + p.alpha_4 * 2.0 * turn, rotation)
         goes = abs(made.way) >= SHORTEST_WAY_M
-        grown: Callable[[float], float] = _squared if p.growth == "squared" else abs
-        first, way, second = map(grown, made if goes else Steps(0.0, made.way, control.turn))
+        first, way, second = (step * step for step in (made if goes else Steps(0.0, made.way, control.turn)))
         return Steps(
             first=p.alpha_1 * first + p.alpha_2 * way,
             way=p.alpha_3 * way + p.alpha_4 * (first + second),
@@ -116,7 +119,3 @@ def steps(displacement: Displacement) -> Steps:
     first = atan2(ahead * displacement.dy, abs(displacement.dx))
     way = ahead * hypot(displacement.dx, displacement.dy)
     return Steps(first, way, math.remainder(displacement.turn - first, 2.0 * math.pi))
-
-
-def _squared(step: float) -> float:
-    return step * step
