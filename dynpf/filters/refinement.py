@@ -20,7 +20,7 @@ from dynpf.params import validated
 from dynpf.portable import inverse, product
 from dynpf.rng import Stream
 from dynpf.se2 import wrap_angle
-from dynpf.types import Count, Floats, Positive, Rate
+from dynpf.types import Count, Floats, NonNegative, Positive, Rate
 
 __all__ = ["Matchable", "Refinement", "ScanMatching", "ScanMatchingParams"]
 
@@ -51,6 +51,9 @@ class ScanMatchingParams(
     # Exponent of the product of beams. The map's errors and the cells' sides are common to many beams, and to scan
     # after scan; so the covariance is honest only if each counts for little.
     tempering: Rate = 0.06
+    # Standard deviations of what no number of beams tells better: the map's own errors, and those of stamps and mounts.
+    floor_m: NonNegative = 0.0
+    floor_rad: NonNegative = 0.0
     position_most: Positive = 0.5  # m, standard deviation of the belief, above which there is no one mode to refine
     heading_most: Positive = 0.25  # rad
 
@@ -92,7 +95,11 @@ class ScanMatching:
         poses = (belief.mean[:, None] + noise).astype(np.float32)
         evidence = [Evidence(self._models.measurements[type(reading)], reading, 1) for reading in readings]
         weights, log_sum = normalized_weights(self._models.log_likelihood(poses, evidence))
-        return pose_estimate(poses, weights) if np.isfinite(log_sum) else None
+        if not np.isfinite(log_sum):
+            return None
+        mean, covariance = pose_estimate(poses, weights)
+        floor_m, floor_rad = self.params.floor_m * self.params.floor_m, self.params.floor_rad * self.params.floor_rad
+        return PoseEstimate(mean, covariance + np.diag([floor_m, floor_m, floor_rad]))
 
     def _is_one_mode(self, belief: PoseEstimate) -> bool:
         x, y, turn = np.sqrt(np.diagonal(belief.covariance)).tolist()
