@@ -23,6 +23,9 @@ from dynpf.types import Floats
 __all__ = ["CloudFilter", "Found", "GaussianLocalizer", "Localizer", "ParticleLocalizer"]
 
 
+NOT_EXPLAINED = -1e6
+"""A log-evidence that no filter takes for usual."""
+
 MOST_IN_MODES = 10_000
 """Number of particles in which modes are searched."""
 
@@ -153,6 +156,10 @@ class ParticleLocalizer:
             rescue, kernel, doubt = self.filter.rescue, self.filter.regularization, None
             if rescue is not None:
                 doubt = rescue.doubt(cloud, 0.0, 1, readings)._replace(share=0.5)
+                rescue.doubt(cloud._replace(memory=doubt.memory), NOT_EXPLAINED, 1, readings)
+            if self.filter.refinement is not None:
+                apart = np.float32(0.01) * stream.part("apart").normals(*cloud.particles.shape)
+                self.filter.refinement.refine(cloud._replace(particles=cloud.particles + apart), readings, stream)
             stream = stream.part("resample")
             particles, _, missing = self.filter.resample(cloud, doubt, stream)
             if kernel is not None:
