@@ -50,9 +50,12 @@ def jitter(trial: Trial, random: Random) -> Trial:
         if isinstance(record.message, OdometryPose):
             held.append(record)
             continue
-        if held:
+        if held and last is None:
+            records += held
+            last, held = (_pose(held[-1]), record.stamp_ns), []
+        elif held and last is not None:
             poses = [_pose(one) for one in held]
-            start, since = last or (poses[0], record.stamp_ns)
+            start, since = last
             count = min(max(round((record.stamp_ns - since) * 2e-8), 1), 400)
             knots = [start, *poses]
             for step in range(1, count + 1):
