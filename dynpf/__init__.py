@@ -27,7 +27,9 @@ if TYPE_CHECKING:
     from dynpf.filters.kalman import Gaussian
     from dynpf.filters.particle import ParticleFilter, Report
     from dynpf.filters.proposal import Auxiliary, LocalLinearization, Optimal, Prior
+    from dynpf.filters.refinement import ScanMatching, ScanMatchingParams
     from dynpf.filters.regularization import GaussianKernel
+    from dynpf.filters.relocation import Relocation, RelocationParams
     from dynpf.filters.resampling import Multinomial, Residual, Stratified, Systematic
     from dynpf.filters.search import Search, SearchStart
     from dynpf.filters.smoothing import fixed_lag, rts
@@ -127,12 +129,16 @@ __all__ = [
     "RangeVectorModel",
     "RangeVectorParams",
     "RayCaster",
+    "Relocation",
+    "RelocationParams",
     "Report",
     "Rescue",
     "Residual",
     "Scan",
     "ScanLines",
     "ScanLinesParams",
+    "ScanMatching",
+    "ScanMatchingParams",
     "Search",
     "SearchStart",
     "SegmentMap",
@@ -190,7 +196,9 @@ _MODULES: dict[str, tuple[str, ...]] = {
     "dynpf.filters.kalman": ("Gaussian",),
     "dynpf.filters.particle": ("ParticleFilter", "Report"),
     "dynpf.filters.proposal": ("Auxiliary", "LocalLinearization", "Optimal", "Prior"),
+    "dynpf.filters.refinement": ("ScanMatching", "ScanMatchingParams"),
     "dynpf.filters.regularization": ("GaussianKernel",),
+    "dynpf.filters.relocation": ("Relocation", "RelocationParams"),
     "dynpf.filters.resampling": ("Multinomial", "Residual", "Stratified", "Systematic"),
     "dynpf.filters.search": ("Search", "SearchStart"),
     "dynpf.filters.smoothing": ("fixed_lag", "rts"),

@@ -13,15 +13,26 @@ from dynpf.portable import atan2, cos, sin, sinc, sincos
 from dynpf.types import FloatArray, Floats
 
 __all__ = [
+    "FAR_M",
     "FloatArray",
     "Floats",
     "arc_chord",
     "arc_displacement",
     "circular_mean",
     "compose",
+    "is_far",
     "relative",
     "wrap_angle",
 ]
+
+
+FAR_M = 10_000.0
+"""From zero: farther out a float32 does not tell positions a millimetre apart."""
+
+
+def is_far(poses: Floats) -> bool:
+    """Return whether any pose (3, N) is so far from zero that float32 is too coarse for it."""
+    return bool((np.abs(poses[:2]) >= FAR_M).any())
 
 
 def wrap_angle(angle: ArrayLike) -> Any:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol, runtime_checkable
 
 import msgspec
 import numpy as np
@@ -17,12 +17,14 @@ from dynpf.rng import Stream
 from dynpf.types import Count, Floats, Positive, Rate, Share
 
 if TYPE_CHECKING:
+    from dynpf.filters.models import Models
     from dynpf.filters.search import Places
 
 __all__ = [
     "Augmented",
     "AugmentedParams",
     "Doubt",
+    "Following",
     "Kld",
     "KldParams",
     "PoseSource",
@@ -217,7 +219,9 @@ class Doubt(NamedTuple):
 
     ``places`` are those that a search of the map has found, if there was one; ``unfit`` is how many searches in a row
     have found nowhere that explains the readings as usual. ``jumped`` is how likely it is that the robot has just been
-    set down elsewhere, as far as the rescue can tell.
+    set down elsewhere, as far as the rescue can tell. ``unexplained`` counts updates in a row that neither the
+    particles nor a slip explain, and ``unheard`` those of them that are not to be taken in. Where it is ``settled``
+    that the robot is at the places, the estimate is that of the particles drawn there.
     """
 
     memory: tuple[float, ...]
@@ -226,6 +230,9 @@ class Doubt(NamedTuple):
     places: "Places | None" = None
     unfit: int = 0
     jumped: float = 0.0
+    unexplained: int = 0
+    unheard: int = 0
+    settled: bool = False
 
 
 class Rescuer(Protocol):
@@ -239,6 +246,17 @@ class Rescuer(Protocol):
 
         See Recovery.assess; what is remembered is in the cloud's memory.
         """
+
+
+@runtime_checkable
+class Following(Protocol):
+    """A rescuer whose memory holds poses, which move with the robot.
+
+    It is asked about the cloud that the readings met: moved, under the weights before them, but for its n_eff.
+    """
+
+    def carried(self, memory: tuple[float, ...], models: "Models", control: Any) -> tuple[float, ...]:
+        """Return the memory after a control."""
 
 
 class Rescue(NamedTuple):

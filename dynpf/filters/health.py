@@ -50,6 +50,7 @@ class HealthParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     refused_lost: Share = 0.9
     jump_lost: Share = 0.5  # probability that the robot has been set down elsewhere
     unfit_unsure: Count = 3  # searches of the map in a row that find it nowhere
+    unheard_lost: Count = 10  # updates in a row that were not taken in; one that is not explained makes unsure, at once
     jumps_unfit: Count = 5  # times that it is found elsewhere without being on its track between
     impossible_lost: Count = 5  # updates in a row that no particle explains; one makes unsure
     worse_after: Count = 3  # assessments in a row that say so
@@ -68,6 +69,8 @@ class Signs(NamedTuple):
     modes: tuple[float, ...] | None = None  # masses, the greatest first; None: not looked for
     jump: float = 0.0  # probability that the robot has just been set down where a search of the map has found it
     unfit: int = 0  # searches in a row that found no place which explains the readings
+    unexplained: int = 0  # updates in a row that neither the particles nor a slip of the robot explain
+    unheard: int = 0  # updates in a row whose readings were so far from being explained that they were not taken in
 
 
 class HealthMemory(NamedTuple):
@@ -136,6 +139,8 @@ class Health:
         findings = [*self._findings(figures), *self._found_by_search(signs)]
         severity = max((found for found, _ in findings), default=0)
         memory = self._settled(memory, severity)
+        if signs.unexplained > 0 and memory.severity == 0:
+            memory = memory._replace(severity=1, candidate=1, run=0)
         on_track = memory.severity == 0
         memory = memory._replace(sound=memory.sound + on_track, kidnapped=memory.kidnapped and memory.severity == 2)
         texts = [text for found, text in findings if found == severity] or ["all figures are within their limits"]
@@ -161,6 +166,10 @@ class Health:
     def _found_by_search(self, signs: Signs) -> Iterator[tuple[int, str]]:
         if signs.jump > self.params.jump_lost:
             yield 2, f"found elsewhere on the map, with probability {signs.jump:.3g}"
+        if signs.unexplained > 0:
+            yield 1, f"neither the track nor a slip explains the last {signs.unexplained} updates"
+        if signs.unheard >= self.params.unheard_lost:
+            yield 2, f"the last {signs.unheard} updates are of nothing on the map here: by odometry alone"
         if signs.unfit >= self.params.unfit_unsure:
             yield 1, f"the last {signs.unfit} searches found no place on the map that explains what is seen as usual"
 

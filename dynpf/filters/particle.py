@@ -1,4 +1,4 @@
-"""The particle filter: propose, weigh, estimate, doubt, resample, spread, renew.
+"""The particle filter: propose, weigh, doubt, refine, estimate, resample, spread, renew.
 
 It is composed of a motion model, a measurement model for each type of reading, a proposal, a resampling scheme, and, if
 wanted, a rule for the number of particles, a recovery from being lost, and a kernel that keeps survivors apart. It has
@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 import msgspec
 import numpy as np
 
-from dynpf.filters.adaptation import Doubt, Rescuer, Sizing
+from dynpf.filters.adaptation import Doubt, Following, Rescuer, Sizing
 from dynpf.filters.cloud import Cloud, gathered, uniform_cloud, weighted_cloud
 from dynpf.filters.estimate import PoseEstimate, pose_estimate
 from dynpf.filters.models import Models, Outcome
 from dynpf.filters.proposal import Prior, Proposal, Proposed
+from dynpf.filters.refinement import Refinement
 from dynpf.filters.regularization import Regularization
 from dynpf.filters.resampling import Indices, Resampling, Systematic
 from dynpf.measurement.model import MeasurementModel
@@ -82,6 +83,7 @@ class ParticleFilter(Generic[EstimateT]):
         sizing: Sizing | None = None,
         rescue: Rescuer | None = None,
         regularization: Regularization | None = None,
+        refinement: Refinement | None = None,
         estimate: Callable[[Floats, Floats], EstimateT] = pose_estimate,  # type: ignore[assignment]
         threads: int = 1,
     ) -> None:
@@ -95,6 +97,7 @@ class ParticleFilter(Generic[EstimateT]):
         self.sizing = sizing
         self.rescue = rescue
         self.regularization = _checked(regularization)
+        self.refinement = refinement
         self.estimate = estimate
 
     def start(self, poses: Floats, stream: Stream) -> Cloud:
@@ -105,7 +108,8 @@ class ParticleFilter(Generic[EstimateT]):
     def predict(self, cloud: Cloud, control: Any, stream: Stream) -> Cloud:
         """Return the cloud after a control, without readings."""
         particles = self.models.propagate(cloud.particles, control, stream.part("motion"))
-        return cloud._replace(particles=particles, moved=cloud.moved or moves(control))
+        memory = self.carried(cloud.memory, control)
+        return cloud._replace(particles=particles, moved=cloud.moved or moves(control), memory=memory)
 
     def update(
         self, cloud: Cloud, control: Any, readings: Sequence[Any], stream: Stream
@@ -118,11 +122,19 @@ class ParticleFilter(Generic[EstimateT]):
         proposed = self.propose(cloud, control, readings, stream)
         weighed = self.weigh(proposed, cloud, control)
         after, outcomes, log_evidence, informed, count = weighed
-        estimate, n_eff = self.estimate(after.particles, after.weights), after.n_eff
+        n_eff = after.n_eff
         ancestors, missing, doubt = proposed.ancestors, 0, None
         if self.rescue is not None and informed:
-            doubt = self.doubt(self.rescue, weighed, readings)
+            judged = weighed
+            if isinstance(self.rescue, Following):
+                judged = weighed._replace(cloud=self.unheard(after, cloud)._replace(n_eff=n_eff))
+            doubt = self.doubt(self.rescue, judged, readings)
             after = after._replace(memory=doubt.memory)
+            if doubt.unheard > 0:
+                after, informed = self.unheard(after, cloud), False
+        if self.refinement is not None and informed and (doubt is None or not doubt.share > 0.0):
+            after = after._replace(particles=self.refine(self.refinement, after, readings, stream))
+        estimate = self.estimate(after.particles, after.weights)
         if informed and self.due(after, doubt):
             particles, chosen, missing = self.resample(after, doubt, stream)
             if self.regularization is not None:
@@ -130,6 +142,10 @@ class ParticleFilter(Generic[EstimateT]):
             if doubt is not None and missing > 0:
                 particles = self.renew(doubt, particles, missing, readings, stream)
             after = uniform_cloud(particles, after.memory)
+            if doubt is not None and doubt.settled:
+                if self.refinement is not None:
+                    after = after._replace(particles=self.refine(self.refinement, after, readings, stream))
+                estimate = self.estimate(after.particles, after.weights)
             ancestors = chosen if ancestors is None else ancestors[chosen]
         return after, Report(estimate, n_eff, outcomes, log_evidence, ancestors, missing, count, doubt)
 
@@ -152,12 +168,27 @@ class ParticleFilter(Generic[EstimateT]):
             else:
                 belief = weighted
         moved = cloud.moved or moves(control)
-        belief = Cloud(particles, belief.weights, belief.log_weights, belief.n_eff, moved, cloud.memory)
+        memory = self.carried(cloud.memory, control)
+        belief = Cloud(particles, belief.weights, belief.log_weights, belief.n_eff, moved, memory)
         return Weighed(belief, outcomes, log_evidence, proposed.log_weights is not None, proposed.readings)
+
+    def carried(self, memory: tuple[float, ...], control: Any) -> tuple[float, ...]:
+        """Return the rescue's memory after a control: one that follows other places moves them."""
+        if control is None or not isinstance(self.rescue, Following):
+            return memory
+        return self.rescue.carried(memory, self.models, control)
 
     def doubt(self, rescue: Rescuer, weighed: Weighed, readings: Sequence[Any]) -> Doubt:
         """Ask the rescue how far the particles can be trusted (Thrun et al., 2005, table 8.3)."""
         return rescue.doubt(weighed.cloud, weighed.log_evidence, weighed.readings, readings)
+
+    def unheard(self, weighed: Cloud, cloud: Cloud) -> Cloud:
+        """Return the proposed particles under the weights before the readings, which are not believed."""
+        return weighed._replace(weights=cloud.weights, log_weights=cloud.log_weights, n_eff=cloud.n_eff)
+
+    def refine(self, refinement: Refinement, cloud: Cloud, readings: Sequence[Any], stream: Stream) -> Floats:
+        """Move the particles to where the readings say more exactly that they are."""
+        return refinement.refine(cloud, readings, stream.part("refinement"))
 
     def due(self, cloud: Cloud, doubt: Doubt | None) -> bool:
         """Return whether to resample: N_eff is low (Arulampalam et al., 2002, eq. 51), or particles are doubted."""

@@ -24,13 +24,16 @@ from dynpf.rng import Stream
 from dynpf.se2 import wrap_angle
 from dynpf.types import Count, Floats, Positive
 
-__all__ = ["Places", "Search", "SearchStart", "Smoothable"]
+__all__ = ["Contradictable", "Places", "Search", "SearchStart", "Smoothable"]
 
 
 FREE_SHARE = 0.25
 """Of a coarse cell, that must be free for a robot to be looked for there."""
 
 MOST_CELLS = 20_000_000
+
+NEAR_LEVEL, NEAR_KEPT = 1, 300
+"""Around a pose, which cells are the coarsest, and how many of them are cut in eight."""
 
 
 class SearchStart(
@@ -53,6 +56,14 @@ class Smoothable(Protocol):
         """Return the model for poses whose error moves what is seen by ``sigma`` metres."""
 
 
+@runtime_checkable
+class Contradictable(Protocol):
+    """A measurement model of readings that a map can contradict, not only leave unexplained."""
+
+    def contradicted(self, reading: Any, pose: Floats) -> float:
+        """Return the share of a reading that the map contradicts from a pose (3,)."""
+
+
 class Places(NamedTuple):
     """Small cells all over the map of which some explain the readings; ``weights`` (M,) float32 sum to one."""
 
@@ -61,6 +72,25 @@ class Places(NamedTuple):
     sides: tuple[float, float]  # m, rad
     log_evidence: float  # log of the readings' mean likelihood over all of the map's free space
     log_likelihood: float  # of the best cell
+    scores: Floats | None = None  # log-likelihoods of the cells (M,)
+
+    @property
+    def best(self) -> Floats:
+        """The pose (3,) of the likeliest cell, the first of equal ones."""
+        return self.poses[:, int(np.argmax(self.weights))]
+
+    def distinct(self, most: int, apart_m: float, apart_rad: float) -> list[tuple[Floats, float]]:
+        """Return at most so many poses (3,), the likeliest first, with log-likelihoods: no two of the same place."""
+        assert self.scores is not None
+        left = self.scores.astype(np.float64)
+        found: list[tuple[Floats, float]] = []
+        while len(found) < most and left.size and (index := int(np.argmax(left))) >= 0 and np.isfinite(left[index]):
+            pose = self.poses[:, index]
+            found.append((pose, float(left[index])))
+            turn = np.abs(wrap_angle(self.poses[2] - pose[2]))
+            near = (hypot(self.poses[0] - pose[0], self.poses[1] - pose[1]) <= apart_m) & (turn <= apart_rad)
+            left[near] = -np.inf
+        return found
 
     def draw(self, count: int, readings: Sequence[Any], stream: Stream) -> Floats:  # noqa: ARG002
         """Return poses (3, count) float32, spread over the cells by their weights: see PoseSource."""
@@ -125,7 +155,38 @@ class Search:
         scale = 1 << self.params.halvings
         cells = float(self._coarse.shape[1] * scale * scale * scale)
         best = float(np.max(scores))
-        return Places(poses, weights, (self._side / scale, self._turn / scale), log_sum - log(cells), best)
+        return Places(poses, weights, (self._side / scale, self._turn / scale), log_sum - log(cells), best, scores)
+
+    def near(self, pose: Floats, readings: Sequence[Any], reach_m: float, reach_rad: float) -> Places:
+        """Return the cells around a pose (3,) that explain the readings, free or not.
+
+        Weights are by the likelihood and a Gaussian about the pose, of half the reach as standard deviation. The sides
+        are those of the coarsest cells: draws are to be compared with the readings again.
+        """
+        level = min(NEAR_LEVEL, self.params.halvings)
+        side, turn = self._side / (1 << level), self._turn / (1 << level)
+        along, around = (math.ceil(reach / size) for reach, size in ((reach_m, side), (reach_rad, turn)))
+        steps = np.arange(-along, along + 1) * side
+        dx, dy, dturn = np.meshgrid(steps, steps, np.arange(-around, around + 1) * turn, indexing="ij")
+        x, y, theta = (float(number) for number in pose)
+        poses = np.stack([x + dx.ravel(), y + dy.ravel(), theta + dturn.ravel()]).astype(np.float32)
+        cells, scores = poses.shape[1], self._scores(level, poses, readings)
+        for finer in range(level, self.params.halvings):
+            poses = self._halved(_best(poses, scores, NEAR_KEPT), finer)
+            scores = self._scores(finer + 1, poses, readings)
+        away = (hypot(poses[0] - x, poses[1] - y) / reach_m, wrap_angle(poses[2] - theta) / reach_rad)
+        prior = -2.0 * (np.square(away[0]) + np.square(away[1]))
+        weights, log_sum = normalized_weights((scores + prior).astype(np.float32))
+        parts = 1 << (self.params.halvings - level)
+        evidence = log_sum - log(float(cells * parts * parts * parts))
+        return Places(poses, weights, (side, turn), evidence, float(np.max(scores)), scores)
+
+    def contradicted(self, pose: Floats, readings: Sequence[Any]) -> float:
+        """Return the share of the readings that the map contradicts from a pose (3,); 1 if no model can tell."""
+        models = self._levels[-1].measurements
+        able = [(models[type(reading)], reading) for reading in readings if type(reading) in models]
+        shares = [model.contradicted(reading, pose) for model, reading in able if isinstance(model, Contradictable)]
+        return max(shares, default=1.0)
 
     def _free(self, cells: int) -> tuple[Floats, Floats]:
         """Return the centres in the map's frame of blocks of so many cells a side that are free enough."""

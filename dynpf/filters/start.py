@@ -17,6 +17,7 @@ from dynpf.filters.search import Search, SearchStart
 from dynpf.maps.occupancy import OccupancyGrid
 from dynpf.params import validated
 from dynpf.rng import Stream
+from dynpf.se2 import is_far
 from dynpf.types import Count, FloatArray, Floats, NonNegative
 
 __all__ = [
@@ -196,24 +197,23 @@ def start_poses(
 
 
 def around(start: KnownStart, count: int, stream: Stream) -> Floats:
-    """Return ``count`` poses drawn around a known one, shape (3, count) float32.
+    """Return ``count`` poses drawn around a known one, shape (3, count) float32; float64 where that is too coarse.
 
     Raises ValueError where a parameter is out of its range.
     """
     validated(start)
     mean = np.array([start.x, start.y, start.theta])
     sigma = np.array([start.sigma_position, start.sigma_position, start.sigma_heading])
-    poses: Floats = (mean[:, None] + sigma[:, None] * stream.normals(3, count)).astype(np.float32)
-    return poses
+    poses: Floats = mean[:, None] + sigma[:, None] * stream.normals(3, count)
+    return poses if is_far(poses) else poses.astype(np.float32)
 
 
 def drawn(mean: FloatArray, covariance: FloatArray, count: int, stream: Stream) -> Floats:
-    """Return ``count`` poses, shape (3, count) float32, of a Gaussian with mean (3,) and covariance (3, 3).
+    """Return ``count`` poses, shape (3, count), of a Gaussian with mean (3,) and covariance (3, 3).
 
-    Raises ValueError for a covariance with a negative eigenvalue.
+    They are float32 unless that is too coarse there. Raises ValueError for a covariance with a negative eigenvalue.
     """
-    poses = mean[:, None]
+    poses: Floats = mean[:, None]
     for column, normal in zip(symmetric_offsets(covariance, 1.0).T[:3], stream.normals(3, count), strict=True):
         poses = poses + column[:, None] * normal
-    found: Floats = poses.astype(np.float32)
-    return found
+    return poses if is_far(poses) else poses.astype(np.float32)

@@ -10,7 +10,7 @@ from dynpf.maps.distance import squared_distances
 from dynpf.portable import sincos, whole
 from dynpf.rng import Stream
 
-__all__ = ["FREE", "MOST_CELLS", "OCCUPIED", "UNKNOWN", "OccupancyGrid", "check_size", "thickened"]
+__all__ = ["FREE", "MOST_CELLS", "OCCUPIED", "UNKNOWN", "OccupancyGrid", "check_size", "faces", "thickened"]
 
 FREE, OCCUPIED, UNKNOWN = 0, 1, 2
 
@@ -123,6 +123,17 @@ def check_size(width: float, height: float, most: int = MOST_CELLS) -> None:
     """Raise ValueError for a map of more than ``most`` cells, before it takes any memory."""
     if not width * height <= most:
         raise ValueError(f"a map of {width:.0f} x {height:.0f} cells; expected at most {most}")
+
+
+def faces(occupied: Bools, free: Bools) -> Bools:
+    """Return the occupied cells that share a side with a free one, (H, W): the faces of walls.
+
+    What lies behind a face is never the end of a beam but by noise. Where no occupied cell is at a free one there is
+    nothing to choose by: all of them are returned.
+    """
+    padded = np.pad(free, 1)
+    seen = occupied & (padded[:-2, 1:-1] | padded[2:, 1:-1] | padded[1:-1, :-2] | padded[1:-1, 2:])
+    return seen if seen.any() else occupied
 
 
 def thickened(occupied: Bools) -> Bools:

@@ -13,10 +13,12 @@ import numpy as np
 
 from dynpf import kernels
 from dynpf.maps.distance import distance_field
-from dynpf.maps.occupancy import OccupancyGrid
+from dynpf.maps.occupancy import OccupancyGrid, faces
+from dynpf.measurement.contradiction import NEAR_M, contradicted_share
 from dynpf.measurement.scan import Scan
 from dynpf.params import validated
 from dynpf.portable import exp, hypot, log
+from dynpf.se2 import compose
 from dynpf.types import Count, Floats, Positive, Rate, Share
 
 __all__ = ["LikelihoodField", "LikelihoodFieldParams"]
@@ -43,6 +45,9 @@ class LikelihoodFieldParams(
     z_hit: Positive = 0.95  # share of beams that end on a wall of the map
     z_rand: Positive = 0.05  # share of beams that end anywhere up to the range's maximum
     max_beams: Count = 60
+    # The occupied cells that count as walls: "all", or "faces", those at the side of a free cell. Beams end on faces;
+    # what is behind them only draws the robot on.
+    walls: Literal["all", "faces"] = "all"
     max_distance: Positive = 2.0  # m from a wall; all that lies farther off is as likely
     # "product": the beams are independent. "cubes": 1 + sum of p^3, as in AMCL, which forgives much.
     aggregation: Literal["product", "cubes"] = "product"
@@ -80,9 +85,12 @@ class LikelihoodField:
             raise ValueError("a likelihood field needs a map with an occupied cell; this one has none")
         # A beam may end a little outside the grid and still be close to a wall: the field goes on to where none is.
         outside = math.ceil(params.max_distance / grid.resolution)
-        walls = np.pad(grid.occupied, outside)
+        occupied = grid.occupied if params.walls == "all" else faces(grid.occupied, grid.free)
+        walls = np.pad(occupied, outside)
         self._distances = distance_field(walls, grid.resolution, params.max_distance)
         self._kept: tuple[float, Floats] | None = None
+        height, width = grid.cells.shape
+        self._near = self._distances[outside : outside + height, outside : outside + width] <= NEAR_M
         # The table has a border of one cell, and float32 best holds numbers that start at its corner.
         column, row = grid.to_cells(0.0, 0.0)
         self._frame = np.array(
@@ -95,6 +103,22 @@ class LikelihoodField:
         made.params = msgspec.structs.replace(self.params, sigma_hit=hypot(float(self.params.sigma_hit), float(sigma)))
         made._kept = None
         return made
+
+    def matching(self, sigma: float, beams: int, tempering: float) -> "LikelihoodField":
+        """Return the model of the same field for so many beams, whose ends have the noise ``sigma`` (m)."""
+        made = copy.copy(self)
+        made.params = msgspec.structs.replace(
+            self.params, sigma_hit=sigma, max_beams=beams, tempering=tempering, aggregation="product", beam_skip=None
+        )
+        made._kept = None
+        return made
+
+    def contradicted(self, reading: Scan, pose: Floats) -> float:
+        """Return the share of beams that the map contradicts from a pose (3,); see contradicted_share."""
+        params = self.params
+        mount = reading.mounted(params.sensor_x, params.sensor_y, params.sensor_theta).astype(np.float64)
+        sensor = compose(np.asarray(pose, dtype=np.float64), mount)
+        return contradicted_share(self.grid, self._near, reading, sensor, params.max_beams)
 
     def admit(self, particles: Floats, weights: Floats, reading: Scan) -> BeamEnds | None:
         """Return where the beams that carry information end, at most ``max_beams``; None if there are none."""

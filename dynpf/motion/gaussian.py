@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from dynpf.rng import Stream
+from dynpf.se2 import is_far
 from dynpf.types import Floats
 
 __all__ = ["draw", "float32_rows", "identities", "noise_covariance"]
@@ -16,7 +17,12 @@ _BATCH = 16384
 
 
 def float32_rows(particles: Floats) -> Floats:
-    """Return particles (D, N) in float32, in which the kernels work; the same array if it is that already."""
+    """Return particles (D, N) in float32, in which the kernels work; the same array if it is that already.
+
+    Those far from zero stay in float64: see ``draw``.
+    """
+    if particles.dtype == np.float64 and particles.ndim == 2 and is_far(particles):
+        return particles
     return particles.astype(np.float32, copy=False)
 
 
@@ -26,9 +32,12 @@ def draw(
     """Return particles (D, N) after a kernel of ``dynpf.kernels.motion`` that moves their poses.
 
     The kernel gets the three rows, ``own``, more rows of float32 (N,) that each particle goes by, a standard normal
-    number for each row it moves, then ``numbers``. The other rows pass through.
+    number for each row it moves, then ``numbers``. The other rows pass through. Particles in float64, far from zero,
+    are moved about the first of them and stay in float64.
     """
     before = float32_rows(particles)
+    if before.dtype == np.float64:
+        return _drawn_nearby(kernel, before, stream, *numbers, own=own)
     after = np.empty(before.shape, dtype=np.float32)
     scalars = [float(number) for number in numbers]
     count = before.shape[1]
@@ -39,6 +48,19 @@ def draw(
         kernel(*before[:3, start:stop], *rows, noise, *scalars, *after[:3, start:stop])
     after[3:] = before[3:]
     return after
+
+
+def _drawn_nearby(
+    kernel: Callable[..., None], particles: Floats, stream: Stream, *numbers: float, own: Sequence[Floats]
+) -> Floats:
+    """Return what ``draw`` does of particles far from zero: they are brought close to it, and back."""
+    finite = np.isfinite(particles[:2]).all(axis=0)
+    anchor = np.rint(particles[:2, int(np.argmax(finite))]) if finite.any() else np.zeros(2)
+    near = particles.copy()
+    near[:2] -= anchor[:, None]
+    moved: Floats = draw(kernel, near.astype(np.float32), stream, *numbers, own=own).astype(np.float64)
+    moved[:2] += anchor[:, None]
+    return moved
 
 
 def identities(states: Floats) -> Floats:

@@ -1,7 +1,7 @@
 """The odometry motion model: a displacement as a rotation, a translation and a second rotation, each noisy."""
 
 import math
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -24,12 +24,18 @@ SHORTEST_WAY_M = 0.01
 class OdometryParams(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind", tag="odometry"
 ):
-    """What the squared movements add to the VARIANCES of the noises: the squared form of table 5.6 and of nav2."""
+    """What movements add to the VARIANCES of the noises: squared as in table 5.6 and nav2, or as they are.
 
-    alpha_1: NonNegative = 0.05  # rad^2 per rad^2: of a rotation, by that rotation
-    alpha_2: NonNegative = 0.05  # rad^2 per m^2: of a rotation, by the translation
-    alpha_3: NonNegative = 0.05  # m^2 per m^2: of the translation, by itself
-    alpha_4: NonNegative = 0.05  # m^2 per rad^2: of the translation, by the two rotations
+    Variances that grow with the movement itself add up to the same in however many steps it is made; both rotations
+    then are as noisy as half of the turn, lest a step sideways be taken for two turns. Units in brackets are those of
+    ``growth = "linear"``.
+    """
+
+    growth: Literal["squared", "linear"] = "squared"
+    alpha_1: NonNegative = 0.05  # rad^2 per rad^2 (rad): of a rotation, by that rotation
+    alpha_2: NonNegative = 0.05  # rad^2 per m^2 (m): of a rotation, by the translation
+    alpha_3: NonNegative = 0.05  # m^2 per m^2 (m): of the translation, by itself
+    alpha_4: NonNegative = 0.05  # m^2 per rad^2 (rad): of the translation, by the two rotations
 
 
 class Steps(NamedTuple):
@@ -94,6 +100,10 @@ class OdometryMotion:
 
     def _variances(self, control: Displacement, made: Steps) -> Steps:
         p = self.params
+        if p.growth == "linear":
+            turn, way = abs(0.5 * control.turn), abs(made.way)
+            rotation = p.alpha_1 * turn + p.alpha_2 * way
+            return Steps(rotation, p.alpha_3 * way + p.alpha_4 * 2.0 * turn, rotation)
         goes = abs(made.way) >= SHORTEST_WAY_M
         first, way, second = (step * step for step in (made if goes else Steps(0.0, made.way, control.turn)))
         return Steps(

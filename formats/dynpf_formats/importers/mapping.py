@@ -1,7 +1,9 @@
 """An occupancy map from a log's own scans at their reference poses: the counting model.
 
 A cell counts how many scans have a beam that ends in it, and how many have one that passes through it. It is occupied
-if the share of ends is large enough, free if it is smaller, unknown if no beam reached it.
+if the share of ends is large enough, free if it is smaller, unknown if no beam reached it. Of the occupied cells those
+that no free one touches become unknown: noise puts ends behind a wall's face, where no beam ever passes, and a map with
+such walls draws a robot towards them.
 """
 
 import math
@@ -12,6 +14,7 @@ import numpy as np
 from dynpf_protocol.messages import LaserScan, RobotState, heading
 from numpy.typing import NDArray
 
+from dynpf.maps.occupancy import faces
 from dynpf.portable import sincos, whole
 from dynpf.types import FloatArray
 from dynpf_formats.importers.errors import ImportFailedError
@@ -70,7 +73,10 @@ def drawn_map(records: Callable[[], Iterable[Record]], resolution: float, name: 
     looked = hits + passages
     pixels = np.full(width * height, UNKNOWN, np.uint8)
     pixels[looked > 0] = FREE
-    pixels[hits > OCCUPIED_SHARE * looked] = OCCUPIED
+    walls = hits > OCCUPIED_SHARE * looked
+    shape = height, width
+    pixels[walls] = UNKNOWN
+    pixels[faces(walls.reshape(shape), ((looked > 0) & ~walls).reshape(shape)).ravel()] = OCCUPIED
     image = f"P5\n{width} {height}\n255\n".encode() + pixels.reshape(height, width)[::-1].tobytes()
     x, y = low.tolist()
     text = (

@@ -79,6 +79,9 @@ COMPOSITIONS: dict[str, dict[str, Any]] = {
     "from_readings": {"start": "from_readings"},
     "search": {"start": "search", "measurement": "likelihood_field"},
     "jump": {"adaptation": "jump", "measurement": "likelihood_field"},
+    "relocation": {"adaptation": "relocation", "measurement": "likelihood_field"},
+    "scan_matching": {"refinement": "scan_matching", "measurement": "likelihood_field"},
+    "strides": {"odometry_step": {"travel": 0.1}, "min_travel": 0.2, "min_turn": 0.2},
 }
 
 
@@ -146,7 +149,7 @@ def test_every_kind_that_a_scenario_can_name_is_among_these() -> None:
 def _kinds(table: Any) -> list[str]:
     if isinstance(table, list):
         return [name for one in table for name in _kinds(one)]
-    return [table if isinstance(table, str) else table.get("kind", "")]
+    return [table] if isinstance(table, str) else [table.get("kind", "")] if isinstance(table, dict) else []
 
 
 def _tags(info: Any) -> list[str]:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dynpf.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from dynpf.maps.occupancy import thickened
+from dynpf.maps.occupancy import faces, thickened
 from dynpf.rng import Stream
 
 CELLS = np.array([[FREE, OCCUPIED, UNKNOWN], [FREE, FREE, OCCUPIED]], dtype=np.uint8)
@@ -120,6 +120,16 @@ def test_no_place_to_start_from_is_said() -> None:
 def test_a_clearance_is_a_distance(clearance: float) -> None:
     with pytest.raises(ValueError, match=f"clearance = {clearance}; expected metres, not negative"):
         OccupancyGrid(CELLS, 1.0).sample_free(1, STREAM, clearance)
+
+
+def test_the_faces_of_walls_are_where_free_space_touches_them() -> None:
+    drawn = ["..##u", "..##u", ".####", "u#uuu"]
+    cells = np.array([[".#u".index(mark) for mark in row] for row in drawn], dtype=np.uint8)
+    grid = OccupancyGrid(cells, 0.1)
+    seen = ["..#..", "..#..", ".#...", "....."]
+    assert faces(grid.occupied, grid.free).tolist() == [[mark == "#" for mark in row] for row in seen]
+    hidden = np.where(cells == FREE, np.uint8(UNKNOWN), cells)
+    assert np.array_equal(faces(hidden == OCCUPIED, hidden == FREE), grid.occupied)
 
 
 def test_thick_walls_take_in_their_eight_neighbours() -> None:

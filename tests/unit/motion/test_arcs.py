@@ -64,7 +64,7 @@ def test_each_particle_turns_by_its_own_scale() -> None:
 
 
 def test_turn_scales_start_around_one() -> None:
-    poses = np.arange(60_000.0).reshape(3, 20_000)
+    poses = np.arange(60_000.0).reshape(3, 20_000) / 8.0  # nearer to zero than where float64 is kept
     particles = CalibratedArcs(ArcsParams(), CalibrationParams(turn_scale_sigma=0.2)).particles(poses, stream())
     assert particles.dtype == np.float32
     assert np.array_equal(particles[:3], poses)

@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -34,7 +35,8 @@ def test_the_expectation_is_the_composition_of_poses(dx: float, dy: float, turn:
 
 
 def heading_variance(displacement: Displacement, **alphas: float) -> float:
-    params = OdometryParams(**{"alpha_1": 0.0, "alpha_2": 0.0, "alpha_3": 0.0, "alpha_4": 0.0} | alphas)
+    given = {"alpha_1": 0.0, "alpha_2": 0.0, "alpha_3": 0.0, "alpha_4": 0.0} | alphas
+    params = msgspec.convert(given, OdometryParams)
     return float(OdometryMotion(params).covariance(np.zeros((3, 1)), displacement)[2, 2, 0])
 
 
@@ -43,6 +45,16 @@ def test_backing_up_is_no_noisier_than_going_forward() -> None:
     for alpha in ("alpha_1", "alpha_2"):
         assert heading_variance(back, **{alpha: 0.1}) == pytest.approx(heading_variance(ahead, **{alpha: 0.1}))
     assert heading_variance(Displacement(-0.5, 0.0, 0.0), alpha_1=0.1) == 0.0
+
+
+def test_noise_that_grows_with_the_movement_is_the_same_in_any_number_of_steps() -> None:
+    def variance(steps: int, growth: str) -> float:
+        params = msgspec.convert({"kind": "odometry", "growth": growth}, OdometryParams)
+        step = Displacement(0.6 / steps, 0.0, 0.3 / steps)
+        return steps * float(OdometryMotion(params).covariance(np.zeros((3, 1)), step)[2, 2, 0])
+
+    assert variance(12, "linear") == pytest.approx(variance(1, "linear"), rel=1e-9)
+    assert variance(12, "squared") == pytest.approx(variance(1, "squared") / 12, rel=1e-9)  # the control
 
 
 def test_turning_about_on_the_spot_is_as_noisy_as_half_a_turn_is() -> None:

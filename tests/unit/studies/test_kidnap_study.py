@@ -87,11 +87,11 @@ def test_a_robot_is_found_on_a_stretch_of_a_real_log(log: LaserLog, monkeypatch:
     monkeypatch.setattr(kidnap, "log_named", lambda _: log)
     monkeypatch.setattr(kidnap, "REST", 8)
     settings = KidnapSettings(logs=("slice",), kidnapped_m=CARRIED_M, lead=12)
-    (found,) = run_task(Task("slice", "global", 2000, "jump", "search", settings, 1))
+    (found,) = run_task(Task("slice", "global", 2000, "relocation", "search", settings, 1))
     assert found.measures == {"success_percent": True, "updates_to_converge": 1.0}
-    (carried,) = run_task(Task("slice", "kidnapped", 2000, "jump", "known", settings, 2))
+    (carried,) = run_task(Task("slice", "kidnapped", 2000, "relocation", "known", settings, 2))
     assert carried.measures["recovered_percent"]
-    assert carried.measures["updates_to_recover"] <= 5.0
+    assert 5.0 <= carried.measures["updates_to_recover"] <= 8.0  # a place has to explain five scans
     assert carried.measures["detected_percent"]
     assert not carried.measures["false_alarm_percent"]
     # Without jumps the robot stays lost.
@@ -102,7 +102,7 @@ def test_a_robot_is_found_on_a_stretch_of_a_real_log(log: LaserLog, monkeypatch:
 def test_rows_name_what_scripts_read(monkeypatch: pytest.MonkeyPatch) -> None:
     study = STUDY
     monkeypatch.setattr(kidnap, "log_named", lambda name: LaserLog(name, (), LogFacts("", [])))
-    parts = tasks(KidnapSettings(logs=("a", "b"), filters=("jump", "sir"), tracking_trials=1), 4, 7)
+    parts = tasks(KidnapSettings(logs=("a", "b"), filters=("relocation", "sir"), tracking_trials=1), 4, 7)
     assert len(parts) == 2 * 2 * (1 + 4 + 4)
     assert {one.seed for one in parts} == {7, 8, 9, 10}
     assert {one.start for one in parts} == {"known", "search"}

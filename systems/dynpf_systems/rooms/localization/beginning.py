@@ -9,14 +9,31 @@ from dynpf_protocol.errors import ScenarioError
 
 from dynpf.filters.models import Models
 from dynpf.filters.start import FromReadingsStart, KnownStart, Start, UniformStart, around, pose_source
-from dynpf.maps.occupancy import OCCUPIED, UNKNOWN
+from dynpf.maps.occupancy import OCCUPIED, UNKNOWN, OccupancyGrid
 from dynpf.rng import Stream
 from dynpf.types import FloatArray, Floats
 from dynpf_systems.rooms.maps import Maps
 
-__all__ = ["Beginning"]
+__all__ = ["Beginning", "doubts_of"]
 
 REHEARSED_PARTICLES = 64
+
+
+def doubts_of(start: Start, grid: OccupancyGrid | None) -> Iterator[str]:
+    """Yield what is wrong with a known start on the run's map, if it has both, in words."""
+    if not isinstance(start, KnownStart) or grid is None:
+        return
+    column, row = (math.floor(float(cell)) for cell in grid.to_cells(start.x, start.y))
+    height, width = grid.cells.shape
+    where = f"the start ({start.x:.2f}, {start.y:.2f}) m"
+    if not (0 <= column < width and 0 <= row < height):
+        corners = [grid.to_map(x, y) for x in (0, width) for y in (0, height)]
+        (left, low), (right, high) = np.min(corners, axis=0), np.max(corners, axis=0)
+        yield f"{where} lies outside the map, which is x {left:.2f} to {right:.2f}, y {low:.2f} to {high:.2f} m"
+    elif grid.cells[row, column] == UNKNOWN:
+        yield f"{where} lies in unknown space of the map"
+    elif grid.cells[row, column] == OCCUPIED:
+        yield f"{where} lies in a wall of the map"
 
 
 class Beginning:
@@ -34,23 +51,6 @@ class Beginning:
         """The known pose (3,), or None."""
         start = self._start
         return np.array([start.x, start.y, start.theta]) if isinstance(start, KnownStart) else None
-
-    def doubts(self) -> Iterator[str]:
-        """Yield what is wrong with a known start on the run's map, if it has both, in words."""
-        start, grid = self._start, self._grid
-        if not isinstance(start, KnownStart) or grid is None:
-            return
-        column, row = (math.floor(float(cell)) for cell in grid.to_cells(start.x, start.y))
-        height, width = grid.cells.shape
-        where = f"the start ({start.x:.2f}, {start.y:.2f}) m"
-        if not (0 <= column < width and 0 <= row < height):
-            corners = [grid.to_map(x, y) for x in (0, width) for y in (0, height)]
-            (left, low), (right, high) = np.min(corners, axis=0), np.max(corners, axis=0)
-            yield f"{where} lies outside the map, which is x {left:.2f} to {right:.2f}, y {low:.2f} to {high:.2f} m"
-        elif grid.cells[row, column] == UNKNOWN:
-            yield f"{where} lies in unknown space of the map"
-        elif grid.cells[row, column] == OCCUPIED:
-            yield f"{where} lies in a wall of the map"
 
     def possible(self, readings: Sequence[Any]) -> bool:
         """Return whether these readings suffice to begin: a start from readings waits for the first ones."""

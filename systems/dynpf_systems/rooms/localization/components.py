@@ -27,7 +27,9 @@ from dynpf.filters.jump import Jump, JumpParams
 from dynpf.filters.models import Models
 from dynpf.filters.particle import ParticleFilter
 from dynpf.filters.proposal import Auxiliary, LocalLinearization, Optimal, Proposal
+from dynpf.filters.refinement import ScanMatching
 from dynpf.filters.regularization import Regularization
+from dynpf.filters.relocation import Relocation, RelocationParams
 from dynpf.filters.resampling import Resampling
 from dynpf.filters.search import Search, SearchStart
 from dynpf.filters.start import UniformStart, pose_source
@@ -143,7 +145,8 @@ def localizer_of(
                 config.regularization, f"{key}.regularization", Regularization, classes
             )
             sizing, recovery = _adaptation(config, classes, key)
-            rescue = None if recovery is None else _rescue(config, recovery, Models(motion, measurements), maps, key)
+            models = Models(motion, measurements)
+            rescue = None if recovery is None else _rescue(config, recovery, models, maps, key)
             return ParticleLocalizer(
                 ParticleFilter(
                     motion,
@@ -153,6 +156,7 @@ def localizer_of(
                     sizing=sizing,
                     rescue=rescue,
                     regularization=regularization,
+                    refinement=_refinement(config, models, key),
                     threads=table.threads,
                 )
             )
@@ -179,7 +183,7 @@ _ASKED: Mapping[type, tuple[type, ...]] = {
 }
 """The roles that each proposal needs of the models."""
 
-_OF_PARTICLES = ("proposal", "resampling", "regularization", "adaptation")
+_OF_PARTICLES = ("proposal", "resampling", "regularization", "refinement", "adaptation")
 _DEFAULTS = {field.name: field.default for field in msgspec.structs.fields(LocalizationConfig)}
 
 
@@ -231,9 +235,9 @@ def _own_measurement(
 
 def _adaptation(
     config: LocalizationConfig, classes: Classes, key: str
-) -> tuple[Sizing | None, Recovery | JumpParams | None]:
+) -> tuple[Sizing | None, Recovery | JumpParams | RelocationParams | None]:
     sizing: list[Sizing] = []
-    recovery: list[Recovery | JumpParams] = []
+    recovery: list[Recovery | JumpParams | RelocationParams] = []
     for index, table in enumerate(config.adaptation):
         match table:
             case KldParams():
@@ -242,7 +246,7 @@ def _adaptation(
                 recovery.append(Augmented(table))
             case SensorResettingParams():
                 recovery.append(SensorResetting(table))
-            case JumpParams():
+            case JumpParams() | RelocationParams():
                 recovery.append(table)
             case UserComponent():
                 own = made(table, f"{key}.adaptation.{index}", (Sizing, Recovery), classes, {})
@@ -253,18 +257,29 @@ def _adaptation(
 
 
 def _rescue(
-    config: LocalizationConfig, recovery: Recovery | JumpParams, models: Models, maps: Maps, key: str
+    config: LocalizationConfig, recovery: Recovery | JumpParams | RelocationParams, models: Models, maps: Maps, key: str
 ) -> Rescuer:
-    restart = config.restart or (SearchStart() if isinstance(recovery, JumpParams) else UniformStart())
+    restart = config.restart or (
+        SearchStart() if isinstance(recovery, JumpParams | RelocationParams) else UniformStart()
+    )
     try:
         source = pose_source(restart, grid=maps.grid, models=models)
     except ValueError as error:
         raise ScenarioError(f"{key}.restart: {error}") from error
-    if not isinstance(recovery, JumpParams):
+    if not isinstance(recovery, JumpParams | RelocationParams):
         return Rescue(recovery, source)
     if not isinstance(source, Search):
-        raise ScenarioError(f"{key}.restart: expected the kind 'search', which the adaptation 'jump' needs")
-    return Jump(recovery, source)
+        raise ScenarioError(f"{key}.restart: expected the kind 'search', which the adaptation {_kind(recovery)} needs")
+    return Jump(recovery, source) if isinstance(recovery, JumpParams) else Relocation(recovery, source)
+
+
+def _refinement(config: LocalizationConfig, models: Models, key: str) -> ScanMatching | None:
+    if config.refinement is None:
+        return None
+    try:
+        return ScanMatching(config.refinement, models)
+    except ValueError as error:
+        raise ScenarioError(f"{key}.refinement: {error}") from error
 
 
 def _own_or_given(table: Any, key: str, role: type, classes: Classes) -> Any:

@@ -14,7 +14,9 @@ from dynpf.filters.extended import ExtendedKalmanParams
 from dynpf.filters.health import HealthParams
 from dynpf.filters.jump import JumpParams
 from dynpf.filters.proposal import Auxiliary, LocalLinearization, Optimal, Prior
+from dynpf.filters.refinement import ScanMatchingParams
 from dynpf.filters.regularization import GaussianKernel
+from dynpf.filters.relocation import RelocationParams
 from dynpf.filters.resampling import Multinomial, Residual, Stratified, Systematic
 from dynpf.filters.search import SearchStart
 from dynpf.filters.start import FromReadingsStart, KnownStart, UniformStart
@@ -33,6 +35,7 @@ from dynpf_systems.rooms.localization.readings import MODELS
 __all__ = [
     "LocalizationConfig",
     "SirParams",
+    "StepParams",
 ]
 
 
@@ -65,7 +68,14 @@ else:
 ResamplingTable = Systematic | Stratified | Residual | Multinomial | UserComponent
 ProposalTable = Prior | Optimal | LocalLinearization | Auxiliary | UserComponent
 RegularizationTable = GaussianKernel | UserComponent
-AdaptationTable = KldParams | AugmentedParams | SensorResettingParams | JumpParams | UserComponent
+AdaptationTable = KldParams | AugmentedParams | SensorResettingParams | JumpParams | RelocationParams | UserComponent
+
+
+class StepParams(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How far the robot gets, in net, before its motion is given to the filter as one step, with the noise of one."""
+
+    travel: Positive = 0.1  # m
+    turn: Positive = 0.1  # rad
 
 
 class LocalizationConfig(
@@ -82,6 +92,9 @@ class LocalizationConfig(
     # pose are correlated, so repeated updates there would make the filter overconfident.
     min_travel: NonNegative = 0.0  # m
     min_turn: NonNegative = 0.0  # rad
+    # Motion by odometry is put together to steps of so much; absent: each record is a step by itself, and its jitter
+    # adds to the noise. With steps, min_travel and min_turn are of the net displacement, too.
+    odometry_step: StepParams | None = None
     scan_range_min: NonNegative | None = None  # m; shorter ranges are ignored; absent: the scanner's own
     scan_range_max: Positive | None = None  # m, the reading of a beam without return; absent: the scanner's own
     motion: MotionTable = ArcsParams()
@@ -90,6 +103,7 @@ class LocalizationConfig(
     resampling: ResamplingTable = Systematic()
     proposal: ProposalTable = Prior()
     regularization: RegularizationTable | None = None  # absent: resampled particles are exact copies
+    refinement: ScanMatchingParams | None = None  # of the belief at each update; absent: none
     # At most one rule for the number of particles, and one for drawing new particles when the filter is lost.
     adaptation: Annotated[tuple[AdaptationTable, ...], Meta(max_length=2)] = ()
     # Where new particles are drawn; absent: anywhere, or for a jump where a search finds poses.

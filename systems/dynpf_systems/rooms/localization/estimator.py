@@ -17,15 +17,17 @@ from dynpf.filters.start import drawn
 from dynpf.motion.model import Twist
 from dynpf.rng import Stream
 from dynpf.types import FloatArray
-from dynpf_systems.rooms.localization.beginning import Beginning
+from dynpf_systems.rooms.localization.beginning import Beginning, doubts_of
 from dynpf_systems.rooms.localization.components import Moved, localizer_of, measurements_of, motion_of
 from dynpf_systems.rooms.localization.config import LocalizationConfig
 from dynpf_systems.rooms.localization.health import HealthWatch, signs_of
 from dynpf_systems.rooms.localization.intake import Intake
 from dynpf_systems.rooms.localization.localizers import Found
 from dynpf_systems.rooms.localization.odometer import Odometer
+from dynpf_systems.rooms.localization.origin import local_origin
 from dynpf_systems.rooms.localization.publisher import Publisher
 from dynpf_systems.rooms.localization.readings import example_readings
+from dynpf_systems.rooms.localization.strides import Strides
 from dynpf_systems.rooms.localization.user_components import Classes
 from dynpf_systems.rooms.maps import Maps, maps_of
 
@@ -53,16 +55,21 @@ class LocalizationEstimator:
     ) -> None:
         """Build the filter from the config, the run's maps and the user's classes by name."""
         self.name = name
-        self._seed, self._config, self._maps = seed, config, maps
         key = key_of(name)
+        self._doubts = tuple(doubts_of(config.start, maps.grid))
+        self._origin = local_origin(config, maps)
+        if self._origin is not None:
+            config, maps = self._origin.config(config), self._origin.maps(maps)
+        self._seed, self._config, self._maps = seed, config, maps
         motion = motion_of(config, maps, classes, key)
         measurements = measurements_of(config, maps, classes, key)
         self._control = motion.control
         self._models = Models(motion.model, measurements)
         self._localizer = localizer_of(config, motion.model, measurements, maps, classes, key=key)
         self._beginning = Beginning(config.start, maps, self._models, key)
-        self._intake = Intake(config, measurements, maps.landmarks, name)
+        self._intake = Intake(config, measurements, maps.landmarks, name, self._origin)
         self._odometer = Odometer(config.odometry_delay, self._beginning.pose, self._correct)
+        self._strides = None if config.odometry_step is None else Strides(config.odometry_step)
         self._publisher = Publisher(landmarks)
         self._health = HealthWatch(config.health, name)
         self._outcomes = {outcome.value: 0 for outcome in Outcome}
@@ -84,7 +91,7 @@ class LocalizationEstimator:
                 case Odometry() | OdometryPose() as odometry:
                     self._take_odometry(received, odometry)
                 case InitialPose() as told:
-                    self._begin_anew(told)
+                    self._begin_anew(told if self._origin is None else self._origin.told(told))
                 case HostEvent() as gap:
                     self._logs.append(gap_warning(gap, step.stamp_ns, self.name))
             self._logs += self._intake.take(received)
@@ -99,12 +106,14 @@ class LocalizationEstimator:
             case None:
                 return None
             case Cloud(particles=particles) if particles.shape[1] <= most:
-                return np.asarray(particles[:3], dtype=np.float64)
-        return np.asarray(self._localizer.shown(self._belief, most), dtype=np.float64)
+                poses = particles[:3]
+            case belief:
+                poses = self._localizer.shown(belief, most)
+        return np.asarray(poses, dtype=np.float64) if self._origin is None else self._origin.poses(poses)
 
     def doubts(self) -> Sequence[str]:
         """See Doubting."""
-        return tuple(self._beginning.doubts())
+        return self._doubts
 
     def rehearse(self) -> None:
         """See Rehearsing; a user's measurement model takes part if it gives a reading by ``example()``."""
@@ -122,6 +131,7 @@ class LocalizationEstimator:
         return {
             "belief": None if self._belief is None else self._localizer.freeze(self._belief),
             "odometry": self._odometer.freeze(),
+            **({} if self._strides is None else {"strides": self._strides.freeze()}),
             "intake": self._intake.freeze(),
             "published": self._publisher.freeze(),
             "outcomes": dict(self._outcomes),
@@ -132,6 +142,8 @@ class LocalizationEstimator:
         """Continue from what freeze returned."""
         self._belief = None if state["belief"] is None else self._localizer.thaw(state["belief"])
         self._odometer.thaw(state["odometry"])
+        if self._strides is not None and "strides" in state:
+            self._strides.thaw(state["strides"])
         self._intake.thaw(state["intake"])
         self._publisher.thaw(state["published"])
         self._outcomes = dict(state["outcomes"])
@@ -164,6 +176,8 @@ class LocalizationEstimator:
         self._intake.pending = []
         self._odometer.release()
         self._odometer.forget_distance()
+        if self._strides is not None:
+            self._strides.forget()
         mean, covariance = np.array([told.x, told.y, told.theta]), np.array(told.covariance).reshape(3, 3)
         poses = drawn(mean, covariance, self._config.n, self._stream("start"))
         self._belief, self._found = self._localizer.start(poses, self._stream("start")), None
@@ -177,17 +191,16 @@ class LocalizationEstimator:
         if self._belief is None:
             self._begin(readings)
             self._odometer.release()  # the start is made of these readings, and after the movement before
-            self._odometer.mark()
+            self._mark()
             return
         if self._health.report is None:
             self._judge(self._localizer.find(self._belief))
-        if not self._worthwhile():
+        if not self._worthwhile() and not self._localizer.surprised(self._belief_now(), readings):
             return
-        motion = self._odometer.release()
-        self._follow(motion[:-1])
-        control = self._control(motion[-1]) if motion else None
+        motion = self._last_step()
+        control = None if motion is None else self._control(motion)
         self._belief, self._found = self._localizer.update(self._belief, control, readings, self._stream("update"))
-        self._odometer.mark()
+        self._mark()
         for outcome in self._found.outcomes:
             self._outcomes[outcome.value] += 1
         self._judge(self._found, readings)
@@ -200,12 +213,32 @@ class LocalizationEstimator:
 
     def _follow(self, motion: Sequence[Twist | Moved]) -> None:
         for moved in motion:
-            self._belief = self._localizer.predict(self._belief, self._control(moved), self._stream("predict"))
+            step = moved if self._strides is None else self._strides.take(moved)
+            if step is not None:
+                self._belief = self._localizer.predict(self._belief, self._control(step), self._stream("predict"))
             self._found = None
+
+    def _last_step(self) -> Twist | Moved | None:
+        """Return the last step of the motion up to now, after predicting the belief by those before it."""
+        motion = self._odometer.release()
+        if self._strides is None:
+            self._follow(motion[:-1])
+            return motion[-1] if motion else None
+        self._follow(motion)
+        return self._strides.rest()
+
+    def _mark(self) -> None:
+        self._odometer.mark()
+        if self._strides is not None:
+            self._strides.mark()
 
     def _worthwhile(self) -> bool:
         """Return whether the robot has moved far enough since the last correction, or there was none."""
-        moved = self._odometer.travelled
+        if self._strides is None:
+            moved = self._odometer.travelled
+        else:
+            self._follow(self._odometer.release())
+            moved = self._strides.travelled
         return moved is None or moved[0] >= self._config.min_travel or moved[1] >= self._config.min_turn
 
     def _judge(self, found: Found, readings: Sequence[Any] = ()) -> None:
@@ -217,14 +250,33 @@ class LocalizationEstimator:
     def _report(self) -> list[Output]:
         stamp_ns = self._odometer.stamp_ns
         assert stamp_ns is not None
-        found = self._found or self._localizer.find(self._belief)
+        belief = self._belief_now()
+        found = self._found or self._localizer.find(belief)
         if self._health.due(stamp_ns):
             self._judge(found)
         health = self._health.report
         assert health is not None
+        reckoned = self._odometer.reckoned
+        if self._origin is None:
+            return self._publisher.messages(
+                found, health, reckoned, lambda most: self._localizer.shown(belief, most), stamp_ns
+            )
+        origin = self._origin
+        reckoned = None if reckoned is None else origin.poses(reckoned)
         return self._publisher.messages(
-            found, health, self._odometer.reckoned, lambda most: self._localizer.shown(self._belief, most), stamp_ns
+            origin.published(found),
+            health,
+            reckoned,
+            lambda most: origin.poses(self._localizer.shown(belief, most)),
+            stamp_ns,
         )
+
+    def _belief_now(self) -> Any:
+        """Return the belief after the motion up to now, of which the last is not a step yet."""
+        begun = None if self._strides is None else self._strides.begun
+        if begun is None:
+            return self._belief
+        return self._localizer.predict(self._belief, self._control(begun), self._stream("begun"))
 
     def _stream(self, purpose: str) -> Stream:
         """Return the next stream of this step."""

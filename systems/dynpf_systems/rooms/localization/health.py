@@ -76,6 +76,8 @@ def signs_of(found: Found, readings: Sequence[Any], modes: tuple[float, ...] | N
         modes=modes,
         jump=found.jump,
         unfit=found.unfit,
+        unexplained=found.unexplained,
+        unheard=found.unheard,
     )
 
 

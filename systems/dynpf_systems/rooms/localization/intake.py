@@ -13,6 +13,7 @@ from msgspec import UNSET
 from dynpf.maps.landmarks import LandmarkMap
 from dynpf.measurement.range_bearing import RangeBearingReadings
 from dynpf_systems.rooms.localization.config import LocalizationConfig
+from dynpf_systems.rooms.localization.origin import LocalOrigin
 from dynpf_systems.rooms.localization.readings import TOPICS, announcing, is_message, reading_of
 from dynpf_systems.rooms.sensors.scan import SCANNER
 
@@ -26,8 +27,14 @@ class Intake:
     """
 
     def __init__(
-        self, config: LocalizationConfig, kinds: Iterable[type], landmarks: LandmarkMap | None, name: str
+        self,
+        config: LocalizationConfig,
+        kinds: Iterable[type],
+        landmarks: LandmarkMap | None,
+        name: str,
+        origin: LocalOrigin | None = None,
     ) -> None:
+        self._origin = origin
         kinds = tuple(kinds)
         self._name = name
         self._kinds = {TOPICS[kind]: kind for kind in kinds if kind in TOPICS}
@@ -54,7 +61,8 @@ class Intake:
         sensor = announcing(kind)
         if sensor is not None and sensor.topic not in self._announced:
             return self._warn_of_order(received, sensor.topic)
-        self.pending.append(reading_of(message, kind, None if sensor is None else self._announced[sensor.topic]))
+        reading = reading_of(message, kind, None if sensor is None else self._announced[sensor.topic])
+        self.pending.append(reading if self._origin is None else self._origin.reading(reading))
         return self._warn_of_landmarks(received, message)
 
     def freeze(self) -> State:

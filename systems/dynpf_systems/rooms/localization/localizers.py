@@ -13,6 +13,7 @@ from dynpf.filters.extended import ExtendedKalman
 from dynpf.filters.kalman import Gaussian
 from dynpf.filters.models import Outcome
 from dynpf.filters.particle import ParticleFilter, Report
+from dynpf.filters.relocation import Relocation
 from dynpf.filters.resampling import systematic
 from dynpf.filters.unscented import UnscentedKalman
 from dynpf.portable import log_determinant
@@ -21,6 +22,9 @@ from dynpf.types import Floats
 
 __all__ = ["CloudFilter", "Found", "GaussianLocalizer", "Localizer", "ParticleLocalizer"]
 
+
+NOT_EXPLAINED = -1e6
+"""A log-evidence that no filter takes for usual."""
 
 MOST_IN_MODES = 10_000
 """Number of particles in which modes are searched."""
@@ -40,6 +44,8 @@ class Found(NamedTuple):
     readings: int = 0
     jump: float = 0.0  # probability that the robot has been set down elsewhere
     unfit: int = 0  # searches in a row that found it nowhere
+    unexplained: int = 0  # updates in a row that neither the particles nor a slip explain
+    unheard: int = 0  # updates in a row that were not taken in
 
 
 class Localizer(Protocol):
@@ -53,6 +59,9 @@ class Localizer(Protocol):
 
     def update(self, belief: Any, control: Any, readings: Sequence[Any], stream: Stream) -> tuple[Any, Found]:
         """Return the belief after a control (None: no motion) and the readings at its end, and the result."""
+
+    def surprised(self, belief: Any, readings: Sequence[Any]) -> bool:
+        """Return whether readings that need not be taken in say that the robot is not where the belief has it."""
 
     def find(self, belief: Any) -> Found:
         """Return the current estimate."""
@@ -113,7 +122,16 @@ class ParticleLocalizer:
         evidence = report.log_evidence if report.readings else math.nan
         found = Found(report.estimate, report.n_eff, share, report.outcomes, evidence, report.readings)
         doubt = report.doubt if isinstance(report, Report) else None
-        return cloud, found if doubt is None else found._replace(jump=doubt.jumped, unfit=doubt.unfit)
+        if doubt is None:
+            return cloud, found
+        found = found._replace(jump=doubt.jumped, unfit=doubt.unfit)
+        return cloud, found._replace(unexplained=doubt.unexplained, unheard=doubt.unheard)
+
+    def surprised(self, belief: Cloud, readings: Sequence[Any]) -> bool:
+        """See Localizer."""
+        if not isinstance(self.filter, ParticleFilter) or not isinstance(self.filter.rescue, Relocation):
+            return False
+        return self.filter.rescue.surprised(belief, self.filter.models, readings)
 
     def find(self, belief: Cloud) -> Found:
         """See Localizer."""
@@ -138,6 +156,10 @@ class ParticleLocalizer:
             rescue, kernel, doubt = self.filter.rescue, self.filter.regularization, None
             if rescue is not None:
                 doubt = rescue.doubt(cloud, 0.0, 1, readings)._replace(share=0.5)
+                rescue.doubt(cloud._replace(memory=doubt.memory), NOT_EXPLAINED, 1, readings)
+            if self.filter.refinement is not None:
+                apart = np.float32(0.01) * stream.part("apart").normals(*cloud.particles.shape)
+                self.filter.refinement.refine(cloud._replace(particles=cloud.particles + apart), readings, stream)
             stream = stream.part("resample")
             particles, _, missing = self.filter.resample(cloud, doubt, stream)
             if kernel is not None:
@@ -200,6 +222,10 @@ class GaussianLocalizer:
                 numbers += innovation.vector.size
         found = self.find(belief)._replace(outcomes=outcomes, readings=numbers)
         return belief, found._replace(log_evidence=float(evidence)) if numbers else found
+
+    def surprised(self, belief: Gaussian, readings: Sequence[Any]) -> bool:  # noqa: ARG002
+        """See Localizer: never."""
+        return False
 
     def find(self, belief: Gaussian) -> Found:
         """See Localizer; a Gaussian has no effective sample size."""

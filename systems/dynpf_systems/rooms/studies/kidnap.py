@@ -39,11 +39,12 @@ STARTS: Mapping[str, str] = {
 }
 KLD = '{kind="kld",cell_x=0.2,cell_y=0.2}'
 FILTERS: Mapping[str, tuple[str, ...]] = {
-    "jump": (),
+    "relocation": (),
+    "jump": (f'estimator.adaptation=[{KLD},{{kind="jump",log_likelihood_lost=-0.3}}]',),
     "augmented": (f'estimator.adaptation=[{KLD},{{kind="augmented"}}]', 'estimator.restart={kind="uniform"}'),
     "sir": (f"estimator.adaptation=[{KLD}]",),
 }
-"""Settings of the scenario for each filter; "augmented" recovers as AMCL does, "sir" does not recover."""
+"""Settings of the scenario for each filter: "jump" goes by one scan, "augmented" recovers as AMCL does, "sir" never."""
 
 Case = Literal["tracking", "global", "kidnapped"]
 
@@ -61,7 +62,9 @@ class KidnapSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     )
     cases: Annotated[tuple[Case, ...], Meta(min_length=1)] = ("tracking", "global", "kidnapped")
     n: Annotated[tuple[Count, ...], Meta(min_length=1)] = (5000,)  # particles at the start, and at most
-    filters: Annotated[tuple[Literal["jump", "augmented", "sir"], ...], Meta(min_length=1)] = ("jump",)
+    filters: Annotated[tuple[Literal["relocation", "jump", "augmented", "sir"], ...], Meta(min_length=1)] = (
+        "relocation",
+    )
     starts: Annotated[tuple[Literal["search", "uniform"], ...], Meta(min_length=1)] = ("search",)
     updates: Count = 100  # updates within which the robot must be found
     delay: Count = 15  # updates within which the verdict must detect a kidnapping
