@@ -49,7 +49,7 @@ RECORDER = "recorder"
 OBSERVER = "observer"  # looks on, and sends nothing
 OPERATOR = "operator"  # a person who may act on a simulated world, pause the run and end it
 
-SHARED = frozenset({"log", "diagnostics"})
+SHARED = frozenset({"log", "notice", "diagnostics"})
 """The topics that several processes write. Their keys name the process, so that nobody can speak in another's name."""
 
 

@@ -307,7 +307,16 @@ _ROWS = (
         wakes=False,
         compared=False,
         most_bytes=_FEW_BYTES,
-        description="Warnings and errors as text",
+        description="What a node, or the recorder, has to say as text",
+    ),
+    Topic(
+        name="notice",
+        type=messages.Log,
+        publishers=NODES,
+        wakes=False,
+        compared=False,
+        most_bytes=_FEW_BYTES,
+        description="What the process of a node has to say as text, such as what it has refused",
     ),
     Topic(
         name="diagnostics",

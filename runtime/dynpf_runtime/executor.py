@@ -22,7 +22,7 @@ from dynpf_runtime.node import Node, Received, Result, Step, encode_state
 
 __all__ = ["Executed", "Executor", "Sent", "Unsent"]
 
-_REPORTS = "diagnostics"
+_REPORTS = frozenset({"notice", "diagnostics"})
 
 
 class Sent(NamedTuple):
@@ -167,7 +167,7 @@ class Executor:
 
     def sequences(self) -> dict[str, int]:
         """Return the next sequence number of each topic but the host's own reports, which come by the wall clock."""
-        return {topic: count for topic, count in self._sequences.items() if topic != _REPORTS}
+        return {topic: count for topic, count in self._sequences.items() if topic not in _REPORTS}
 
     def thaw(self, steps: int, chain: bytes, sequences: Mapping[str, int]) -> None:
         """Go on after ``steps`` steps, with the journal's chain value and the next sequence numbers of that moment."""

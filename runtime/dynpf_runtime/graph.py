@@ -145,5 +145,5 @@ def topic_table(specs: Sequence[NodeSpec]) -> dict[str, Topic]:
 _RANK = {name: rank for rank, name in enumerate(TOPICS)}
 _LOG_TOPICS = {name: row for name, row in TOPICS.items() if row.publishers == (LOG_NODE,)}
 _ACT_TOPICS = {name: row for name, row in TOPICS.items() if row.publishers == (OPERATOR,)}
-_HOST_TOPICS = {name: TOPICS[name] for name in ("log", "diagnostics", "recorder/gap", "recorder/restart")}
+_HOST_TOPICS = {name: TOPICS[name] for name in ("log", "notice", "diagnostics", "recorder/gap", "recorder/restart")}
 _OF_EACH_NODE = {prefix: TOPICS[prefix + NODES[0]] for prefix in (EVENT_PREFIX, SNAPSHOT_PREFIX)}

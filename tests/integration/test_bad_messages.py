@@ -53,7 +53,9 @@ def test_what_a_stranger_publishes_is_refused_and_changes_nothing(tmp_path, dynp
     diagnostics = [json.loads(one.payload) for one in recording.messages("diagnostics", "estimator")]
     assert diagnostics[0]["refused"] == {}
     assert diagnostics[-1]["refused"] == {TOPIC: 6, "tick/sensors": 1, "control and beats": 5}
-    told = "\n".join(json.loads(one.payload)["message"] for one in recording.messages("log"))
+    told = "\n".join(
+        json.loads(one.payload)["message"] for one in (*recording.messages("log"), *recording.messages("notice"))
+    )
     for reason in (
         f"{TOPIC}: message refused: unreadable envelope",
         f"{TOPIC}: message refused: unknown sender 'sensors' with boot 'deadbeef'",  # the first of its kind

@@ -22,7 +22,7 @@ LEAP_M, LEAP_M_S = 0.5, 5.0
 """A reference that moves so far at once, and so fast, leaps: the robot was carried."""
 
 MOST_OF_A_KIND = 50
-_HEARD_BY_FEW = ("truth/", "snapshot/", "log", "diagnostics", "recorder/")
+_HEARD_BY_FEW = ("truth/", "snapshot/", "log", "notice", "diagnostics", "recorder/")
 
 
 def silences(source: RunSource) -> Iterator[Event]:

@@ -137,7 +137,7 @@ def _publishers(recording: Recording) -> dict[str, tuple[str, ...]]:
         for name in (EVENT_PREFIX + node, SNAPSHOT_PREFIX + node, *topics):
             found[name] = (*found.get(name, ()), node)
     own = dict.fromkeys(("recorder/gap", "recorder/restart"), ("recorder",))
-    return {**found, "log": (*nodes, "recorder"), "diagnostics": nodes, **own}
+    return {**found, "log": (*nodes, "recorder"), "notice": nodes, "diagnostics": nodes, **own}
 
 
 def _gaps(recording: Recording) -> Iterator[Finding]:

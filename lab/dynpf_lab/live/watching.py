@@ -81,7 +81,7 @@ class Watching:
 
     def begin(self, bus: "Bus") -> None:
         """Listen to how the run goes, and be there as an operator."""
-        for key in (f"{BEAT}{self._plan.graph.source}", RECORDED, data_keys("log")):
+        for key in (f"{BEAT}{self._plan.graph.source}", RECORDED, data_keys("log"), data_keys("notice")):
             bus.subscribe(key)
         if self._boot:
             bus.declare(f"{ALIVE}{OPERATOR}/{self._boot}")
@@ -135,7 +135,7 @@ class Watching:
 
     def _message(self, topic: str, arrived: Arrived) -> None:
         envelope = decode_envelope(arrived.attachment)
-        if topic == "log":
+        if topic in {"log", "notice"}:
             said = decode(topic, arrived.payload)
             if isinstance(said, Log):
                 level = "info" if said.level <= LogLevel.INFO else "warning"

@@ -53,7 +53,7 @@ class Reporting:
     def text(self, level: LogLevel, text: str, executor: Executor, now: Now) -> Put:
         """Return a text for the recording."""
         message = Log(timestamp=timestamp(self.stamp_ns), level=level, message=text, name=self._member.name)
-        return self._stamped("log", message, executor, now)
+        return self._stamped("notice", message, executor, now)
 
     def _stamped(self, topic: str, message: Diagnostics | Log, executor: Executor, now: Now) -> Put:
         return put_of(executor.stamp(topic, message, self._member.ticks, self.stamp_ns, now.wall_ns))

@@ -221,7 +221,7 @@ class Simulation:
         if not process.running or name == self._router:
             return
         self.tell(name, "is cut off")
-        process.cut_ns = self.now_ns + for_ns
+        process.cut_ns = max(process.cut_ns, self.now_ns + for_ns)
         for link in (process.to_router, process.from_router):
             link.stall(process.cut_ns)
         if for_ns >= LEASE_NS:

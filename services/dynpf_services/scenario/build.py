@@ -7,7 +7,8 @@ from typing import Any
 import msgspec
 from dynpf_formats.shipped import known_topics, load
 from dynpf_protocol.errors import ScenarioError
-from dynpf_protocol.topics import EVENT_PREFIX, LOG_NODE, NODES, TOPIC_NAME, Topic, is_act
+from dynpf_protocol.keys import SHARED
+from dynpf_protocol.topics import EVENT_PREFIX, NODES, TOPIC_NAME, Topic, is_act
 from dynpf_runtime.graph import Graph, NodeSpec
 from dynpf_runtime.node import Node
 from dynpf_runtime.plan import Plan
@@ -159,6 +160,9 @@ class _Names:
 _SHARED = frozenset({"log"})
 """Topics that all nodes of a run write."""
 
+_HOSTS = SHARED | {"event", "journal", "recorder", "snapshot"}
+"""First parts of the topics of logs and of hosts."""
+
 
 def _built(context: Context, written: Sequence[Topic]) -> Node:
     name, scenario = context.name, context.scenario
@@ -192,7 +196,7 @@ def _check_writers(graph: Graph) -> None:
                 which = "by two of its own names" if other == spec.name else f"which {other} writes already"
                 raise ScenarioError(f"{key_of(spec.name)}: writes {row.name}, {which}")
             writers[row.name] = spec.name
-            if is_act(row.name) or first in {LOG_NODE, "event", "journal", "recorder", "diagnostics", "snapshot"}:
+            if is_act(row.name) or first in _HOSTS:
                 raise ScenarioError(f"{key_of(spec.name)}: writes {row.name}, which nodes must not write")
 
 

@@ -19,6 +19,7 @@ import msgspec
 from dynpf_formats.regular_files import read_regular
 from dynpf_formats.user_classes import CLASS_NAME
 from dynpf_protocol.errors import ScenarioError
+from dynpf_protocol.keys import OBSERVER, OPERATOR, RECORDER, ROUTER, SHARED
 from dynpf_protocol.topics import NODES
 
 from dynpf.params import infinite_numbers
@@ -52,9 +53,7 @@ __all__ = [
 SCENARIOS = Path(dynpf_scenarios.__path__[0])
 
 NODE_NAME = re.compile(r"[a-z][a-z0-9_]*(/[a-z][a-z0-9_]*)*")
-RESERVED = frozenset(
-    {"router", "recorder", "operator", "observer", "log", "event", "journal", "diagnostics", "truth", "camera"}
-)
+RESERVED = frozenset({ROUTER, RECORDER, OPERATOR, OBSERVER, *SHARED, "event", "journal", "truth", "camera"})
 """Names that no node may have: first parts of topics that belong to no node, and other processes."""
 
 _LARGEST = 2**25

@@ -19,6 +19,7 @@ __all__ = [
 ]
 
 Mode = Literal["idle", "mate", "move", "leave", "look", "undecided"]
+Levels = Annotated[tuple[float, ...], Meta(min_length=3, max_length=3)]
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
@@ -51,7 +52,7 @@ class Detection(Piece, frozen=True, kw_only=True):
     radius: Positive  # m
     grey: float  # grey levels, 0 to 255, less the background's
     residual: NonNegative = 0.0  # m, RMS distance of the edge points from the fitted circle
-    colour: tuple[float, float, float] | UnsetType = UNSET  # median blue, green, red; left out where none is asked for
+    colour: Levels | UnsetType = UNSET  # median blue, green, red; left out where none is asked for
 
 
 class Detections(Message, frozen=True, kw_only=True):

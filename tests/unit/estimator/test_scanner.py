@@ -110,4 +110,4 @@ def test_a_simulated_scanner_and_the_estimator_need_no_word_of_the_scenario(tmp_
     (boot,) = recording.boots("estimator")
     consumed = [one.topic for entry in recording.journal("estimator", boot) for one in entry.consumed]
     assert consumed.count("sensors/scanner") == 1
-    assert not [one for one in recording.messages("log") if b"sensors/scanner" in one.payload]
+    assert not [one for one in recording.messages("notice") if b"sensors/scanner" in one.payload]

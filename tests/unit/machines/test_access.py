@@ -55,7 +55,7 @@ def joining(name: str, plan: Plan) -> Iterator[Effect]:
         yield from host.handle(event, Now(0, 0))
     for row in plan.graph.specs[name].writes.values():
         yield Put(data_key(row.name, name), b"")
-    for topic in (f"event/{name}", f"snapshot/{name}", "log", "diagnostics"):
+    for topic in (f"event/{name}", f"snapshot/{name}", "log", "notice", "diagnostics"):
         yield Put(data_key(topic, name), b"")
     for topic in plan.graph.acts if name == plan.graph.source else ():
         yield Put(data_key(topic, name), b"")

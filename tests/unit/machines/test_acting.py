@@ -146,7 +146,7 @@ def wait(simulation: Simulation, seconds: float) -> None:
 
 
 def logs(recording: Recording) -> list[Log]:
-    found = [decode("log", record.payload) for record in recording.messages("log")]
+    found = [decode("notice", record.payload) for record in recording.messages("notice")]
     return [message for message in found if isinstance(message, Log)]
 
 

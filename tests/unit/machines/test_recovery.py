@@ -1,5 +1,6 @@
 """Processes that are killed or hang in mid-run and are started again: the run has the bytes of an undisturbed one."""
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from random import Random
@@ -9,8 +10,9 @@ from dynpf_formats.recording.digest import content_digest
 from dynpf_formats.recording.info import restarts
 from dynpf_formats.recording.reader import read_recording
 from dynpf_lab.cli.main import main
+from dynpf_protocol.envelope import Envelope, encode_envelope
 from dynpf_protocol.errors import BrokenOffError, RunError
-from dynpf_protocol.keys import RECALLED, RECORDER, ROUTER
+from dynpf_protocol.keys import RECALLED, RECORDER, ROUTER, data_key
 from dynpf_protocol.messages import Command
 from dynpf_protocol.recall import decode_recalled
 from dynpf_runtime import snapshot
@@ -114,6 +116,29 @@ def test_the_recording_tells_of_a_node_that_came_back_while_the_recorder_was_awa
     assert told.keys() == {"estimator", RECORDER}
     assert told["estimator"].before == "estimator-1"
     assert told["estimator"].start.startswith("estimator-1.1.")
+
+
+def test_a_node_that_says_something_comes_back_though_its_process_has_refused_something(tmp_path: Path) -> None:
+    """What is refused, and when, follows from nothing that its next start does again."""
+    lossy = "faults=[{topic='sensors/odometry', to='estimator', loss=0.3}]"  # of which the estimator warns
+    scenario = load_scenario("landmark-room", overrides=["max_ticks=30", "estimator.n=10", lossy])
+    stranger = encode_envelope(Envelope("sensors", "sensors-1", 10**6, 3, 3, 0))
+
+    def refuse_and_kill(simulation: Simulation, name: str) -> None:
+        simulation.publish(data_key("sensors/odometry", "sensors"), b"{nonsense", stranger)
+        simulation.later(10**7, lambda: simulation.kill(name))
+
+    path = tmp_path / "run.mcap"
+    recovered(plan_of(scenario), path, 1, [Kill("estimator", 40)], act=refuse_and_kill)
+    recording = read_recording(path)
+    assert recording.end is not None
+    assert recording.end.complete
+    texts = {
+        topic: [json.loads(one.payload)["message"] for one in recording.messages(topic) if one.node == "estimator"]
+        for topic in ("log", "notice")
+    }
+    assert texts["log"]
+    assert "message refused" in texts["notice"][0]
 
 
 def test_a_run_whose_process_does_not_come_back_breaks_off_when_patience_has_ended(tmp_path: Path) -> None:

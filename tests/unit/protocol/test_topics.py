@@ -4,7 +4,7 @@ import pytest
 from dynpf_formats.shipped import known_topics, listed, load
 from dynpf_protocol.errors import UnknownTopicError
 from dynpf_protocol.journal import JOURNAL_PREFIX
-from dynpf_protocol.keys import OPERATOR
+from dynpf_protocol.keys import OPERATOR, SHARED
 from dynpf_protocol.messages import Message
 from dynpf_protocol.topics import HOST_NODES, LOG_NODE, NODES, Delivery, Topic, is_record, topic
 from dynpf_protocol.topics import TOPICS as TOPICS_OF_ANY
@@ -34,7 +34,7 @@ def test_a_name_stands_for_one_topic_everywhere_it_is_used(row: Topic) -> None:
     assert not row.name.startswith(JOURNAL_PREFIX)
     # Its publisher's name comes first, so that one cannot take another's topics; hosts and pictures stand apart.
     first = row.name.partition("/")[0]
-    assert first in {*row.publishers, "event", "snapshot", "log", "diagnostics"} or row.publishers == ("simulator",)
+    assert first in {*row.publishers, "event", "snapshot", *SHARED} or row.publishers == ("simulator",)
 
 
 @rows
@@ -61,6 +61,7 @@ def test_what_is_told_by_the_wall_clock_or_by_a_host_is_never_compared() -> None
     assert {name for name, row in TOPICS.items() if not row.compared} == {
         "diagnostics",
         "log",
+        "notice",
         "recorder/gap",
         "recorder/restart",
         *(f"{kind}/{node}" for node in NODES for kind in ("event", "snapshot")),

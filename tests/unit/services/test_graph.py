@@ -95,6 +95,7 @@ def test_a_run_has_the_topics_of_its_nodes_of_logs_and_of_hosts_each_with_who_se
         ("sensors/gripper", ("sensors",)),
         *((f"{kind}/{node}", (node,)) for node in nodes for kind in ("event", "snapshot")),
         ("log", (*nodes, "recorder")),
+        ("notice", nodes),
         ("diagnostics", nodes),
         ("recorder/gap", ("recorder",)),
         ("recorder/restart", ("recorder",)),
