@@ -1,19 +1,22 @@
 """Bugs that the simulator has found."""
 
+from types import SimpleNamespace
+from typing import cast
+
 import pytest
 from dynpf_protocol.control import Doing
-from dynpf_protocol.keys import ALIVE, READY, RECORDER
+from dynpf_protocol.keys import ALIVE, READY, RECORDED, RECORDER
 from dynpf_runtime.bus.pulse import Reading
 from dynpf_runtime.bus.supervision import Asked, Finish, Seen, Supervision
-from dynpf_runtime.machines.events import Token
+from dynpf_runtime.machines.effects import Put
+from dynpf_runtime.machines.events import RouterGone, Token
 from dynpf_runtime.machines.roster import Change, Roster
-from dynpf_runtime.simulation import invariants
+from dynpf_runtime.simulation import Happened, invariants
 from dynpf_runtime.simulation.campaign import Campaign
 from dynpf_runtime.simulation.faults import Crash, Cut, Drop, Fault, Freeze, Tear
 from dynpf_runtime.simulation.process import Network
 from dynpf_runtime.simulation.schedule import Care, Schedule
-from dynpf_services.scenario.load import load_scenario
-from dynpf_services.scenario.simulate import campaign_of
+from dynpf_runtime.simulation.trial import Trial
 
 
 def test_a_start_that_took_over_and_was_killed_before_it_was_ready_has_an_heir() -> None:
@@ -117,12 +120,20 @@ def test_a_last_message_that_is_lost_is_not_in_a_replay_either(campaign: Campaig
         assert campaign.judge(schedule, replay=True)[0].broken == ()
 
 
+@pytest.mark.parametrize(
+    ("began_ns", "said_ns", "knows"), [(4, [5], True), (6, [5], False), (6, [5, 7], True), (6, [], True)]
+)
 def test_who_is_started_after_the_recorders_last_word_cannot_know_that_the_run_is_over(
-    monkeypatch: pytest.MonkeyPatch,
+    began_ns: int, said_ns: list[int], knows: bool
 ) -> None:
-    with campaign_of(load_scenario("landmark-room", overrides=["max_ticks=40"]), 81) as campaign:
-        schedule = campaign.schedule(182)
-        verdict, _ = campaign.judge(schedule, replay=False)
-        assert (verdict.whole, verdict.broken) == (True, ())
-        monkeypatch.setattr(invariants, "_may_know", lambda *_: True)
-        assert campaign.judge(schedule, replay=False)[0].broken, "the control: somebody is killed in the end"
+    """A recorder that never says it is at fault itself."""
+    story = [Happened(at_ns, RECORDER, Put(RECORDED, b"")) for at_ns in said_ns]
+    simulation = SimpleNamespace(story=story, processes={"sensors": SimpleNamespace(began_ns=began_ns)})
+    assert invariants._may_know("sensors", cast(Trial, SimpleNamespace(simulation=simulation))) is knows
+
+
+def test_a_shorter_cut_does_not_end_a_longer_one(campaign: Campaign) -> None:
+    """Who is cut off for longer than the lease finds out."""
+    cuts = Cut(RECORDER, 100, 4_000_000_000), Cut(RECORDER, 101, 10_000_000)
+    _, trial = campaign.judge(Schedule(1, 44, cuts, Network(), Care.KEPT), replay=False)
+    assert any(type(one.what) is RouterGone for one in trial.simulation.story if one.process == RECORDER)
