@@ -68,7 +68,12 @@ class Companion:
         """Start it."""
         arguments = self._command, self._words(folder, endpoint, guests)
         with _signals_held(), _no_main():
-            process = context.Process(target=_serve, args=arguments, name="companion")  # type: ignore[attr-defined]
+            process = context.Process(  # type: ignore[attr-defined]
+                target=_serve,
+                args=arguments,
+                name="companion",
+                daemon=True,  # else an end in a hurry waits for it
+            )
             process.start()
         self._process = process
 

@@ -61,6 +61,7 @@ def _overhead(sensor: OverheadSensor, context: Context) -> Read:
             return None
         true = [(truth.robot.x, truth.robot.y, task.robot_radius, sensor.robot_grey)]
         true += [(part.x, part.y, part.radius, sensor.part_grey) for part in parts.parts]
+        colours = [*task.colours, *[None] * len(true)][: len(true)]  # a truth may be of another task's parts
         missed = draws.random(len(true)) < sensor.miss_probability
         missed[[part + 1 for part in parts.hidden]] = True
         noise = draws.standard_normal((len(true), 3)).tolist()
@@ -73,7 +74,7 @@ def _overhead(sensor: OverheadSensor, context: Context) -> Read:
                 colour=UNSET if colour is None else (float(colour[0]), float(colour[1]), float(colour[2])),
             )
             for (x, y, radius, grey), colour, (dx, dy, dr), miss in zip(
-                true, task.colours, noise, missed.tolist(), strict=True
+                true, colours, noise, missed.tolist(), strict=True
             )
             if not miss
         ]

@@ -149,6 +149,7 @@ def test_rows_and_figures_are_written(capsys: pytest.CaptureFixture[str], tmp_pa
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
         "cloud-over-time.png",
         "errors.png",
+        "index.html",
         "maps-over-time.png",
         "rows.csv",
         "rows.json",

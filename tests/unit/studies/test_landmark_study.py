@@ -96,7 +96,7 @@ def test_rows_have_the_names_that_scripts_hold_on_to(capsys: pytest.CaptureFixtu
     thirteen = rows["expectations", "", 0, "(0.0, 3.0, 0.0)", "landmark 13"]
     assert thirteen["expected_range_m_mean"] == pytest.approx(thirteen["printed_range_m"], abs=1e-6)
     assert thirteen["expected_bearing_rad_mean"] == pytest.approx(-0.729016, abs=1e-6)  # not what is printed
-    assert {path.suffix for path in tmp_path.iterdir()} == {".json", ".csv", ".png"}
+    assert {path.suffix for path in tmp_path.iterdir()} == {".json", ".csv", ".html", ".png"}
 
 
 @pytest.mark.parametrize(
