@@ -1,6 +1,7 @@
 """The bus runner: starts one process per node, watches them, and ends all of them."""
 
 import contextlib
+import math
 import multiprocessing
 import os
 import signal
@@ -81,8 +82,10 @@ class Companion:
         """Wait until it ends by itself, or end it after a time; at once if a person interrupts that."""
         if self._process is None:
             return
-        with contextlib.suppress(KeyboardInterrupt):
-            self._process.join(patience_s)
+        until_s = math.inf if patience_s is None else time.monotonic() + patience_s
+        with StopSignal.installed() as stop:  # as the run did, also where SIGINT was ignored before
+            while self._process.is_alive() and not stop.requested and time.monotonic() < until_s:
+                self._process.join(POLL_S)
         self._process.terminate()
         self._process.join()
 

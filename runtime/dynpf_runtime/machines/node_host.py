@@ -65,9 +65,9 @@ class NodeHost:
         self._gauges = gauges
         self._leads = name == graph.source
         keys = [*map(data_keys, graph.subscribed(name)), *(TICK + other for other in graph.lags[name])]
-        self._keys = [*keys, RECALLED + name, *([f"{ACT}**"] if self._leads else [])]
+        listened = [Subscribe(key) for key in (*keys, RECALLED + name, *([f"{ACT}**"] if self._leads else []))]
         self._member = Membership(
-            name, plan, start, endpoint, self._prepare, leads=self._leads, patience_ns=patience_ns
+            name, plan, start, endpoint, lambda: listened, leads=self._leads, patience_ns=patience_ns
         )
         self._housed = Housed(name, node, plan, start, self._member.boots)
         self._turns: Turns | None = None  # None until the run begins
@@ -86,7 +86,8 @@ class NodeHost:
     @property
     def wake_ns(self) -> int:
         """The time on the monotonic clock at which Woke is due."""
-        wake_ns = min(self._member.wake_ns, self._saying.wake_ns, self._recollection.wake_ns)
+        saying_ns = self._saying.wake_ns if self._member.caught_up else NEVER_NS  # before, nothing is said again
+        wake_ns = min(self._member.wake_ns, saying_ns, self._recollection.wake_ns)
         if self._turns is None or not self._running:
             return min(wake_ns, self._recorded_by_ns)
         return min(wake_ns, self._turns.wake_ns) if self._member.running else wake_ns  # who may not step yet, waits
@@ -113,9 +114,6 @@ class NodeHost:
             yield from effects
         except (DynpfError, KeyboardInterrupt) as error:
             yield Ended(error)
-
-    def _prepare(self) -> list[Effect]:
-        return [Subscribe(key) for key in self._keys]
 
     def _handle(self, event: Event, now: Now) -> Iterator[Effect]:
         member = self._member
