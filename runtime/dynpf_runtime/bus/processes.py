@@ -36,7 +36,7 @@ Command = Callable[[Sequence[str]], int]
 STOPS = (signal.SIGINT, signal.SIGTERM)
 
 CLOSE_S = 1.0
-"""How long the recorder may take to close its file before it is killed."""
+"""How long the recorder may take to close its file, or a companion to leave, before it is killed."""
 
 POLL_S = 0.02
 
@@ -87,6 +87,8 @@ class Companion:
             while self._process.is_alive() and not stop.requested and time.monotonic() < until_s:
                 self._process.join(POLL_S)
         self._process.terminate()
+        self._process.join(CLOSE_S)
+        self._process.kill()  # it keeps nothing
         self._process.join()
 
 
