@@ -124,47 +124,22 @@ _ROWS = (
         wakes=False,
         description="Pose in the map by the localization that ran on the robot: amcl_pose, or map to odom",
     ),
-    Topic(
-        name="operator/drive",
-        type=messages.Drive,
-        publishers=(OPERATOR,),
-        most_bytes=_FEW_BYTES,
-        description="A person drives the robot of a simulated world for a moment",
-    ),
-    Topic(
-        name="operator/move",
-        type=messages.Move,
-        publishers=(OPERATOR,),
-        most_bytes=_FEW_BYTES,
-        description="A person moves the robot of a simulated world, in any direction, for a moment",
-    ),
-    Topic(
-        name="operator/place",
-        type=messages.Place,
-        publishers=(OPERATOR,),
-        most_bytes=_FEW_BYTES,
-        description="A person carries the robot of a simulated world elsewhere",
-    ),
-    Topic(
-        name="operator/body",
-        type=messages.PlaceBody,
-        publishers=(OPERATOR,),
-        most_bytes=_FEW_BYTES,
-        description="A person moves a thing of a simulated world, such as a part",
-    ),
-    Topic(
-        name="operator/door",
-        type=messages.SetDoor,
-        publishers=(OPERATOR,),
-        most_bytes=_FEW_BYTES,
-        description="A person opens or closes a door of a simulated world",
-    ),
-    Topic(
-        name="operator/map",
-        type=messages.HoldMap,
-        publishers=(OPERATOR,),
-        most_bytes=_FEW_BYTES,
-        description="A person has another map of a changing world hold",
+    *(
+        Topic(
+            name=f"{ACT_PREFIX}{act}",
+            type=type_,
+            publishers=(OPERATOR,),
+            most_bytes=_FEW_BYTES,
+            description=f"A person {does}",
+        )
+        for act, type_, does in (
+            ("drive", messages.Drive, "drives the robot of a simulated world for a moment"),
+            ("move", messages.Move, "moves the robot of a simulated world, in any direction, for a moment"),
+            ("place", messages.Place, "carries the robot of a simulated world elsewhere"),
+            ("body", messages.PlaceBody, "moves a thing of a simulated world, such as a part"),
+            ("door", messages.SetDoor, "opens or closes a door of a simulated world"),
+            ("map", messages.HoldMap, "has another map of a changing world hold"),
+        )
     ),
     Topic(
         name="truth/robot",

@@ -51,9 +51,8 @@ def branch(
 ) -> Branch:
     """Write the run of ``plan`` up to the tick ``at``, which is the first of another plan, and run that to its end.
 
-    ``changed`` has the other plan and the names of the nodes that are others in it; ``acts`` are what a
-    person did, by tick. Such a node keeps the state of the
-    one before it if it can, else it begins in its first state.
+    ``changed`` has the other plan and the names of the nodes that are others in it. Such a node keeps the state of the
+    one before it if it can, else it begins in its first state. ``acts`` are what a person did, by tick.
 
     Raises UsageError if there is no such tick, RunError if the nodes do not do again what they did.
     """

@@ -6,7 +6,7 @@ It is the same for the bus, inline and replay runners, and neither sends nor rec
 import hashlib
 import traceback
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import msgspec
@@ -173,6 +173,18 @@ class Executor:
         """Go on after ``steps`` steps, with the journal's chain value and the next sequence numbers of that moment."""
         self.steps, self.chain = steps, chain
         self._sequences.update(sequences)
+
+    def let_in(
+        self, acts: Iterable[tuple[str, Message]], tick: int, stamp_ns: int, publish_ns: int
+    ) -> tuple[tuple[Sent, ...], tuple[Received, ...]]:
+        """Return what a person does in a tick as messages of the source, and those that its node reads."""
+        found = [(self.stamp(topic, act, tick, stamp_ns, publish_ns), act) for topic, act in acts]
+        read = [
+            Received(one.topic, one.envelope.node, one.envelope.boot, one.envelope.sequence, stamp_ns, act)
+            for one, act in found
+            if one.topic in self.spec.reads
+        ]
+        return tuple(one for one, _ in found), tuple(read)
 
     def stamp(self, topic: str, message: Message, tick: int, stamp_ns: int, publish_ns: int) -> Sent:
         """Encode a message and give it the topic's next sequence number of this boot."""

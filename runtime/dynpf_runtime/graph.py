@@ -3,6 +3,7 @@
 It follows from the topics that the nodes read and write, and is known without building any node.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import NamedTuple
@@ -119,12 +120,14 @@ def topic_table(specs: Sequence[NodeSpec]) -> dict[str, Topic]:
     That is the order of TOPICS, then of the nodes; topics of hosts and the recorder come last.
     """
     rows = {}
+    read = defaultdict[str, set[str]](set)  # the names by which nodes read what each calls so
+    for spec in specs:
+        for name, own in spec.reads.items():
+            read[own].add(name)
     for own, row in _LOG_TOPICS.items():
-        read = {name for spec in specs for name, own_name in spec.reads.items() if own_name == own}
-        rows.update({name: structs.replace(row, name=name) for name in sorted({own, *read})})
+        rows.update({name: structs.replace(row, name=name) for name in sorted({own, *read[own]})})
     for own, row in _ACT_TOPICS.items():
-        read = {name for spec in specs for name, own_name in spec.reads.items() if own_name == own}
-        rows.update({name: structs.replace(row, name=name, publishers=(specs[0].name,)) for name in sorted(read)})
+        rows.update({name: structs.replace(row, name=name, publishers=(specs[0].name,)) for name in sorted(read[own])})
     written = [
         ((_RANK.get(own, len(_RANK)), rank, row.name), structs.replace(row, publishers=(spec.name,)))
         for rank, spec in enumerate(specs)

@@ -55,13 +55,7 @@ class Seat:
     ) -> tuple[tuple[Sent, ...], tuple[Received, ...]]:
         """Return what a person does in a tick as messages of the source, and those that its node reads."""
         found = [(act.topic, decode(act.topic, act.payload, self.topics)) for act in acts]
-        sent = [self._executor.stamp(topic, message, tick, stamp_ns, 0) for topic, message in found]
-        read = [
-            Received(one.topic, self.name, self.boot, one.envelope.sequence, stamp_ns, message)
-            for one, (topic, message) in zip(sent, found, strict=True)
-            if topic in self.reads
-        ]
-        return tuple(sent), tuple(read)
+        return self._executor.let_in(found, tick, stamp_ns, 0)
 
     def step(self, ready: Ready, stamp_ns: int, fed: Sequence[Sent], *, last: bool) -> Made:
         """Run a step; ``fed`` are the records of a log that the source publishes in it."""

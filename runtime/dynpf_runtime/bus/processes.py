@@ -118,8 +118,8 @@ def run_on_bus(
     synced to disk before it is confirmed; with ``resume`` the run goes on that ``path`` is the recording of.
 
     A ``secure`` run has keys that live as long as it does: one for each process, and those of an observer and an
-    operator in the folder ``guests``, by default one of its own. ``further`` has words for single
-    processes by name; a ``companion`` is started beside them.
+    operator in the folder ``guests``, by default one of its own. ``further`` has words for single processes by name; a
+    ``companion`` is started beside them.
     """
     with run_folder() as folder, reserved_port() as port:
         resolved = folder / SCENARIO_FILE

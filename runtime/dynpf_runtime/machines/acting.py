@@ -33,9 +33,9 @@ MOST_WAITING = 64
 class Entered(NamedTuple):
     """The acts that enter a run in a tick, those among them that its source reads, and why others do not."""
 
-    sent: tuple[Sent, ...] = ()
-    read: tuple[Received, ...] = ()
-    refused: tuple[str, ...] = ()
+    sent: tuple[Sent, ...]
+    read: tuple[Received, ...]
+    refused: tuple[str, ...]
 
 
 class Acting:
@@ -118,15 +118,7 @@ class Acting:
                     refused.append(f"{topic}: {why}")
                 else:
                     found.append((topic, message))
-        if not found:
-            return Entered(refused=tuple(refused))
-        sent = [executor.stamp(topic, message, tick, stamp_ns, wall_ns) for topic, message in found]
-        read = [
-            Received(one.topic, one.envelope.node, one.envelope.boot, one.envelope.sequence, stamp_ns, message)
-            for one, (topic, message) in zip(sent, found, strict=True)
-            if topic in executor.spec.reads
-        ]
-        return Entered(tuple(sent), tuple(read), tuple(refused))
+        return Entered(*executor.let_in(found, tick, stamp_ns, wall_ns), tuple(refused))
 
 
 def _refused(executor: Executor, topic: str, message: Message) -> str:

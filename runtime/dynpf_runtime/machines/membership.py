@@ -313,7 +313,7 @@ class Membership:
             if node == ROUTER and token.present:
                 self._listening.again(now_ns)
         elif node in self.peers:
-            change = self._roster.take(token)
+            change = self._roster.take(token, begun=self.ticks > 0)
             if change is Change.SECOND and not self._learns(node):
                 yield Tell(f"a second {node} (boot {start}) is refused; this run's is {self.starts[node]}")
             elif change is Change.GONE and not self._may_go(node):

@@ -133,8 +133,8 @@ class Roster:
             if self.starts[name] not in self._alive[name]:
                 self._gone.add((name, self.starts[name]))
 
-    def take(self, token: Token) -> Change:
-        """Note the token of one of ``names``, and return what it changes."""
+    def take(self, token: Token, *, begun: bool = False) -> Change:
+        """Note the token of one of ``names``, and return what it changes; once the run has ``begun``, no boot does."""
         name, start, ready = holder(token)
         alive = self._alive[name]
         if ready:  # its end needs no handling: the token of life disappears with it
@@ -142,9 +142,10 @@ class Roster:
             if token.present and (start in alive or sum(other == name for other, _ in self._ready) < MOST_STARTS):
                 self._ready.add((name, start))
             return Change.NONE
-        return self._appear(name, start, alive) if token.present else self._leave(name, start, alive)
+        return self._appear(name, start, begun=begun) if token.present else self._leave(name, start, alive)
 
-    def _appear(self, name: str, start: str, alive: list[str]) -> Change:
+    def _appear(self, name: str, start: str, *, begun: bool) -> Change:
+        alive = self._alive[name]
         counting, change = self.starts.get(name), Change.NONE
         known = start in alive
         if counting is None:
@@ -159,7 +160,8 @@ class Roster:
             self._gone.discard((name, start))
             return Change.BACK if back else Change.NONE
         takes_over = follows(start, counting) and (counting not in alive or _own(start) == _own(counting))
-        if was_before(counting, start) or (takes_over and self._is_due(name, counting)):
+        renamed = was_before(counting, start) and not begun  # it has learnt from whom it takes over
+        if renamed or (takes_over and self._is_due(name, counting)):
             self._count(name, start)
             return Change.BACK
         if was_before(start, counting) or not self._is_due(name, counting):

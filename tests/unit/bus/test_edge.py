@@ -1,12 +1,12 @@
 """The edge: what becomes of a machine's questions that the bus refuses to ask."""
 
-import time
 from collections.abc import Iterable
 from pathlib import Path
 from typing import cast
 
 import pytest
 import zenoh
+from dynpf_runtime.bus import edge
 from dynpf_runtime.bus.edge import drive
 from dynpf_runtime.bus.pulse import Pulse
 from dynpf_runtime.bus.session import Bus
@@ -20,8 +20,8 @@ class Refusing:
 
     connected, waiting = True, False
 
-    def __init__(self, refused: int) -> None:
-        self.left = refused
+    def __init__(self, refused: int, clock: "Clock") -> None:
+        self.left, self.clock = refused, clock
 
     def ask(self, key: str, wanted: bytes) -> bytes:
         self._refuse()
@@ -33,7 +33,7 @@ class Refusing:
 
     def receive(self, timeout_s: float) -> None:
         assert timeout_s < 60, "nobody wakes it again"
-        time.sleep(max(0.0, timeout_s))
+        self.clock.now_ns += max(0, round(timeout_s * 1e9))
 
     def wake(self) -> None:
         pass
@@ -42,6 +42,19 @@ class Refusing:
         self.left -= 1
         if self.left >= 0:
             raise zenoh.ZError("the session is closed")
+
+
+class Clock:
+    """Time that passes while the bus is waited for."""
+
+    def __init__(self) -> None:
+        self.now_ns = 0
+
+    def monotonic_ns(self) -> int:
+        """See time."""
+        return self.now_ns
+
+    time_ns = monotonic_ns
 
 
 class Asking:
@@ -67,9 +80,12 @@ class Asking:
     [(Ask("scenario", b"?"), Answered(b"scenario?")), (Count("alive/*"), Counted("alive/*", ("alive/*",)))],
 )
 def test_what_the_bus_refuses_to_ask_is_asked_again_until_it_is_answered(
-    question: Ask | Count, answer: Event, refused: int, tmp_path: Path
+    question: Ask | Count, answer: Event, refused: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    machine = Asking(question)
-    drive("estimator", machine, cast("Bus", Refusing(refused)), StopSignal(), pulse=Pulse.shared(tmp_path / "pulse"))
+    machine, clock = Asking(question), Clock()
+    monkeypatch.setattr(edge, "time", clock)
+    bus = cast("Bus", Refusing(refused, clock))
+    drive("estimator", machine, bus, StopSignal(), pulse=Pulse.shared(tmp_path / "pulse"))
+    assert clock.now_ns == pytest.approx(refused * 10**8)
     assert machine.heard[-1] == answer
     assert machine.heard[:-1] == [RouterGone()] * refused

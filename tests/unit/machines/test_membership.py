@@ -367,6 +367,15 @@ def test_who_learns_that_it_takes_over_is_the_same_though_its_predecessor_was_no
     assert one.told == []
 
 
+def test_nobody_gets_another_boot_once_the_run_has_begun() -> None:
+    """The name may be a stranger's: who is there has no reason to learn from whom it takes over."""
+    one = Scripted().assembled()
+    one.machine.ticks = 1
+    one.give(token(ALIVE, "sensors", boot="stranger.1.boot"))
+    assert one.machine.boots["sensors"] == "boot"
+    assert one.told == ["a second sensors (boot stranger.1.boot) is refused; this run's is boot"]
+
+
 def test_who_is_not_ready_yet_tells_from_whom_a_process_has_to_take_over() -> None:
     """If nobody else was ready when it was killed, nobody else says so."""
     one = Scripted(patience_ns=30 * 10**9)

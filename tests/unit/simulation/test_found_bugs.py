@@ -13,7 +13,7 @@ from dynpf_runtime.machines.events import RouterGone, Token
 from dynpf_runtime.machines.roster import Change, Roster
 from dynpf_runtime.simulation import Happened, invariants
 from dynpf_runtime.simulation.campaign import Campaign
-from dynpf_runtime.simulation.faults import Crash, Cut, Drop, Fault, Freeze, Tear
+from dynpf_runtime.simulation.faults import Crash, Cut, Drop, Fault, Freeze, PowerLoss, Tear
 from dynpf_runtime.simulation.process import Network
 from dynpf_runtime.simulation.schedule import Care, Schedule
 from dynpf_runtime.simulation.trial import Trial
@@ -137,3 +137,12 @@ def test_a_shorter_cut_does_not_end_a_longer_one(campaign: Campaign) -> None:
     cuts = Cut(RECORDER, 100, 4_000_000_000), Cut(RECORDER, 101, 10_000_000)
     _, trial = campaign.judge(Schedule(1, 44, cuts, Network(), Care.KEPT), replay=False)
     assert any(type(one.what) is RouterGone for one in trial.simulation.story if one.process == RECORDER)
+
+
+def test_who_learns_from_whom_it_takes_over_while_answers_are_slow_wakes_for_nothing_that_it_cannot_say_yet(
+    campaign: Campaign,
+) -> None:
+    """It does so after a loss of power, when all processes are started again at once."""
+    network = Network(delay_ns=47_120, work_ns=343_735, start_ns=85_032_868, answer_ns=165_957_625)
+    schedule = Schedule(91, 7931, (PowerLoss(RECORDER, 204, 2),), network, Care.KEPT, 2)
+    assert campaign.judge(schedule, replay=False)[0].broken == ()
