@@ -94,7 +94,9 @@ def test_a_person_acts_before_and_after_the_simulator_is_killed(
 
 
 def test_by_an_observers_key_one_looks_on_only_and_who_stops_is_another_operator(tmp_path: Path, dynpf: Start) -> None:
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a shell starts what it does not wait for
     run = dynpf("run", "landmark-room", "--watch", "--no-page", "-o", tmp_path / "run.mcap")
+    signal.signal(signal.SIGINT, before)
     operator = page_of(run)
     found = re.search(r"--connect (\S+) --keys (\S+)", run.stderr)
     assert found is not None

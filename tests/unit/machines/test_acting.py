@@ -36,6 +36,7 @@ class Wish(NamedTuple):
     topic: str = ""
     payload: bytes = b""
     pace: Pace | None = None
+    times: int = 1  # it is said
 
 
 def place(tick: int, x: float, y: float) -> Wish:
@@ -63,7 +64,7 @@ class Operator:
                     wish = self._wishes.pop(0)
                     said = Act(OPERATOR, self._boot, self.said, wish.topic, wish.payload, wish.pace)
                     self.said += 1
-                    yield Put(ACT + OPERATOR, encode_control(said))
+                    yield from [Put(ACT + OPERATOR, encode_control(said))] * wish.times
 
 
 def plan(clock: str = "lockstep", ticks: int = 60) -> Plan:
@@ -115,6 +116,12 @@ def test_a_robot_that_is_carried_is_there_at_the_next_tick_and_the_replay_is_the
     assert abs(at_tick(recording, tick - 1).x - 1.0) > 0.2
     assert same(recording.path)
     assert altered(recording) == []
+
+
+def test_a_request_that_comes_twice_counts_once(run: Run) -> None:
+    recording = run(plan(), [place(20, 1.0, -0.5)._replace(times=2)])
+    assert [len(acts) for acts in acts_of(recording).values()] == [1]
+    assert any("request 0 of the operator again" in message.message for message in logs(recording))
 
 
 def test_a_run_without_an_operator_has_nothing_of_it(run: Run) -> None:

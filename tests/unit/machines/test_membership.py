@@ -151,6 +151,22 @@ def test_a_second_start_of_a_peer_is_not_believed_once_the_run_has_begun() -> No
     assert one.told == ["a second estimator (boot other) is refused; this run's is boot"]
 
 
+def test_a_name_whose_token_lingers_is_waited_for_for_two_seconds() -> None:
+    """The router waits so long for who does not say that it ends; in a run that does not recover nobody does."""
+    taken, script = Counted(_OWN, (f"{ALIVE}simulator/other",)), Scripted(patience_ns=30 * 10**9)
+    script.give(Started(), Answered(TEXT.encode()), taken)
+    for _ in range(19):
+        script.now_ns += 10**8
+        assert script.give(Woke()) == [Count(_OWN)]
+        script.give(taken)
+    script.now_ns += 10**8
+    script.give(Woke())
+    with pytest.raises(UsageError, match="simulator already runs"):
+        script.give(taken)
+    with pytest.raises(UsageError, match="simulator already runs"):
+        Scripted().give(Started(), Answered(TEXT.encode()), taken)
+
+
 def test_of_two_that_join_at_the_same_moment_the_one_with_the_smaller_boot_stays() -> None:
     for boot, other in (("a", "b"), ("b", "a")):
         one = Scripted(boot)
