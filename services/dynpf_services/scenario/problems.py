@@ -18,6 +18,7 @@ __all__ = [
     "IMPORTED_LOG",
     "chosen_elsewhere",
     "explain",
+    "faulty_faults",
     "folded",
     "nearest",
     "no_scenario",

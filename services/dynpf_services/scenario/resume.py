@@ -29,7 +29,7 @@ from dynpf_runtime.seat import Seat
 
 from dynpf_services.recorder.host import RecorderFile, recorded_boots
 from dynpf_services.scenario.build import plan_of
-from dynpf_services.scenario.played_log import PlayedLog
+from dynpf_services.scenario.played_log import PlayedLog, acts_of
 from dynpf_services.scenario.record import check_log
 from dynpf_services.scenario.recorded import attachments_of
 from dynpf_services.scenario.replay import changed_code, scenario_of_replay
@@ -142,6 +142,7 @@ def resume_inline(
         begun = brought(recording, plan, tick) if tick else Begun(0, first)
         stop = _Stop(tick, max(written.values()), stopped)
         rest = _Rest(file, written, graph.source)
-        ran = run_inline(plan, () if log is None else log.records, rest, stopped=stop.next, begun=begun)
+        records, acts = () if log is None else log.records, acts_of(recording)
+        ran = run_inline(plan, records, rest, stopped=stop.next, begun=begun, acts=acts)
         file.perform(Close(True, stopped() or "finished", ran.outcome))
     return tick

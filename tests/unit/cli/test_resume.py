@@ -14,6 +14,7 @@ from dynpf_protocol.envelope import Envelope
 from dynpf_protocol.errors import ScenarioError, UsageError
 from dynpf_runtime import snapshot
 from dynpf_runtime.plan import run_header
+from dynpf_runtime.source import LogRecord
 from dynpf_services.recorder.host import recorded_boots
 from dynpf_services.scenario.build import plan_of
 from dynpf_services.scenario.load import load_scenario
@@ -81,6 +82,21 @@ def test_a_node_of_which_all_is_lost_is_known_by_who_has_read_its_messages(whole
                 writer.message(one.topic, envelope, one.payload)
         writer.close(complete=False, reason="killed")
     assert recorded_boots(path, plan_of(SCENARIO))["controller"] == "inline"
+    assert main(["resume", str(path), "--runner", "inline", "--no-page"]) == 0
+    assert content_digest(read_recording(path)) == content_digest(recording)
+
+
+def test_what_a_person_did_in_a_tick_that_not_all_nodes_have_made_is_done_again(tmp_path: Path) -> None:
+    whole, path = tmp_path / "whole.mcap", tmp_path / "run.mcap"
+    carried = LogRecord("operator/place", 10**9, b'{"x":1.0,"y":-0.5,"theta":0.5}')
+    record_inline(SCENARIO, whole, acts={10: [carried]})
+    recording = read_recording(whole)
+    with RecordingWriter(path, recording.header, recording.attachments, schemas=recording.schemas) as writer:
+        for one in recording.records:
+            if one.stamp_ns < 10**9 or (one.node == "simulator" and one.stamp_ns == 10**9):
+                envelope = Envelope(one.node, one.boot, one.sequence, 0, one.stamp_ns, one.publish_ns)
+                writer.message(one.topic, envelope, one.payload)
+        writer.close(complete=False, reason="killed")
     assert main(["resume", str(path), "--runner", "inline", "--no-page"]) == 0
     assert content_digest(read_recording(path)) == content_digest(recording)
 
